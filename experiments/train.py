@@ -1,0 +1,126 @@
+"""Trains one stage: python -m experiments.train --config=experiments/configs/<stage>.py:<variant> --workdir=runs/x
+
+Stages: ``autoencoder``, then ``denoiser`` (which reads the first one's exported model). Variants: tiny, small, base,
+official. Any field is changed on the command line: --config.batch.batch_size=32. A run that is started again in the
+same --workdir continues at the very next batch; Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the
+trained model for scjax.load.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+from absl import app, flags
+from ml_collections import config_flags
+
+from experiments import autoencoder_stage, denoiser_stage
+from experiments.checkpoint import Checkpoints
+from experiments.reporting import Reporter
+from scjax.data.pipeline import PipelineConfig, training_batches
+from scjax.model import save
+
+_CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
+_WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the run: checkpoints, metrics, pictures, the model.")
+flags.mark_flags_as_required(["config", "workdir"])
+
+STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage}
+
+
+def main(_) -> None:
+    try:
+        train(_CONFIG.value, Path(_WORKDIR.value))
+    except (ValueError, FloatingPointError, OSError) as error:
+        sys.exit(f"experiments.train: {error}")
+
+
+def train(config, workdir: Path) -> None:
+    """The whole run, top to bottom."""
+    # --- the run's folder and its resolved config
+    workdir.mkdir(parents=True, exist_ok=True)
+    resolved = json.loads(config.to_json())
+    (workdir / "config.json").write_text(json.dumps(resolved, indent=1))
+
+    # --- data and stage: pure functions over a state
+    stage = STAGES[config.stage].build(config)
+    pipeline = PipelineConfig(**{**resolved["batch"], "buckets": _pairs(config.batch.buckets)})
+    batches = training_batches(
+        config.records, stage.representation, pipeline, process=jax.process_index(), processes=jax.process_count()
+    )
+    state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))
+
+    # --- signals end the run after the step under way
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: stop.append(received))
+
+    with Checkpoints(workdir / "checkpoints", resolved) as checkpoints:
+        # --- resume
+        step = 0
+        if checkpoints.latest is not None:
+            state, position = checkpoints.restore(state)
+            batches.restore(position)
+            step = checkpoints.latest
+            print(f"continuing {workdir} at step {step}", file=sys.stderr)
+
+        with Reporter(workdir, first_step=step, last_step=config.steps, tensorboard=config.tensorboard) as reporter:
+            # --- the loop: metrics of a step are read while the next one runs
+            pending: list[tuple[int, dict]] = []
+            window, scenes = time.perf_counter(), 0
+            while step < config.steps and not stop:
+                batch = next(batches)
+                state, metrics = stage.step(state, batch)
+                step += 1
+                scenes += config.batch.batch_size
+                for earlier, values in pending:
+                    _check(earlier, values, checkpoints)
+                pending = [(step, metrics)]
+                reporter.advance()
+
+                if step % config.log_every == 0 or step == config.steps:
+                    values = jax.device_get(metrics)
+                    rate = scenes / (time.perf_counter() - window)
+                    reporter.scalars(step, {**values, "scenes_per_second": rate})
+                if step % config.evaluate_every == 0 or step == config.steps:
+                    reporter.scalars(step, stage.evaluate(state), scope="val")
+                if step % config.picture_every == 0 or step == config.steps:
+                    stage.pictures(state, step, reporter)
+                if step % config.checkpoint_every == 0:
+                    _check(step, metrics, checkpoints)
+                    checkpoints.save(step, state, batches.state())
+                if step % config.log_every == 0:
+                    window, scenes = time.perf_counter(), 0
+
+            # --- the end: a last checkpoint, and the model
+            for earlier, values in pending:
+                _check(earlier, values, checkpoints)
+            checkpoints.save(step, state, batches.state(), wait=True)
+            if stop:
+                print(f"stopped at step {step} of {config.steps}; the same command continues", file=sys.stderr)
+                return
+        folder = save(stage.export(state, resolved), workdir / "model")
+        print(f"trained model: {folder}", file=sys.stderr)
+
+
+def _check(step: int, metrics: dict, checkpoints: Checkpoints) -> None:
+    """Stops the run at a non-finite loss."""
+    if not np.isfinite(float(metrics["loss"])):
+        good = checkpoints.latest
+        raise FloatingPointError(
+            f"the loss of step {step} is not finite; "
+            + (f"the last good checkpoint is step {good}" if good is not None else "there is no checkpoint before it")
+            + ". Lower --config.optimiser.learning_rate, or look at the data of that step"
+        )
+
+
+def _pairs(buckets) -> tuple[tuple[int, int], ...]:
+    return tuple((int(agents), int(lanes)) for agents, lanes in buckets)
+
+
+if __name__ == "__main__":
+    app.run(main)

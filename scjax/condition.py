@@ -1,0 +1,48 @@
+"""What a user asks of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Array
+
+from scjax.scene import Layout, Scene
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What ``scjax.sample`` holds fixed; everything left out is drawn.
+
+    Attributes:
+      num_lanes, num_agents: totals, ego and known elements included; by default drawn from the data's joint table.
+      domain: a name or index from the model's list; by default drawn from the data's frequencies.
+      layout: which window: centred on the ego (the default), or ahead of it.
+      tokens: condition tokens [n, features] for a model with a condition branch; None for unconditional.
+      token_mask: [n] True for real tokens; by default all.
+      known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
+        known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
+    """
+
+    num_lanes: int | None = None
+    num_agents: int | None = None
+    domain: str | int | None = None
+    layout: Layout = Layout.CENTRED
+    tokens: Array | np.ndarray | None = None
+    token_mask: Array | np.ndarray | None = None
+    known: Scene | None = None
+
+    def __post_init__(self):
+        for name in ("num_lanes", "num_agents"):
+            value = getattr(self, name)
+            if value is not None and (value != int(value) or value < 1):
+                raise ValueError(f"Condition.{name} must be a whole number of at least 1, not {value!r}")
+        if self.layout not in tuple(Layout):
+            raise ValueError(f"Condition.layout must be one of {[kind.name for kind in Layout]}, not {self.layout!r}")
+        if self.known is not None and self.known.batch_shape:
+            raise ValueError(
+                f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
+                "with known[i]"
+            )
+        if self.tokens is not None and np.ndim(self.tokens) != 2:
+            raise ValueError(f"Condition.tokens must be [tokens, features], not of rank {np.ndim(self.tokens)}")

@@ -1,0 +1,183 @@
+"""Record shards -> batches of scenes: pose jitter, crop, token order, buckets of padded shapes, exact resume.
+
+Every training example is a pure function of (seed, index): which record, which jitter, which crop, which order. So the
+whole state of the stream is one index and, per bucket, the indices of the examples that wait for a full batch.
+"""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import grain
+import numpy as np
+
+from scjax.data import ordering, records
+from scjax.representation import Representation
+from scjax.scene import Layout, Scene, pad, stack
+
+Bucket = tuple[int, int]  # (agent slots, lane slots)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PipelineConfig:
+    """What a stream of training batches looks like.
+
+    Attributes:
+      batch_size: scenes a batch, over all processes.
+      buckets: (agent slots, lane slots) of the padded shapes, smallest first; all scenes of a batch share one.
+      layouts: relative frequency of the centred, partitioned and forward crop.
+      jitter_position: the crop's pose is moved by up to this many metres along x and y.
+      jitter_heading: and turned by up to this many degrees.
+      order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
+      seed: of everything random in the stream.
+      workers: threads that prepare examples ahead.
+    """
+
+    batch_size: int = 16
+    buckets: tuple[Bucket, ...] = ((12, 16), (16, 28), (32, 48), (61, 100))
+    layouts: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    jitter_position: float = 2.0
+    jitter_heading: float = 10.0
+    order: Literal["shuffle", "recursive"] = "shuffle"
+    seed: int = 0
+    workers: int = 1
+
+    def __post_init__(self):
+        if self.batch_size < 1:
+            raise ValueError(f"batch_size must be at least 1, not {self.batch_size}")
+        if not self.buckets or list(self.buckets) != sorted(self.buckets):
+            raise ValueError(f"buckets must be (agents, lanes) pairs, smallest first, not {self.buckets}")
+        if len(self.layouts) != len(Layout) or min(self.layouts) < 0 or sum(self.layouts) <= 0:
+            raise ValueError(f"layouts must be three frequencies of positive sum, not {self.layouts}")
+        if self.order not in ("shuffle", "recursive"):
+            raise ValueError(f'order must be "shuffle" or "recursive", not {self.order!r}')
+
+
+class Batches(Iterator[Scene]):
+    """Endless batches [batch_size, ...] of one bucket each; ``state`` and ``restore`` resume to the very next batch.
+
+    ``example`` maps an index to a single unpadded scene and must be pure; examples are prepared ahead by threads.
+    """
+
+    def __init__(self, example: Callable[[int], Scene], config: PipelineConfig, *, processes: int = 1):
+        self._example = example
+        self._batch_size = config.batch_size // processes
+        if config.batch_size % processes:
+            raise ValueError(f"batch_size {config.batch_size} does not divide over {processes} processes")
+        # Processes would have to agree on the bucket of every step: with several of them only the largest is used.
+        self._buckets = config.buckets if processes == 1 else config.buckets[-1:]
+        self._pool = concurrent.futures.ThreadPoolExecutor(config.workers)
+        self._ahead = 2 * self._batch_size
+        self._start(0, {})
+
+    def state(self) -> dict[str, Any]:
+        """JSON-serialisable state after the last batch."""
+        waiting = {str(bucket): [index for index, _ in queue] for bucket, queue in enumerate(self._waiting)}
+        return {"next": self._next, "waiting": waiting}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continues after the batch at which ``state`` was taken."""
+        self._start(int(state["next"]), state["waiting"])
+
+    def __next__(self) -> Scene:
+        while True:
+            index, scene = self._next, self._futures.popleft().result()
+            self._next += 1
+            self._futures.append(self._pool.submit(self._example, self._next + len(self._futures)))
+            bucket = bucket_of(scene, self._buckets)
+            queue = self._waiting[bucket]
+            queue.append((index, scene))
+            if len(queue) == self._batch_size:
+                batch = stack([pad(ready, *self._buckets[bucket]) for _, ready in queue])
+                queue.clear()
+                return batch
+
+    def _start(self, first: int, waiting: dict[str, list[int]]) -> None:
+        self._next = first
+        self._waiting: list[list[tuple[int, Scene]]] = [
+            [(index, self._example(index)) for index in waiting.get(str(bucket), [])]
+            for bucket in range(len(self._buckets))
+        ]
+        self._futures = collections.deque(
+            self._pool.submit(self._example, first + offset) for offset in range(self._ahead)
+        )
+
+
+def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
+    """Index of the first bucket that holds ``scene``.
+
+    Raises:
+      ValueError: if none does.
+    """
+    agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
+    for index, (agent_slots, lane_slots) in enumerate(buckets):
+        if agents <= agent_slots and lanes <= lane_slots:
+            return index
+    raise ValueError(
+        f"a scene of {agents} agents and {lanes} lanes fits no bucket of {buckets}: make the last bucket larger"
+    )
+
+
+def training_batches(
+    folder: str | Path, representation: Representation, config: PipelineConfig, *, process: int = 0, processes: int = 1
+) -> Batches:
+    """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``)."""
+    source = grain.MapDataset.source(records.source(folder, "train"))
+    stream = source.seed(config.seed).shuffle().repeat(None)[process::processes]
+    frequencies = np.cumsum(config.layouts) / np.sum(config.layouts)
+
+    def augment(data: bytes, rng: np.random.Generator) -> Scene:
+        layout = Layout(int(np.searchsorted(frequencies, rng.random(), side="right")))
+        dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
+        turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
+        scene = records.sample_scene(records.decode(data), layout, dx, dy, turn)
+        return arrange(clip_counts(representation.select(scene), config.buckets[-1]), config.order, rng)
+
+    examples = stream.random_map(augment)
+    return Batches(examples.__getitem__, config, processes=processes)
+
+
+def validation_scenes(
+    folder: str | Path, representation: Representation, *, layout: Layout = Layout.CENTRED, split: str = "val",
+    order: Literal["recursive", "stored"] = "recursive", bucket: Bucket = (61, 100),
+) -> list[Scene]:  # fmt: skip
+    """Every record of a split once, without jitter, unpadded, in file order."""
+    rng = np.random.default_rng(0)
+    scenes = []
+    for data in records.source(folder, split):
+        scene = representation.select(records.sample_scene(records.decode(data), layout, 0.0, 0.0, 0.0))
+        scene = clip_counts(scene, bucket)
+        scenes.append(scene if order == "stored" else arrange(scene, order, rng))
+    return scenes
+
+
+def arrange(scene: Scene, order: Literal["shuffle", "recursive"], rng: np.random.Generator) -> Scene:
+    """One unpadded NumPy scene with its tokens reordered; the ego stays agent 0."""
+    if order == "recursive":
+        agents, lanes = ordering.order(scene)
+    else:
+        agents = np.concatenate([[0], 1 + rng.permutation(scene.agent_mask.shape[-1] - 1)])
+        lanes = rng.permutation(scene.lane_mask.shape[-1])
+    return permute(scene, agents, lanes)
+
+
+def permute(scene: Scene, agents: np.ndarray, lanes: np.ndarray) -> Scene:
+    """Row i of the result is row ``agents[i]`` / ``lanes[i]`` of one NumPy scene (also selects and repeats rows)."""
+    return scene.replace(
+        agents=scene.agents[agents], agent_types=scene.agent_types[agents], agent_mask=scene.agent_mask[agents],
+        agent_known=scene.agent_known[agents], lanes=scene.lanes[lanes], lane_mask=scene.lane_mask[lanes],
+        lane_known=scene.lane_known[lanes], signals=scene.signals[lanes], links=scene.links[np.ix_(lanes, lanes)],
+    )  # fmt: skip
+
+
+def clip_counts(scene: Scene, bucket: Bucket) -> Scene:
+    """At most the bucket's numbers of agents and lanes; crops store the nearest first, so the farthest go."""
+    agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
+    if agents <= bucket[0] and lanes <= bucket[1]:
+        return scene
+    return permute(scene, np.arange(min(agents, bucket[0])), np.arange(min(lanes, bucket[1])))

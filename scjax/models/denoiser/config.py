@@ -1,0 +1,136 @@
+"""Sizes and named options of the denoiser; the ``official`` preset is the released architecture (official-spec §0, §4)."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+from scjax.nn.precision import Compute
+
+
+@dataclasses.dataclass(frozen=True)
+class TextCondition:
+    """Text token features of ``width`` numbers each (official-spec §4.7: UMT5-XXL, 4096)."""
+
+    width: int = 4096
+
+    def __post_init__(self):
+        _positive(self, "width")
+
+
+@dataclasses.dataclass(frozen=True)
+class ImageCondition:
+    """DINO features [channels, *grid] and a depth map, averaged over ``patch`` x ``patch`` cells (official-spec §4.8)."""
+
+    channels: int = 384
+    grid: tuple[int, int] = (14, 14)
+    patch: int = 16
+
+    def __post_init__(self):
+        _positive(self, "channels", "patch")
+        if len(self.grid) != 2 or min(self.grid) < 1:
+            raise ValueError(f"ImageCondition.grid must be (rows, columns), both positive, got {self.grid}")
+
+
+Condition = TextCondition | ImageCondition | None
+
+
+@dataclasses.dataclass(frozen=True)
+class DenoiserConfig:
+    """Architecture of the denoiser.
+
+    Attributes:
+      lane_width, lane_heads: width and heads of the agents-to-lanes and lanes-to-lanes stages.
+      agent_width, agent_heads: the same of the lanes-to-agents and agents-to-agents stages.
+      mlp_ratio: hidden width of a stage's MLP over its width.
+      blocks, l2l_stages: factorized blocks, and lanes-to-lanes stages in each.
+      lane_latent, agent_latent: latent numbers a token.
+      max_lanes, max_agents: largest numbers of tokens (sizes of the count tables and position tables).
+      domains, layouts: the label table has a row for each pair (``domains * layout + domain``) and a last null row.
+      condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
+      latent_tokens: learned latents of the coarse path of every cross-global attention.
+      given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
+      cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
+      attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
+        zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
+      compute: operand precision of the products with the weights.
+    """
+
+    lane_width: int = 2048
+    lane_heads: int = 16
+    agent_width: int = 512
+    agent_heads: int = 8
+    mlp_ratio: int = 4
+    blocks: int = 2
+    l2l_stages: int = 1
+    lane_latent: int = 24
+    agent_latent: int = 10
+    max_lanes: int = 100
+    max_agents: int = 61
+    domains: int = 4
+    layouts: int = 3
+    condition: Condition = None
+    latent_tokens: int = 32
+    given_embedding: bool = False
+    cross_adaln_init: Literal["zero", "xavier"] = "zero"
+    attend_padding: bool = False
+    compute: Compute = "float32"
+
+    def __post_init__(self):
+        integers = (field.name for field in dataclasses.fields(self) if field.type == "int")
+        _positive(self, *integers)
+        for kind in ("lane", "agent"):
+            width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
+            if width % heads:
+                raise ValueError(f"{kind}_width {width} must be a multiple of {kind}_heads {heads}")
+            if width % 2:
+                raise ValueError(f"{kind}_width {width} must be even: half of a position code is sine, half cosine")
+        if isinstance(self.condition, ImageCondition) and self.lane_width % 4:
+            raise ValueError(f"lane_width {self.lane_width} must be a multiple of 4 for the position code of an image")
+        if self.cross_adaln_init not in ("zero", "xavier"):
+            raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
+        if self.compute not in ("float32", "bfloat16"):
+            raise ValueError(f'compute must be "float32" or "bfloat16", got {self.compute!r}')
+
+    @property
+    def null_label(self) -> int:
+        """Row of the label table for "not told": the last one."""
+        return self.domains * self.layouts
+
+    @property
+    def position_table_size(self) -> int:
+        """Scalars in the fixed position tables, which the official parameter counts include."""
+        size = self.max_lanes * self.lane_width + self.max_agents * self.agent_width
+        if isinstance(self.condition, ImageCondition):
+            size += self.condition.grid[0] * self.condition.grid[1] * self.lane_width
+        return size
+
+
+def official(condition: Condition = None) -> DenoiserConfig:
+    """The released network, including its conventions for padding and initialisation."""
+    return DenoiserConfig(condition=condition, attend_padding=True, cross_adaln_init="xavier")
+
+
+def base(condition: Condition = None, **changes) -> DenoiserConfig:
+    """One GPU: 512 / 256 wide, heads of 64."""
+    sizes = {"lane_width": 512, "lane_heads": 8, "agent_width": 256, "agent_heads": 4, "given_embedding": True}
+    return DenoiserConfig(condition=condition, **(sizes | changes))
+
+
+def small(condition: Condition = None, **changes) -> DenoiserConfig:
+    """A few CPU cores: 256 / 128 wide, 8 / 4 heads."""
+    sizes = {"lane_width": 256, "lane_heads": 8, "agent_width": 128, "agent_heads": 4, "given_embedding": True}
+    return DenoiserConfig(condition=condition, **(sizes | changes))
+
+
+def tiny(condition: Condition = None, **changes) -> DenoiserConfig:
+    """Tests: 64 / 32 wide."""
+    sizes = {"lane_width": 64, "lane_heads": 4, "agent_width": 32, "agent_heads": 2, "given_embedding": True}
+    return DenoiserConfig(condition=condition, **(sizes | changes))
+
+
+def _positive(config, *names: str) -> None:
+    for name in names:
+        value = getattr(config, name)
+        if not isinstance(value, int) or value < 1:
+            raise ValueError(f"{type(config).__name__}.{name} must be a positive integer, got {value!r}")

@@ -1,0 +1,128 @@
+"""From condition features to context tokens for both kinds (official-spec §4.7-4.8), with one convention for "none".
+
+A dropped condition is the same thing in training and in the unconditional branch of the sampler: either a context of
+zeros that stays readable (official, ``attend_padding``), or no readable token at all.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.denoiser.embed import image_table
+from scjax.models.nodes import Nodes
+from scjax.nn.layers import Linear
+
+_normal = nnx.initializers.normal(0.02)
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class TextFeatures:
+    """Token features of a frozen text encoder; ``mask`` is True at real tokens."""
+
+    tokens: Float[Array | np.ndarray, "b n f"]
+    mask: Bool[Array | np.ndarray, "b n"]
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class ImageFeatures:
+    """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalise_depth``)."""
+
+    dino: Float[Array | np.ndarray, "b channels rows columns"]
+    depth: Float[Array | np.ndarray, "b height width"]
+
+
+ConditionFeatures = TextFeatures | ImageFeatures
+
+
+class TextContext(nnx.Module):
+    """One two-layer MLP a kind; no positions."""
+
+    def __init__(self, config: DenoiserConfig, condition: TextCondition, *, rngs: nnx.Rngs):
+        def mlp(width):
+            sizes = [(condition.width, width), (width, width)]
+            return nnx.List([Linear(i, o, rngs=rngs, compute=config.compute, init=_normal) for i, o in sizes])
+
+        self.agents, self.lanes = mlp(config.agent_width), mlp(config.lane_width)
+
+    def __call__(
+        self, features: TextFeatures, absent: Bool[Array, " b"], trace: dict | None = None
+    ) -> tuple[Nodes, Bool[Array, "b n"]]:
+        """Context tokens a kind, and which of them carry anything. ``absent`` features may hold garbage."""
+        valid = jnp.asarray(features.mask) & ~absent[:, None]
+        tokens = jnp.where(valid[..., None], jnp.asarray(features.tokens), 0)
+        agents, lanes = (mlp[1](jax.nn.gelu(mlp[0](tokens), approximate=True)) for mlp in (self.agents, self.lanes))
+        return Nodes(agents=agents, lanes=lanes), valid
+
+
+class ImageContext(nnx.Module):
+    """Image tokens, then depth tokens, both with the code of their cell; agents read a narrower copy."""
+
+    def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, rngs: nnx.Rngs):
+        self.dino = Linear(condition.channels, config.lane_width, rngs=rngs, compute=config.compute)
+        self.depth = Linear(1, config.lane_width, rngs=rngs, compute=config.compute)
+        self.agents = Linear(config.lane_width, config.agent_width, rngs=rngs, compute=config.compute)
+        self.grid, self.patch = condition.grid, condition.patch
+
+    def __call__(
+        self, features: ImageFeatures, absent: Bool[Array, " b"], trace: dict | None = None
+    ) -> tuple[Nodes, Bool[Array, "b n"]]:
+        """As ``TextContext``."""
+        dino, depth = jnp.asarray(features.dino), jnp.asarray(features.depth)
+        if dino.shape[1:] != (self.dino.kernel.shape[0], *self.grid):
+            raise ValueError(
+                f"image features have [channels, rows, columns] {dino.shape[1:]}, the network was configured for "
+                f"{(self.dino.kernel.shape[0], *self.grid)}: encode images at the configured size"
+            )
+        dino = jnp.where(absent[:, None, None, None], 0, dino).reshape(*dino.shape[:2], -1).swapaxes(1, 2)
+        depth = jnp.where(absent[:, None, None], 0, depth)
+        code = jnp.asarray(image_table(*self.grid, self.dino.kernel.shape[1]), dino.dtype)[None]
+        means = patch_means(resize_depth(depth, self.grid, self.patch), self.patch)
+        dino, depth = self.dino(dino), self.depth(means)
+        if trace is not None:
+            trace |= {"dino_proj": dino, "depth_patch_mean": means, "depth_proj": depth}
+        lanes = jnp.concatenate([dino + code, depth + code], 1)
+        valid = jnp.broadcast_to(~absent[:, None], lanes.shape[:2])
+        return Nodes(agents=self.agents(lanes), lanes=lanes), valid
+
+
+def normalise_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.ndarray, "*b height width"]:
+    """NaN -> 0, then each map to 0..1 by its own minimum and maximum (NumPy, once, when features are stored)."""
+    depth = np.nan_to_num(depth, nan=0.0, posinf=None, neginf=None)
+    low, high = (f(depth, axis=(-2, -1), keepdims=True) for f in (np.min, np.max))
+    return (depth - low) / (high - low + 1e-8)
+
+
+def resize_depth(
+    depth: Float[Array, "b height width"], grid: tuple[int, int], patch: int
+) -> Float[Array, "b rows columns"]:
+    """Bilinear to [patch rows, patch columns] with half-pixel centres and two taps an axis: no antialiasing."""
+    rows = jnp.asarray(_two_taps(depth.shape[1], grid[0] * patch), depth.dtype)
+    columns = jnp.asarray(_two_taps(depth.shape[2], grid[1] * patch), depth.dtype)
+    return jnp.einsum("rh,bhw,cw->brc", rows, depth, columns)
+
+
+def patch_means(depth: Float[Array, "b rows columns"], patch: int) -> Float[Array, "b cells 1"]:
+    """Mean of every patch x patch cell, row-major."""
+    b, rows, columns = depth.shape
+    cells = depth.reshape(b, rows // patch, patch, columns // patch, patch)
+    return cells.mean((2, 4)).reshape(b, -1, 1)
+
+
+@functools.cache
+def _two_taps(size: int, target: int) -> np.ndarray:
+    """Row i holds the two weights of output pixel i over the input pixels (official-spec §4.8)."""
+    position = np.clip((np.arange(target) + 0.5) * (size / target) - 0.5, 0, size - 1)
+    low = np.minimum(np.floor(position).astype(int), size - 1)
+    high = np.minimum(low + 1, size - 1)
+    weights = np.zeros((target, size))
+    np.add.at(weights, (np.arange(target), low), 1 - (position - low))
+    np.add.at(weights, (np.arange(target), high), position - low)
+    return weights

@@ -1,0 +1,240 @@
+"""The denoiser: noisy latents of agents and lanes, time and label -> noise estimate (official-spec §4).
+
+Four stages a factorized block, in this order: agents to lanes, lanes to lanes, lanes to agents, agents to agents.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.denoiser.context import ConditionFeatures, ImageContext, TextContext
+from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
+from scjax.models.denoiser.stage import Head, Stage
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Functional, functional
+from scjax.nn.layers import Linear, ResidualMLP
+
+_normal = nnx.initializers.normal(0.02)
+
+
+def denoiser(config: DenoiserConfig) -> Functional:
+    """The network as pure functions ``init(key)`` and ``apply(params, z, t, label, masks, ...)``; see ``Denoiser``.
+
+    ``apply(..., method="encode_condition")`` and ``method="modulation"`` run these methods.
+    """
+    return functional(lambda rngs: Denoiser(config, rngs=rngs))
+
+
+class Block(nnx.Module):
+    """The four stages, with projections between the two widths."""
+
+    def __init__(self, config: DenoiserConfig, *, rngs: nnx.Rngs):
+        def stage(width, heads):
+            return Stage(
+                width, heads, rngs=rngs, mlp_ratio=config.mlp_ratio, compute=config.compute,
+                cross_adaln_init=config.cross_adaln_init,
+                latent_tokens=None if config.condition is None else config.latent_tokens,
+            )  # fmt: skip
+
+        lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
+        self.agents_up = Linear(agent[0], lane[0], rngs=rngs, compute=config.compute)
+        self.lanes_down = Linear(lane[0], agent[0], rngs=rngs, compute=config.compute)
+        self.a2l = stage(*lane)
+        self.l2l = nnx.List([stage(*lane) for _ in range(config.l2l_stages)])
+        self.l2a = stage(*agent)
+        self.a2a = stage(*agent)
+
+    def stages(self) -> dict[str, tuple[str, Stage]]:
+        """Name -> (kind that the stage updates, stage), in the order of evaluation."""
+        lane_stages = {name: ("lanes", stage) for name, stage in zip(_l2l_names(len(self.l2l)), self.l2l, strict=True)}
+        return {
+            "a2l": ("lanes", self.a2l), **lane_stages, "l2a": ("agents", self.l2a), "a2a": ("agents", self.a2a)
+        }  # fmt: skip
+
+    def modulation(self, wide: Nodes, narrow: Nodes) -> dict:
+        """AdaLN chunks of every stage from the conditioning vectors at both widths (after SiLU)."""
+        chunks = {}
+        for name, (kind, stage) in self.stages().items():
+            if name == "a2l":
+                chunks[name] = stage.modulation(wide.lanes, wide.agents)
+            elif name == "l2a":
+                chunks[name] = stage.modulation(narrow.agents, narrow.lanes)
+            else:
+                chunks[name] = stage.modulation(wide.lanes if kind == "lanes" else narrow.agents)
+        return chunks
+
+    def encode(self, context: Nodes, mask: Bool[Array, "b m"]) -> dict:
+        """Cross-attention cache of every stage."""
+        caches = {}
+        for name, (kind, stage) in self.stages().items():
+            assert stage.cross is not None
+            caches[name] = stage.cross.encode(getattr(context, kind), mask)
+        return caches
+
+    def __call__(self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None) -> Nodes:
+        agents, lanes = x.agents, x.lanes
+        for name, (kind, stage) in self.stages().items():
+            notes = None if trace is None else {}
+            stage_cache = None if cache is None else cache[name]
+            if name == "a2l":
+                lanes = stage(lanes, modulation[name], masks.agents, self.agents_up(agents), stage_cache, notes)
+            elif name == "l2a":
+                agents = stage(agents, modulation[name], masks.lanes, self.lanes_down(lanes), stage_cache, notes)
+            elif kind == "lanes":
+                lanes = stage(lanes, modulation[name], masks.lanes, None, stage_cache, notes)
+            else:
+                agents = stage(agents, modulation[name], masks.agents, None, stage_cache, notes)
+            if trace is not None and notes is not None:
+                notes["out"] = lanes if kind == "lanes" else agents
+                trace |= {f"{name}/{key}": value for key, value in notes.items()}
+        return Nodes(agents=agents, lanes=lanes)
+
+
+class Denoiser(nnx.Module):
+    """z_t -> noise estimate; see ``__call__``."""
+
+    def __init__(self, config: DenoiserConfig, *, rngs: nnx.Rngs):
+        def table(rows, width):
+            return nnx.Param(_normal(rngs.params(), (rows, width), jnp.float32))
+
+        lane, agent, compute = config.lane_width, config.agent_width, config.compute
+        self.lane_embedder = ResidualMLP(config.lane_latent, lane, rngs=rngs, compute=compute)
+        self.agent_embedder = ResidualMLP(config.agent_latent, agent, rngs=rngs, compute=compute)
+        self.time_in = Linear(TIME_CODE, lane, rngs=rngs, compute=compute, init=_normal)
+        self.time_out = Linear(lane, lane, rngs=rngs, compute=compute, init=_normal)
+        self.labels = table(config.null_label + 1, lane)
+        self.lane_counts = table(config.max_lanes + 1, lane)
+        self.agent_counts = table(config.max_agents + 1, lane)
+        self.narrow = Linear(lane, agent, rngs=rngs, compute=compute)
+        self.blocks = nnx.List([Block(config, rngs=rngs) for _ in range(config.blocks)])
+        self.lane_head = Head(lane, config.lane_latent, rngs=rngs, compute=compute)
+        self.agent_head = Head(agent, config.agent_latent, rngs=rngs, compute=compute)
+        self.lane_given = nnx.Param(jnp.zeros(lane)) if config.given_embedding else None
+        self.agent_given = nnx.Param(jnp.zeros(agent)) if config.given_embedding else None
+        self.context = None
+        if isinstance(config.condition, TextCondition):
+            self.context = TextContext(config, config.condition, rngs=rngs)
+        elif isinstance(config.condition, ImageCondition):
+            self.context = ImageContext(config, config.condition, rngs=rngs)
+        self.config = config
+
+    def encode_condition(
+        self, features: ConditionFeatures, dropped: Bool[Array, " b"], trace: dict | None = None
+    ) -> list:
+        """Features -> cross-attention caches (one dict a block), reusable in every denoising step.
+
+        ``dropped`` scenes get the null condition: the same one in training and in the unconditional branch of the
+        sampler. Whatever their features hold (also NaN) is ignored.
+
+        Raises:
+          ValueError: the network has no condition, or one of the other kind.
+        """
+        if self.context is None:
+            raise ValueError("this denoiser is unconditional (config.condition is None): it has no condition to encode")
+        if isinstance(features, dict) or isinstance(self.context, TextContext) != hasattr(features, "tokens"):
+            raise ValueError(
+                f"this denoiser was built with {type(self.config.condition).__name__}, got {type(features).__name__}"
+            )
+        context, mask = self.context(features, dropped, trace)  # pyright: ignore[reportArgumentType]
+        if self.config.attend_padding:
+            context = jax.tree.map(lambda tokens: jnp.where(dropped[:, None, None], 0, tokens), context)
+            mask = jnp.ones_like(mask)
+        if trace is not None:
+            trace |= {"ctx_lane": context.lanes, "ctx_agent": context.agents}
+        return [block.encode(context, mask) for block in self.blocks]
+
+    def modulation(
+        self, t: Int[Array, " b"], label: Int[Array, " b"], counts: Nodes, trace: dict | None = None
+    ) -> dict:
+        """All AdaLN chunks, one row a scene and kind; ``counts`` are the numbers of valid tokens [B] a kind.
+
+        Independent of the latents: a sampler with few scenes may compute it for all its steps at once.
+        """
+        time = self.time_out(jax.nn.silu(self.time_in(time_code(t, self.labels.dtype))))
+        kind = self.labels[...][label]
+        number = Nodes(agents=self.agent_counts[...][counts.agents], lanes=self.lane_counts[...][counts.lanes])
+        wide = jax.tree.map(lambda n: time + kind + n, number)
+        narrow = jax.tree.map(self.narrow, wide)
+        if trace is not None:
+            trace |= {"t_emb": time, "y": kind, "n_lane": number.lanes, "n_agent": number.agents}
+            trace |= {"c_lane": wide.lanes, "c_agent": wide.agents}
+            trace |= {"c_small_lane": narrow.lanes, "c_small_agent": narrow.agents}
+        wide, narrow = jax.tree.map(jax.nn.silu, (wide, narrow))
+        heads = Nodes(
+            agents=self.agent_head.modulation(narrow.agents), lanes=self.lane_head.modulation(wide.lanes)
+        )  # fmt: skip
+        return {"blocks": [block.modulation(wide, narrow) for block in self.blocks], "heads": heads}
+
+    def __call__(
+        self,
+        z: Nodes,
+        t: Int[Array, " b"],
+        label: Int[Array, " b"],
+        masks: Nodes,
+        given: Nodes | None = None,
+        cache: list | None = None,
+        modulation: dict | None = None,
+        trace: dict | None = None,
+    ) -> Nodes:
+        """Noise estimate, shaped as ``z``; zero at padding.
+
+        Args:
+          z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.ordering); padding may hold anything.
+          t: timesteps 0..99.
+          label: ``config.domains * layout + domain``, or ``config.null_label``.
+          masks: True at valid tokens [B, tokens].
+          given: True at tokens that are given (clean); used by ``given_embedding`` only.
+          cache: from ``encode_condition``; None leaves the condition out.
+          modulation: from ``modulation``, if it was precomputed (then ``t`` and ``label`` are ignored).
+          trace: filled with intermediate results (named as in the golden vectors) where a dict is given.
+        """
+        z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
+        tokens = Nodes(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
+        if trace is not None:
+            trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
+        config = self.config
+        tables = Nodes(
+            agents=position_table(config.max_lanes, config.max_agents, config.agent_width),
+            lanes=position_table(0, config.max_lanes, config.lane_width),
+        )
+        tokens = jax.tree.map(_add_positions, tokens, masks, tables)
+        if self.lane_given is not None and self.agent_given is not None and given is not None:
+            vectors = Nodes(agents=self.agent_given[...], lanes=self.lane_given[...])
+            tokens = jax.tree.map(
+                lambda x, flag, vector: x + jnp.where(flag[..., None], vector[None, None], 0), tokens, given, vectors
+            )
+        if modulation is None:
+            counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
+            modulation = self.modulation(t, label, counts, trace)
+        if trace is not None:
+            trace |= {"tok_lane": tokens.lanes, "tok_agent": tokens.agents}
+            for i, chunks in enumerate(modulation["blocks"]):
+                for name, stage in chunks.items():
+                    parts = {"adaln": stage.to, "adaln_src": stage.source, "adaln_cross": stage.cross}
+                    trace |= {f"b{i}/{name}/{part}": x for part, x in parts.items() if x is not None}
+        for i, block in enumerate(self.blocks):
+            notes = None if trace is None else {}
+            tokens = block(tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], notes)
+            if trace is not None and notes is not None:
+                trace |= {f"b{i}/{name}": value for name, value in notes.items()}
+        heads = modulation["heads"]
+        eps = Nodes(
+            agents=self.agent_head(tokens.agents, heads.agents), lanes=self.lane_head(tokens.lanes, heads.lanes)
+        )  # fmt: skip
+        return jax.tree.map(lambda noise, mask: jnp.where(mask[..., None], noise, 0), eps, masks)
+
+
+def _add_positions(
+    x: Float[Array, "b n d"], mask: Bool[Array, "b n"], table: Float[np.ndarray, "rows d"]
+) -> Float[Array, "b n d"]:
+    rank = jnp.clip(jnp.cumsum(mask, -1, dtype=jnp.int32) - 1, 0, len(table) - 1)
+    return x + jnp.asarray(table, x.dtype)[rank]
+
+
+def _l2l_names(count: int) -> list[str]:
+    return ["l2l"] if count == 1 else [f"l2l{i}" for i in range(count)]

@@ -1,0 +1,138 @@
+"""One stage of a factorized block, and the heads: everything modulated by AdaLN (official-spec §4.2-4.4).
+
+Modulation is one row a scene and kind, broadcast over tokens. A bipartite stage computes only the rows that it keeps.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import chex
+import jax
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from scjax.nn.attention import attend
+from scjax.nn.control.cross_global import ContextCache, CrossGlobal
+from scjax.nn.layers import Linear, standardise
+from scjax.nn.precision import Compute
+
+_zeros = nnx.initializers.zeros_init()
+_xavier = nnx.initializers.xavier_uniform()
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class StageModulation:
+    """AdaLN chunks of a stage.
+
+    Attributes:
+      to: shift, scale, gate of the attention, then of the MLP, for the tokens that the stage updates.
+      source: the same for the other kind, in a bipartite stage (only the first shift and scale act).
+      cross: shift, scale, gate of the cross attention, in a conditioned stage.
+    """
+
+    to: Float[Array, "b 6 d"]
+    source: Float[Array, "b 6 d"] | None
+    cross: Float[Array, "b 3 d"] | None
+
+
+class Stage(nnx.Module):
+    """Attention to the sources, cross attention to the condition (if any), MLP; each modulated and gated."""
+
+    def __init__(
+        self,
+        width: int,
+        heads: int,
+        *,
+        rngs: nnx.Rngs,
+        mlp_ratio: int = 4,
+        latent_tokens: int | None = None,
+        cross_adaln_init: Literal["zero", "xavier"] = "zero",
+        compute: Compute = "float32",
+    ):
+        def linear(features_in, features_out, init=_xavier):
+            return Linear(features_in, features_out, rngs=rngs, compute=compute, init=init)
+
+        self.adaln = linear(width, 6 * width, _zeros)
+        self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
+        self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
+        self.cross_adaln = self.cross = None
+        if latent_tokens is not None:
+            self.cross_adaln = linear(width, 3 * width, _zeros if cross_adaln_init == "zero" else _xavier)
+            self.cross = CrossGlobal(width, heads, rngs=rngs, latent_tokens=latent_tokens, compute=compute)
+        self.heads = heads
+
+    def modulation(
+        self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None
+    ) -> StageModulation:  # fmt: skip
+        """From the conditioning vectors (after SiLU) of the updated kind and, in a bipartite stage, of the sources."""
+        rows = [to] if source is None else [to, source]
+        chunks = _chunks(self.adaln(jax.numpy.concatenate(rows)), 6)
+        return StageModulation(
+            to=chunks[: len(to)],
+            source=None if source is None else chunks[len(to) :],
+            cross=None if self.cross_adaln is None else _chunks(self.cross_adaln(to), 3),
+        )
+
+    def __call__(
+        self,
+        x: Float[Array, "b n d"],
+        modulation: StageModulation,
+        source_mask: Bool[Array, "b m"],
+        source: Float[Array, "b m d"] | None = None,
+        cache: ContextCache | None = None,
+        trace: dict | None = None,
+    ) -> Float[Array, "b n d"]:
+        """Updates x, which reads ``source`` (None: itself) where ``source_mask``, and the condition in ``cache``."""
+        shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _rows(modulation.to)
+        hidden = modulate(x, shift, scale)
+        read = hidden
+        if source is not None:
+            assert modulation.source is not None
+            read = modulate(source, *_rows(modulation.source)[:2])
+        mixed = self.out(attend(self.q(hidden), self.k(read), self.v(read), source_mask[:, None], self.heads))
+        x = x + gate * mixed
+        if trace is not None:
+            trace["attn"] = mixed
+        if cache is not None:
+            assert self.cross is not None and modulation.cross is not None
+            shift, scale, gate = _rows(modulation.cross)
+            hidden = modulate(x, shift, scale)
+            crossed = self.cross.attend(hidden, cache)
+            x = x + gate * crossed
+            if trace is not None:
+                trace |= {"cross_in": hidden, "cross": crossed}
+        update = self.down(jax.nn.gelu(self.up(modulate(x, mlp_shift, mlp_scale)), approximate=True))
+        if trace is not None:
+            trace["mlp"] = update
+        return x + mlp_gate * update
+
+
+class Head(nnx.Module):
+    """Modulated plain layer norm and a linear map to the noise estimate; zero at first."""
+
+    def __init__(self, width: int, features_out: int, *, rngs: nnx.Rngs, compute: Compute = "float32"):
+        self.adaln = Linear(width, 2 * width, rngs=rngs, compute=compute, init=_zeros)
+        self.linear = Linear(width, features_out, rngs=rngs, compute=compute, init=_zeros)
+
+    def modulation(self, to: Float[Array, "b d"]) -> Float[Array, "b 2 d"]:
+        """Shift and scale from the conditioning vector (after SiLU)."""
+        return _chunks(self.adaln(to), 2)
+
+    def __call__(self, x: Float[Array, "b n d"], modulation: Float[Array, "b 2 d"]) -> Float[Array, "b n o"]:
+        return self.linear(modulate(x, *_rows(modulation)))
+
+
+def modulate(
+    x: Float[Array, "b n d"], shift: Float[Array, "b 1 d"], scale: Float[Array, "b 1 d"]
+) -> Float[Array, "b n d"]:  # fmt: skip
+    """Layer norm without parameters (eps 1e-6), then x (1 + scale) + shift."""
+    return standardise(x, 1e-6) * (1 + scale) + shift
+
+
+def _chunks(x: Float[Array, "b cd"], count: int) -> Float[Array, "b c d"]:
+    return x.reshape(len(x), count, -1)
+
+
+def _rows(chunks: Float[Array, "b c d"]) -> list[Float[Array, "b 1 d"]]:
+    return [chunks[:, i : i + 1] for i in range(chunks.shape[1])]

@@ -1,0 +1,47 @@
+"""The one boundary between nnx definitions and pure functions: ``init(key) -> params``, ``apply(params, ...)``.
+
+Modules are written in the tree-mode subset of nnx (no shared sub-modules, no mutation in the forward pass, no stored
+Rngs); from here on parameters are nested dicts and every transform is JAX's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+from flax import nnx
+
+Params = dict[str, Any]
+
+
+class Functional(NamedTuple):
+    """A network as two pure functions.
+
+    Attributes:
+      init: typed key -> parameters (nested dict of float32 arrays).
+      apply: (params, *args, method="__call__", **kwargs) -> result of that method.
+    """
+
+    init: Callable[[jax.Array], Params]
+    apply: Callable[..., Any]
+
+
+def functional(make: Callable[[nnx.Rngs], nnx.Module]) -> Functional:
+    """Turns a module constructor into pure functions; the module is traced abstractly once."""
+    graphdef, abstract = nnx.split(nnx.eval_shape(lambda: make(nnx.Rngs(0))))
+
+    def init(key: jax.Array) -> Params:
+        return nnx.to_pure_dict(nnx.state(make(nnx.Rngs(key))))
+
+    def apply(params: Params, *args, method: str = "__call__", **kwargs):
+        state = jax.tree.map(lambda leaf: leaf, abstract)
+        nnx.replace_by_pure_dict(state, params)
+        return getattr(nnx.merge(graphdef, state), method)(*args, **kwargs)
+
+    return Functional(jax.jit(init), apply)
+
+
+def count(params: Params) -> int:
+    """Number of scalars in a parameter tree (also an abstract one from ``jax.eval_shape``)."""
+    return sum(leaf.size for leaf in jax.tree.leaves(params))

@@ -1,0 +1,95 @@
+"""Linear, layer norm and the residual MLP from which every network of scjax is made (official-spec §2.1, §4.1)."""
+
+from __future__ import annotations
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Float
+
+from scjax.nn.precision import Compute, matmul
+
+_xavier = nnx.initializers.xavier_uniform()
+
+
+class Linear(nnx.Module):
+    """y = x W + b with W [in, out], xavier-uniform; the bias starts at zero."""
+
+    def __init__(
+        self,
+        features_in: int,
+        features_out: int,
+        *,
+        rngs: nnx.Rngs,
+        bias: bool = True,
+        compute: Compute = "float32",
+        init: nnx.Initializer = _xavier,
+    ):
+        self.kernel = nnx.Param(init(rngs.params(), (features_in, features_out), jnp.float32))
+        self.bias = nnx.Param(jnp.zeros(features_out)) if bias else None
+        self.compute = compute
+
+    def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
+        y = matmul(x, self.kernel[...], self.compute)
+        return y if self.bias is None else y + _lift(self.bias[...], y.ndim)
+
+
+class LayerNorm(nnx.Module):
+    """Layer norm over the last axis with scale and offset, eps 1e-5, biased variance."""
+
+    def __init__(self, features: int):
+        self.scale = nnx.Param(jnp.ones(features))
+        self.bias = nnx.Param(jnp.zeros(features))
+
+    def __call__(self, x: Float[Array, "*b d"]) -> Float[Array, "*b d"]:
+        return standardise(x, 1e-5) * _lift(self.scale[...], x.ndim) + _lift(self.bias[...], x.ndim)
+
+
+def standardise(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:
+    """Zero mean and unit (biased) variance over the last axis: layer norm without parameters."""
+    centred = x - x.mean(-1, keepdims=True)
+    return centred * jax.lax.rsqrt(jnp.square(centred).mean(-1, keepdims=True) + eps)
+
+
+class ResidualMLP(nnx.Module):
+    """depth x (Linear, LN) with ReLU between, plus a Linear-LN skip, ReLU, and an optional last Linear.
+
+    official-spec §2.1 ("ResidualMLP"); the denoiser's embedders are the depth-2 case without ``features_out``.
+    """
+
+    def __init__(
+        self,
+        features_in: int,
+        width: int,
+        *,
+        rngs: nnx.Rngs,
+        depth: int = 2,
+        features_out: int | None = None,
+        compute: Compute = "float32",
+    ):
+        sizes = [features_in] + [width] * depth
+        self.linears = nnx.List(
+            [Linear(i, o, rngs=rngs, compute=compute) for i, o in itertools.pairwise(sizes)]
+        )
+        self.norms = nnx.List([LayerNorm(width) for _ in range(depth)])
+        self.skip = Linear(features_in, width, rngs=rngs, compute=compute)
+        self.skip_norm = LayerNorm(width)
+        self.out = None if features_out is None else Linear(width, features_out, rngs=rngs, compute=compute)
+
+    def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
+        return self.after_first(self.linears[0](x), self.skip(x))
+
+    def after_first(self, first: Float[Array, "*b h"], skip: Float[Array, "*b h"]) -> Float[Array, "*b o"]:
+        """The rest of the network, given the two products with the input (which callers may compute more cheaply)."""
+        hidden = self.norms[0](first)
+        for linear, norm in zip(list(self.linears)[1:], list(self.norms)[1:], strict=True):
+            hidden = norm(linear(jax.nn.relu(hidden)))
+        hidden = jax.nn.relu(hidden + self.skip_norm(skip))
+        return hidden if self.out is None else self.out(hidden)
+
+
+def _lift(vector: Float[Array, " d"], rank: int) -> Float[Array, "*ones d"]:
+    """[d] -> [1, ..., 1, d]: ranks are never promoted silently."""
+    return vector.reshape((1,) * (rank - 1) + vector.shape)

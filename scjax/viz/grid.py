@@ -1,0 +1,99 @@
+"""Many scenes in one picture."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from scjax.models.nodes import Nodes
+from scjax.scene import AgentType, Scene, Signal
+from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot
+
+_CELL = 2.6  # inches
+
+
+def grid(
+    scenes: Scene | Sequence[Scene],
+    *,
+    columns: int | None = None,
+    titles: Sequence[str] | None = None,
+    known: Nodes | Sequence[Nodes] | None = None,
+    speeds: bool = False,
+    path: str | Path | None = None,
+    dpi: int = 130,
+) -> Figure:
+    """Scenes side by side, row by row, in the colours of ``plot`` with one legend.
+
+    Args:
+      scenes: a batch [n], or single scenes.
+      columns: pictures a row; about a square if None.
+      titles: one line per scene.
+      known: as in ``plot``: one pair of masks a scene, or a batch of them.
+      speeds: as in ``plot``.
+      path: where to write a PNG as well (to a temporary name first, then renamed).
+      dpi: resolution of that file.
+
+    Raises:
+      ValueError: on no scenes, or as many titles or masks as there are not scenes.
+    """
+    if isinstance(scenes, Scene):
+        if len(scenes.batch_shape) > 1:
+            raise ValueError(f"grid draws a batch [n] or a list of scenes, this is {scenes.batch_shape}: flatten it")
+        host = scenes.to_numpy()
+        scenes = [host[i] for i in range(host.batch_shape[0])] if host.batch_shape else [host]
+    if isinstance(known, Nodes):
+        known = [Nodes(agents=known.agents[i], lanes=known.lanes[i]) for i in range(len(known.agents))]
+    if not scenes:
+        raise ValueError("there are no scenes to draw: give at least one")
+    for name, items in (("titles", titles), ("known", known)):
+        if items is not None and len(items) != len(scenes):
+            raise ValueError(f"{len(items)} {name} for {len(scenes)} scenes: give one each, or None")
+    columns = columns or math.ceil(math.sqrt(len(scenes)))
+    rows = math.ceil(len(scenes) / columns)
+    line = 0.2 if titles is not None else 0.0  # inches for a title
+    figure = Figure(figsize=(columns * _CELL, rows * (_CELL + line) + 0.3), facecolor="white")
+    FigureCanvasAgg(figure)
+    width, height = figure.get_size_inches()
+    margin = 0.04
+    for k, scene in enumerate(scenes):
+        left, top = (k % columns) * _CELL + margin, height - (k // columns) * (_CELL + line) - line - margin
+        edge = _CELL - 2 * margin
+        ax = figure.add_axes((left / width, (top - edge) / height, edge / width, edge / height))
+        plot(scene, ax=ax, title=None if titles is None else titles[k], known=None if known is None else known[k],
+             speeds=speeds)  # fmt: skip
+        ax.set(xlabel="", ylabel="", xticklabels=[], yticklabels=[])
+    _legend(figure, scenes)
+    if path is not None:
+        save(figure, path, dpi=dpi)
+    return figure
+
+
+def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
+    """Writes a PNG to a temporary name in the same folder, then renames it: readers never see half a picture."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    figure.savefig(temporary, dpi=dpi, format="png")
+    temporary.replace(path)
+
+
+def _legend(figure: Figure, scenes: Sequence[Scene]) -> None:
+    """Ego, the agent classes and, where any lane is lit, the signal states that occur in the pictures."""
+    types = {int(t) for scene in scenes for t in set(scene.agent_types[scene.agent_mask].tolist())}
+    signals = {int(s) for scene in scenes for s in set(scene.signals[scene.lane_mask].tolist())}
+    handles: list = [Patch(color=EGO, label="ego")]
+    handles += [Patch(color=c, label=t.name.lower()) for t, c in AGENT_COLOURS.items() if t in types]
+    if signals - {Signal.UNKNOWN}:
+        handles += [Line2D([], [], color=c, label=s.name.lower()) for s, c in SIGNAL_COLOURS.items() if s in signals]
+    height = figure.get_size_inches()[1]
+    figure.legend(
+        handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=7, labelcolor=INK,
+        bbox_to_anchor=(0.5, -0.02 / height), handlelength=1.2, columnspacing=1.2,
+    )  # fmt: skip

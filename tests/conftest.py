@@ -1,0 +1,40 @@
+"""Strict numerics for every test, and the shared folders that some of them need."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from absl import flags
+
+flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+_SHARED = Path(os.environ.get("SCJAX_SHARED", Path(__file__).resolve().parents[1] / ".." / "shared")).resolve()
+
+
+def _folder(variable: str, name: str) -> Path:
+    folder = Path(os.environ.get(variable, _SHARED / name))
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not there: set {variable} or SCJAX_SHARED to run the tests on shared material")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def parity_dir() -> Path:
+    """Golden vectors of the official model."""
+    return _folder("SCJAX_PARITY_DIR", "parity")
+
+
+@pytest.fixture(scope="session")
+def eval_dir() -> Path:
+    """Real tiles and golden metric values."""
+    return _folder("SCJAX_EVAL_DIR", "eval")
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Real recorded scenes."""
+    return _folder("SCJAX_DATA_DIR", "data")
