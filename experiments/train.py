@@ -16,7 +16,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from absl import app, flags
+from absl import app, flags, logging
 from ml_collections import config_flags
 
 from experiments import autoencoder_stage, denoiser_stage
@@ -33,6 +33,7 @@ STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage}
 
 
 def main(_) -> None:
+    logging.set_verbosity(logging.WARNING)  # orbax reports every file it touches
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:

@@ -7,22 +7,22 @@ real 64 m tiles. Every value maps linearly, v' = 2 (v - min) / (max - min) - 1; 
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, Layout, Link, Scene, Signal
+from scjax.pytree import pytree
+from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Layout, Link, Scene, Signal
 
 Range = tuple[float, float]
 LaneClasses = Literal["signal", "lights", "none"]
 _LIGHT_OF_SIGNAL = {Signal.GO: 1, Signal.STOP: 2}  # lane classes of the official nuPlan preset: lane, green, red
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Tokens:
     """A scene, or a batch, in unit coordinates and in a preset's types; fields and masks as in ``Scene``.
 
@@ -33,20 +33,24 @@ class Tokens:
       links: the preset's link ids, ``Representation.links[id]``.
     """
 
-    agents: Float[Array | np.ndarray, "*b agents columns"]
-    agent_types: Int[Array | np.ndarray, "*b agents"]
-    agent_mask: Bool[Array | np.ndarray, "*b agents"]
-    agent_known: Bool[Array | np.ndarray, "*b agents columns"]
-    agent_before: Bool[Array | np.ndarray, "*b agents"]
-    lanes: Float[Array | np.ndarray, "*b lanes points dims"]
-    lane_types: Int[Array | np.ndarray, "*b lanes"]
-    lane_type_known: Bool[Array | np.ndarray, "*b lanes"]
-    lane_mask: Bool[Array | np.ndarray, "*b lanes"]
-    lane_known: Bool[Array | np.ndarray, "*b lanes dims"]
-    lane_before: Bool[Array | np.ndarray, "*b lanes"]
-    links: Int[Array | np.ndarray, "*b lanes lanes"]
-    layout: Int[Array | np.ndarray, "*b"]
-    domain: Int[Array | np.ndarray, "*b"]
+    agents: Float[AnyArray, "*b agents columns"]
+    agent_types: Int[AnyArray, "*b agents"]
+    agent_mask: Bool[AnyArray, "*b agents"]
+    agent_known: Bool[AnyArray, "*b agents columns"]
+    agent_before: Bool[AnyArray, "*b agents"]
+    lanes: Float[AnyArray, "*b lanes points dims"]
+    lane_types: Int[AnyArray, "*b lanes"]
+    lane_type_known: Bool[AnyArray, "*b lanes"]
+    lane_mask: Bool[AnyArray, "*b lanes"]
+    lane_known: Bool[AnyArray, "*b lanes dims"]
+    lane_before: Bool[AnyArray, "*b lanes"]
+    links: Int[AnyArray, "*b lanes lanes"]
+    layout: Int[AnyArray, "*b"]
+    domain: Int[AnyArray, "*b"]
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Tokens: ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -129,15 +133,15 @@ class Representation:
 
     def scene(
         self,
-        agents: Float[Array, "*b agents columns"],
-        agent_types: Int[Array, "*b agents"],
-        agent_mask: Bool[Array, "*b agents"],
-        lanes: Float[Array, "*b lanes points dims"],
-        lane_types: Int[Array, "*b lanes"],
-        lane_mask: Bool[Array, "*b lanes"],
-        link_logits: Float[Array, "*b lanes lanes kinds"],
-        layout: Int[Array, "*b"],
-        domain: Int[Array, "*b"],
+        agents: Float[AnyArray, "*b agents columns"],
+        agent_types: Int[AnyArray, "*b agents"],
+        agent_mask: Bool[AnyArray, "*b agents"],
+        lanes: Float[AnyArray, "*b lanes points dims"],
+        lane_types: Int[AnyArray, "*b lanes"],
+        lane_mask: Bool[AnyArray, "*b lanes"],
+        link_logits: Float[AnyArray, "*b lanes lanes kinds"],
+        layout: Int[AnyArray, "*b"],
+        domain: Int[AnyArray, "*b"],
     ) -> Scene:
         """Decoder outputs as a scene in metres: headings made unit vectors, links made consistent.
 
@@ -174,32 +178,32 @@ class Representation:
         )
 
     def normalise_agents(
-        self, agents: Float[Array, "*b n 9"], types: Int[Array, "*b n"], layout: Int[Array, "*b"]
+        self, agents: Float[AnyArray, "*b n 9"], types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
         """Metres -> unit, nothing clipped; ``types`` are this preset's, and only ``columns`` are kept."""
-        low, high = self._agent_ranges(types, layout, agents.ndim)
-        return (2 * (agents - low) / (high - low) - 1)[..., self.column_indices]
+        low, high = self._agent_ranges(types, layout)
+        return (2 * (jnp.asarray(agents) - low) / (high - low) - 1)[..., self.column_indices]
 
     def denormalise_agents(
-        self, unit: Float[Array, "*b n columns"], types: Int[Array, "*b n"], layout: Int[Array, "*b"]
+        self, unit: Float[AnyArray, "*b n columns"], types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
         """Unit -> metres; every field is clipped to [-1, 1] first (official-spec §1.6)."""
-        low, high = (r[..., self.column_indices] for r in self._agent_ranges(types, layout, unit.ndim))
+        low, high = (r[..., self.column_indices] for r in self._agent_ranges(types, layout))
         return (jnp.clip(unit, -1, 1) + 1) / 2 * (high - low) + low
 
     def normalise_lanes(
-        self, lanes: Float[Array, "*b n points dims"], layout: Int[Array, "*b"]
+        self, lanes: Float[AnyArray, "*b n points dims"], layout: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n points dims"]:
         """Metres -> unit for the first ``point_dims`` coordinates."""
-        low, high = self._lane_ranges(layout, lanes.ndim)
-        return 2 * (lanes - low) / (high - low) - 1
+        low, high = self._lane_ranges(layout)
+        return 2 * (jnp.asarray(lanes) - low) / (high - low) - 1
 
     def denormalise_lanes(
-        self, unit: Float[Array, "*b n points dims"], layout: Int[Array, "*b"], clip: float | None = None
+        self, unit: Float[AnyArray, "*b n points dims"], layout: Int[AnyArray, "*b"], clip: float | None = None
     ) -> Float[Array, "*b n points dims"]:
         """Unit -> metres; clipped to ``clip_lanes``, or to ``clip`` (the collision penalty uses 1)."""
         bound = self.clip_lanes if clip is None else clip
-        low, high = self._lane_ranges(layout, unit.ndim)
+        low, high = self._lane_ranges(layout)
         return (jnp.clip(unit, -bound, bound) + 1) / 2 * (high - low) + low
 
     def select(self, scene: Scene) -> Scene:
@@ -225,7 +229,7 @@ class Representation:
             lane_known=scene.lane_known[rows], signals=signals, links=links,
         )  # fmt: skip
 
-    def _agent_ranges(self, types: Int[Array, "*b n"], layout: Int[Array, "*b"], rank: int) -> tuple[Array, Array]:
+    def _agent_ranges(self, types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
         """(min, max) of the nine columns for every agent, [*b, n, 9]."""
         table = np.zeros((len(self.agent_types), 9, 2), np.float32)
         table[:, 2], table[:, 3], table[:, 4:6], table[:, 6:9] = self.agent_z, self.speed, (-1, 1), self.sizes
@@ -234,14 +238,14 @@ class Representation:
         rows = rows.at[..., :2, :].set(jnp.broadcast_to(xy, (*rows.shape[:-2], 2, 2)))
         return rows[..., 0], rows[..., 1]
 
-    def _lane_ranges(self, layout: Int[Array, "*b"], rank: int) -> tuple[Array, Array]:
+    def _lane_ranges(self, layout: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
         """(min, max) of x, y (, z), broadcastable to [*b, n, points, dims]."""
         rows = self._window(layout)
         z = jnp.broadcast_to(jnp.asarray(self.lane_z), (*rows.shape[:-2], 1, 2))
         rows = jnp.concatenate([rows, z], -2)[..., None, None, : self.point_dims, :]
         return rows[..., 0], rows[..., 1]
 
-    def _window(self, layout: Int[Array, "*b"]) -> Float[Array, "*b 2 2"]:
+    def _window(self, layout: Int[AnyArray, "*b"]) -> Float[Array, "*b 2 2"]:
         """(min, max) of x and y: the square about the ego, or the 64 m ahead of it."""
         centred, ahead = (-32.0, 32.0), (0.0, 64.0)
         forward = (ahead, centred) if self.forward == "x" else (centred, ahead)
@@ -263,10 +267,10 @@ class Representation:
             table[list(_LIGHT_OF_SIGNAL)] = list(_LIGHT_OF_SIGNAL.values())
         return jnp.asarray(table)[scene.signals]
 
-    def _consistent_links(self, logits: Float[Array, "*b n n kinds"]) -> Int[Array, "*b n n"]:
+    def _consistent_links(self, logits: Float[AnyArray, "*b n n kinds"]) -> Int[Array, "*b n n"]:
         """Log-probabilities of i -> j and of the inverse relation j -> i, summed, argmax; SELF on the diagonal."""
         inverse = np.array([self.links.index(Link(INVERSE_LINK[link])) for link in self.links])
-        scores = jax.nn.log_softmax(logits, -1)
+        scores = jax.nn.log_softmax(jnp.asarray(logits), -1)
         scores = scores + jnp.swapaxes(scores, -2, -3)[..., inverse]
         self_id = self.links.index(Link.SELF)
         best = jnp.argmax(scores.at[..., self_id].set(-jnp.inf), -1)

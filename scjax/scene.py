@@ -7,10 +7,14 @@ Everything that makes, trains on, draws or exports scenes speaks this type. Fram
 from __future__ import annotations
 
 import enum
+from typing import TYPE_CHECKING, Any
 
-import chex
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from scjax.pytree import pytree
+
+AnyArray = Array | np.ndarray  # on a device or on the host
 
 STATE_COLUMNS = ("x", "y", "z", "speed", "cos", "sin", "length", "width", "height")
 POINTS_PER_LANE = 20
@@ -57,7 +61,7 @@ class Layout(enum.IntEnum):
     FORWARD = 2  # 0 <= x <= 64 m, |y| <= 32 m: F_I of the paper
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Scene:
     """A scene, or a batch of scenes with leading axes ``*b``.
 
@@ -75,17 +79,21 @@ class Scene:
       domain: index of the data set or city in the model's list of domains.
     """
 
-    agents: Float[Array | np.ndarray, "*b agents 9"]
-    agent_types: Int[Array | np.ndarray, "*b agents"]
-    agent_mask: Bool[Array | np.ndarray, "*b agents"]
-    agent_known: Bool[Array | np.ndarray, "*b agents 9"]
-    lanes: Float[Array | np.ndarray, "*b lanes points 3"]
-    lane_mask: Bool[Array | np.ndarray, "*b lanes"]
-    lane_known: Bool[Array | np.ndarray, "*b lanes 3"]
-    signals: Int[Array | np.ndarray, "*b lanes"]
-    links: Int[Array | np.ndarray, "*b lanes lanes"]
-    layout: Int[Array | np.ndarray, "*b"]
-    domain: Int[Array | np.ndarray, "*b"]
+    agents: Float[AnyArray, "*b agents 9"]
+    agent_types: Int[AnyArray, "*b agents"]
+    agent_mask: Bool[AnyArray, "*b agents"]
+    agent_known: Bool[AnyArray, "*b agents 9"]
+    lanes: Float[AnyArray, "*b lanes points 3"]
+    lane_mask: Bool[AnyArray, "*b lanes"]
+    lane_known: Bool[AnyArray, "*b lanes 3"]
+    signals: Int[AnyArray, "*b lanes"]
+    links: Int[AnyArray, "*b lanes lanes"]
+    layout: Int[AnyArray, "*b"]
+    domain: Int[AnyArray, "*b"]
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Scene: ...
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -106,7 +114,10 @@ class Scene:
         """A scene, or a sub-batch, of a batch: ``scenes[0]``, ``scenes[3:7]``."""
         if not self.batch_shape:
             raise IndexError("this is a single scene, not a batch: there is nothing to index")
-        return self.replace(**{name: value[index] for name, value in self.to_dict().items()})
+        fields = {name: value[index] for name, value in self.to_dict().items()}
+        if isinstance(self.layout, np.ndarray):  # one element of a NumPy array is a scalar, no array any more
+            fields = {name: np.asarray(value) for name, value in fields.items()}
+        return self.replace(**fields)
 
     def to_dict(self) -> dict[str, Array | np.ndarray]:
         """Field name -> array, without copies."""
@@ -156,6 +167,20 @@ def pad(scene: Scene, num_agents: int, num_lanes: int) -> Scene:
     # np.pad refuses the empty widths of the scalars layout and domain.
     padded = {name: np.pad(np.asarray(getattr(scene, name)), width) for name, width in widths.items() if width}
     return scene.replace(**padded)
+
+
+def permute(scene: Scene, agents: np.ndarray, lanes: np.ndarray) -> Scene:
+    """Row i of the result is row ``agents[i]`` / ``lanes[i]`` of one NumPy scene (also selects and repeats rows)."""
+    return scene.replace(
+        agents=scene.agents[agents], agent_types=scene.agent_types[agents], agent_mask=scene.agent_mask[agents],
+        agent_known=scene.agent_known[agents], lanes=scene.lanes[lanes], lane_mask=scene.lane_mask[lanes],
+        lane_known=scene.lane_known[lanes], signals=scene.signals[lanes], links=scene.links[np.ix_(lanes, lanes)],
+    )  # fmt: skip
+
+
+def unpadded(scene: Scene) -> Scene:
+    """One NumPy scene without its padding."""
+    return permute(scene, np.flatnonzero(scene.agent_mask), np.flatnonzero(scene.lane_mask))
 
 
 def stack(scenes: list[Scene]) -> Scene:

@@ -18,7 +18,7 @@ import numpy as np
 
 from scjax.data import ordering, records
 from scjax.representation import Representation
-from scjax.scene import Layout, Scene, pad, stack
+from scjax.scene import Layout, Scene, pad, permute, stack
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
 
@@ -136,7 +136,8 @@ def training_batches(
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
         scene = records.sample_scene(records.decode(data), layout, dx, dy, turn)
-        return arrange(clip_counts(representation.select(scene), config.buckets[-1]), config.order, rng)
+        scene = clip_counts(representation.select(scene), config.buckets[-1])
+        return shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
 
     examples = stream.random_map(augment)
     return Batches(examples.__getitem__, config, processes=processes)
@@ -144,35 +145,20 @@ def training_batches(
 
 def validation_scenes(
     folder: str | Path, representation: Representation, *, layout: Layout = Layout.CENTRED, split: str = "val",
-    order: Literal["recursive", "stored"] = "recursive", bucket: Bucket = (61, 100),
+    bucket: Bucket = (61, 100),
 ) -> list[Scene]:  # fmt: skip
-    """Every record of a split once, without jitter, unpadded, in file order."""
-    rng = np.random.default_rng(0)
+    """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order."""
     scenes = []
     for data in records.source(folder, split):
         scene = representation.select(records.sample_scene(records.decode(data), layout, 0.0, 0.0, 0.0))
-        scene = clip_counts(scene, bucket)
-        scenes.append(scene if order == "stored" else arrange(scene, order, rng))
+        scenes.append(ordering.arrange(clip_counts(scene, bucket))[0])
     return scenes
 
 
-def arrange(scene: Scene, order: Literal["shuffle", "recursive"], rng: np.random.Generator) -> Scene:
-    """One unpadded NumPy scene with its tokens reordered; the ego stays agent 0."""
-    if order == "recursive":
-        agents, lanes = ordering.order(scene)
-    else:
-        agents = np.concatenate([[0], 1 + rng.permutation(scene.agent_mask.shape[-1] - 1)])
-        lanes = rng.permutation(scene.lane_mask.shape[-1])
-    return permute(scene, agents, lanes)
-
-
-def permute(scene: Scene, agents: np.ndarray, lanes: np.ndarray) -> Scene:
-    """Row i of the result is row ``agents[i]`` / ``lanes[i]`` of one NumPy scene (also selects and repeats rows)."""
-    return scene.replace(
-        agents=scene.agents[agents], agent_types=scene.agent_types[agents], agent_mask=scene.agent_mask[agents],
-        agent_known=scene.agent_known[agents], lanes=scene.lanes[lanes], lane_mask=scene.lane_mask[lanes],
-        lane_known=scene.lane_known[lanes], signals=scene.signals[lanes], links=scene.links[np.ix_(lanes, lanes)],
-    )  # fmt: skip
+def shuffle(scene: Scene, rng: np.random.Generator) -> Scene:
+    """One unpadded NumPy scene with its tokens permuted at random; the ego stays agent 0."""
+    agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
+    return permute(scene, np.concatenate([[0], 1 + rng.permutation(agents - 1)]), rng.permutation(lanes))
 
 
 def clip_counts(scene: Scene, bucket: Bucket) -> Scene:

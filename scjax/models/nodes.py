@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import chex
+from scjax.pytree import pytree
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Nodes:
     """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
 
     agents: Any
     lanes: Any
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Nodes: ...

@@ -1,6 +1,6 @@
 """Bird's-eye view of one scene: lanes with direction and signal, joints, boxes by class, metric axes.
 
-Needs matplotlib (the ``viz`` extra). No pyplot state is touched, so that drawing works in threads and without a display.
+Needs matplotlib (the ``viz`` extra). No pyplot state is touched: drawing works in threads and without a display.
 """
 
 from __future__ import annotations
@@ -78,12 +78,16 @@ def window(layout: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
 def _points_per_metre(ax: Axes) -> float:
     """Line widths follow the size of the picture, so that small ones stay readable."""
     box = ax.get_position()
-    width, height = ax.get_figure(root=True).get_size_inches()
+    figure = ax.get_figure(root=True)
+    if figure is None:
+        return 72 * 6 / TILE_SIZE
+    width, height = figure.get_size_inches()
     return 72 * min(box.width * width, box.height * height) / TILE_SIZE
 
 
 def _draw_lanes(ax: Axes, scene: Scene, given: np.ndarray, scale: float) -> None:
-    points, rows = scene.lanes[scene.lane_mask, :, :2], np.flatnonzero(scene.lane_mask)
+    rows = np.flatnonzero(scene.lane_mask)
+    points = np.asarray(scene.lanes)[rows, :, :2]
     if not len(rows):
         return
     tangents = np.gradient(points, axis=1)
@@ -93,7 +97,7 @@ def _draw_lanes(ax: Axes, scene: Scene, given: np.ndarray, scale: float) -> None
     roads = np.where(given[rows], GIVEN_ROAD, ROAD).tolist()
     # An edge of its own colour rounds the band's corners and closes hairlines between neighbours.
     ax.add_collection(
-        PolyCollection(bands, facecolors=roads, edgecolors=roads, linewidths=0.25 * scale, joinstyle="round",
+        PolyCollection(list(bands), facecolors=roads, edgecolors=roads, linewidths=0.25 * scale, joinstyle="round",
                        zorder=1, gid="roads")
     )  # fmt: skip
     signals = [Signal(int(s)) for s in scene.signals[rows]]
@@ -131,7 +135,8 @@ def _chevrons(points: np.ndarray, tangents: np.ndarray) -> tuple[list[np.ndarray
             tip = np.array([np.interp(at, arc, lane[:, d]) for d in (0, 1)])
             ahead = tangents[k, min(np.searchsorted(arc, at), len(lane) - 1)]
             side = np.array([-ahead[1], ahead[0]])
-            marks.append(np.stack([tip - 0.5 * ahead + 0.65 * side, tip + 0.4 * ahead, tip - 0.5 * ahead - 0.65 * side]))
+            back, spread = tip - 0.5 * ahead, 0.65 * side
+            marks.append(np.stack([back + spread, tip + 0.4 * ahead, back - spread]))
             owners.append(k)
     return marks, owners
 
@@ -146,28 +151,37 @@ def _draw_agents(ax: Axes, scene: Scene, given: np.ndarray, scale: float, speeds
     half_length, half_width = agents[:, 6:7] / 2, agents[:, 7:8] / 2
     nose, flank = ahead * half_length, side * half_width
     boxes = centre[:, None] + np.stack([nose + flank, nose - flank, -nose - flank, -nose + flank], 1)
-    colours = [EGO if row == 0 else AGENT_COLOURS[AgentType(int(scene.agent_types[row]))] for row in rows]
-    drawn = PolyCollection(
-        list(boxes), facecolors=colours, edgecolors="white", linewidths=max(0.25, 0.12 * scale), zorder=3, gid="agents"
-    )
-    ax.add_collection(drawn)
+    types = [AgentType(int(t)) for t in scene.agent_types[rows]]
+    colours = [EGO if row == 0 else AGENT_COLOURS[kind] for row, kind in zip(rows, types, strict=True)]
+    large = np.array([kind in (AgentType.VEHICLE, AgentType.STATIC) for kind in types])
+    # People are a few pixels in a small picture: a rim of their own colour keeps them in sight.
+    rims = ["white" if big else colour for big, colour in zip(large, colours, strict=True)]
+    rim_widths = np.where(large, max(0.25, 0.12 * scale), max(0.9, 0.2 * scale))
+    ax.add_collection(
+        PolyCollection(list(boxes), facecolors=colours, edgecolors=rims, linewidths=rim_widths.tolist(),
+                       joinstyle="round", zorder=3, gid="agents")
+    )  # fmt: skip
     if given[rows].any():
         ax.add_collection(
             PolyCollection(list(boxes[given[rows]]), facecolors="none", edgecolors="white", hatch="//////",
                            linewidths=0, zorder=3.1, gid="given")
         )  # fmt: skip
-    # A tick from the centre to the front tells nose from tail; static objects have neither.
-    moving = scene.agent_types[rows] != AgentType.STATIC
-    ticks = np.stack([centre, centre + nose], 1)[moving]
+    # A tick tells nose from tail: inside a vehicle, ahead of a person. Static objects have neither.
+    tips = np.where(large[:, None], centre + 0.8 * nose, centre + nose + 0.7 * ahead)
+    ticked = np.array([kind != AgentType.STATIC for kind in types])
     ax.add_collection(
-        LineCollection(list(ticks), colors="white", linewidths=max(0.5, 0.3 * scale), zorder=3.2, gid="headings")
-    )
+        LineCollection(list(np.stack([centre, tips], 1)[ticked]), capstyle="round", zorder=3.2, gid="headings",
+                       colors=[rim for rim, tick in zip(rims, ticked, strict=True) if tick],
+                       linewidths=max(0.6, 0.28 * scale))
+    )  # fmt: skip
     if speeds:
-        reach = centre + nose + ahead * agents[:, 3:4] * _SPEED_HORIZON
         fast = agents[:, 3] > 0.3
+        start, tip = (centre + nose)[fast], (centre + nose + ahead * agents[:, 3:4] * _SPEED_HORIZON)[fast]
+        barb, spread = 0.8 * ahead[fast], 0.5 * side[fast]
+        arrows = np.stack([start, tip, tip - barb + spread, tip, tip - barb - spread], 1)
         ax.add_collection(
-            LineCollection(list(np.stack([centre + nose, reach], 1)[fast]), linewidths=max(0.6, 0.3 * scale),
-                           colors=[c for c, f in zip(colours, fast, strict=True) if f], zorder=2.9, gid="speeds")
+            LineCollection(list(arrows), linewidths=max(0.6, 0.2 * scale), zorder=2.9, gid="speeds",
+                           colors=[c for c, f in zip(colours, fast, strict=True) if f])
         )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from scjax.models.nodes import Nodes
-from scjax.scene import AgentType, Scene, Signal
+from scjax.scene import Scene, Signal
 from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot
 
 _CELL = 2.6  # inches

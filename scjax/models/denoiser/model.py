@@ -12,7 +12,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
-from scjax.models.denoiser.context import ConditionFeatures, ImageContext, TextContext
+from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.stage import Head, Stage
 from scjax.models.nodes import Nodes
@@ -116,11 +116,12 @@ class Denoiser(nnx.Module):
         self.agent_head = Head(agent, config.agent_latent, rngs=rngs, compute=compute)
         self.lane_given = nnx.Param(jnp.zeros(lane)) if config.given_embedding else None
         self.agent_given = nnx.Param(jnp.zeros(agent)) if config.given_embedding else None
-        self.context = None
+        context = None
         if isinstance(config.condition, TextCondition):
-            self.context = TextContext(config, config.condition, rngs=rngs)
+            context = TextContext(config, config.condition, rngs=rngs)
         elif isinstance(config.condition, ImageCondition):
-            self.context = ImageContext(config, config.condition, rngs=rngs)
+            context = ImageContext(config, config.condition, rngs=rngs)
+        self.context = context
         self.config = config
 
     def encode_condition(
@@ -136,11 +137,14 @@ class Denoiser(nnx.Module):
         """
         if self.context is None:
             raise ValueError("this denoiser is unconditional (config.condition is None): it has no condition to encode")
-        if isinstance(features, dict) or isinstance(self.context, TextContext) != hasattr(features, "tokens"):
+        if isinstance(self.context, TextContext) and isinstance(features, TextFeatures):
+            context, mask = self.context(features, dropped, trace)
+        elif isinstance(self.context, ImageContext) and isinstance(features, ImageFeatures):
+            context, mask = self.context(features, dropped, trace)
+        else:
             raise ValueError(
                 f"this denoiser was built with {type(self.config.condition).__name__}, got {type(features).__name__}"
             )
-        context, mask = self.context(features, dropped, trace)  # pyright: ignore[reportArgumentType]
         if self.config.attend_padding:
             context = jax.tree.map(lambda tokens: jnp.where(dropped[:, None, None], 0, tokens), context)
             mask = jnp.ones_like(mask)

@@ -9,6 +9,7 @@ from typing import Literal
 
 import chex
 import jax
+import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
@@ -56,10 +57,11 @@ class Stage(nnx.Module):
         self.adaln = linear(width, 6 * width, _zeros)
         self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
         self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
-        self.cross_adaln = self.cross = None
+        cross_adaln = cross = None
         if latent_tokens is not None:
-            self.cross_adaln = linear(width, 3 * width, _zeros if cross_adaln_init == "zero" else _xavier)
-            self.cross = CrossGlobal(width, heads, rngs=rngs, latent_tokens=latent_tokens, compute=compute)
+            cross_adaln = linear(width, 3 * width, _zeros if cross_adaln_init == "zero" else _xavier)
+            cross = CrossGlobal(width, heads, rngs=rngs, latent_tokens=latent_tokens, compute=compute)
+        self.cross_adaln, self.cross = cross_adaln, cross
         self.heads = heads
 
     def modulation(
@@ -67,7 +69,7 @@ class Stage(nnx.Module):
     ) -> StageModulation:  # fmt: skip
         """From the conditioning vectors (after SiLU) of the updated kind and, in a bipartite stage, of the sources."""
         rows = [to] if source is None else [to, source]
-        chunks = _chunks(self.adaln(jax.numpy.concatenate(rows)), 6)
+        chunks = _chunks(self.adaln(jnp.concatenate(rows)), 6)
         return StageModulation(
             to=chunks[: len(to)],
             source=None if source is None else chunks[len(to) :],

@@ -66,8 +66,7 @@ class CrossGlobal(nnx.Module):
         """What the scene tokens read; exactly zero in scenes without any valid context token."""
         query = self.q_norm(self.q(x))
         full = attend(query, cache.key, cache.value, cache.mask[:, None], self.heads)
-        everywhere = jnp.ones((1, 1, cache.latent_key.shape[1]), bool)
-        coarse = attend(query, cache.latent_key, cache.latent_value, everywhere, self.heads)
+        coarse = attend(query, cache.latent_key, cache.latent_value, None, self.heads)
         out_full, out_coarse = self.out(full), self.latent_out(coarse)
         if trace is not None:
             trace |= {"Q": query, "attn_full": full, "attn_coarse": coarse}

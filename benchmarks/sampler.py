@@ -1,0 +1,96 @@
+"""How fast is sampling? python -m benchmarks.sampler [unconditional|text|image] --batch 8
+
+100 steps with guidance 4 (two branches), condition encoded once, decoding left out, on scenes of the reference
+workload. Prints seconds a scene against the float32 PyTorch reference of the same batch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import jax
+import jax.numpy as jnp
+
+from benchmarks import flops, workload
+from benchmarks.train_step import CONTEXT, denoiser_config, features
+from scjax.diffusion.guidance import guided, join
+from scjax.diffusion.sampler import sample
+from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+
+# Official PyTorch code at these sizes on such a machine (2 cores), seconds a scene by batch, float32.
+REFERENCE = {"unconditional": {1: 8.8, 8: 3.5}, "text": {1: 16.6, 8: 7.4}, "image": {1: 14.2, 8: 5.5}}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sampler", description=__doc__)
+    parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="unconditional")
+    parser.add_argument("--batch", type=int, default=8, help="scenes at once (default: 8)")
+    parser.add_argument("--scenes", type=int, default=0, help="scenes of the workload (default: 64; 8 at batch 1)")
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
+    parser.add_argument("--smoke", action="store_true", help="two steps of one batch, to see that it runs")
+    args = parser.parse_args(arguments)
+    steps = 2 if args.smoke else args.steps
+    parts = workload.batches(args.batch)
+    wanted = args.batch if args.smoke else args.scenes or (64 if args.batch > 1 else 8)
+    stride = max(len(parts) * args.batch // wanted, 1)
+    parts = parts[stride // 2 :: stride]  # evenly over the sizes
+
+    config = denoiser_config(args.kind, args.compute)
+    network, schedule = denoiser(config), respaced(cosine_schedule(), steps)
+    params = network.init(jax.random.key(0))
+
+    @jax.jit
+    def run(params, masks: Nodes, condition, keys):
+        label = jnp.zeros(keys.shape, jnp.int32)
+        cache = null = None
+        if condition is not None:
+            kept = jnp.zeros(keys.shape, bool)
+            cache = network.apply(params, condition, kept, method="encode_condition")
+            null = network.apply(params, condition, ~kept, method="encode_condition")
+        labels, twice = join(label, jnp.full_like(label, config.null_label)), join(masks, masks)
+        caches = join(cache, null)
+        denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, None, caches), 4.0)
+        return sample(
+            denoise, schedule, keys, masks, widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+        )  # fmt: skip
+
+    jobs, programs, useful = [], {}, 0.0
+    start = time.perf_counter()
+    for part in parts:
+        masks = Nodes(agents=jnp.asarray(part.agent_mask), lanes=jnp.asarray(part.lane_mask))
+        inputs = (params, masks, features(args.kind, args.batch), jax.random.split(jax.random.key(1), args.batch))
+        shape = (masks.agents.shape, masks.lanes.shape)
+        if shape not in programs:
+            programs[shape] = run.lower(*inputs).compile()
+        jobs.append((programs[shape], inputs))
+        for lanes, agents in zip(part.num_lanes.tolist(), part.num_agents.tolist(), strict=True):
+            useful += 2 * steps * flops.denoiser_forward(config, lanes, agents, CONTEXT[args.kind], cached=True)
+    compile_seconds = time.perf_counter() - start
+    start = time.perf_counter()
+    for program, inputs in jobs:
+        jax.block_until_ready(program(*inputs))
+    seconds = time.perf_counter() - start
+    scenes = len(parts) * args.batch
+
+    roofs = workload.rooflines()
+    reference = REFERENCE[args.kind].get(args.batch)
+    row = {
+        "sampling": args.kind, "batch": args.batch, "steps": steps, "compute": args.compute,
+        "s/scene": seconds / scenes, "reference": reference or "-",
+        "ratio": reference / (seconds / scenes) if reference and steps == 100 else "-",
+        "GFLOP/s": useful / seconds / 1e9,
+        **{f"share of {name}": useful / seconds / 1e9 / roof for name, roof in roofs.items()},
+        "scenes": scenes, "programs": len(programs), "compile s": compile_seconds, "peak GB": workload.peak_memory_gb(),
+    }  # fmt: skip
+    print(workload.table([row]))
+    print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
+
+
+if __name__ == "__main__":
+    main()

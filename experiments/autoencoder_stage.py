@@ -1,0 +1,88 @@
+"""Stage 1: the vectorized autoencoder, trained to reproduce scenes."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from experiments.reporting import Reporter
+from experiments.state import Stage, TrainState, apply_gradients, initial, read_manifest
+from scjax import representation as presets
+from scjax.data.pipeline import PipelineConfig, training_batches, validation_scenes
+from scjax.diffusion.optimiser import adamw
+from scjax.metrics.reconstruction import reconstruction
+from scjax.model import Model
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.loss import LossWeights, loss, reparameterise
+from scjax.models.autoencoder.model import autoencoder, noise_like
+from scjax.models.latents import LatentStatistics, statistics
+from scjax.models.nodes import Nodes
+from scjax.sampling import reconstruct
+from scjax.viz import grid
+
+_STATISTICS_BATCHES = 50
+_PICTURED = 6
+
+
+def build(config) -> Stage:
+    """The stage's functions from its resolved config."""
+    representation = presets.PRESETS[config.representation]()
+    model = AutoencoderConfig(**config.model.to_dict())
+    network = autoencoder(model)
+    options = config.loss.to_dict()
+    weights = LossWeights(**options.pop("weights"))
+    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    manifest = read_manifest(config.records)
+    validation = validation_scenes(config.records, representation)
+    seed = config.seed
+
+    def init(key: jax.Array) -> TrainState:
+        return initial(network.init(key), optimiser)
+
+    def objective(params, tokens, key):
+        posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, model), method="reconstruct")
+        return loss(decoded, posterior, tokens, weights, **options)
+
+    def step(state: TrainState, batch):
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
+        tokens = representation.tokens(batch)
+        (value, terms), gradients = jax.value_and_grad(objective, has_aux=True)(state.params, tokens, key)
+        state, norms = apply_gradients(state, gradients, optimiser, config.ema_decay)
+        return state, {"loss": value, **terms, **norms}
+
+    def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
+        return Model(
+            representation=representation,
+            autoencoder=jax.device_get(state.ema),
+            autoencoder_config=model,
+            latents=latents or LatentStatistics.identity(),
+            domains=tuple(manifest["domains"]),
+            notes=notes or {},
+        )
+
+    def evaluate(state: TrainState) -> dict[str, float]:
+        decoded = reconstruct(as_model(state), validation)
+        return reconstruction(zip(validation, decoded, strict=True))
+
+    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
+        chosen = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
+        decoded = reconstruct(as_model(state), chosen)
+        titles = [f"{kind} {i}" for i in range(len(chosen)) for kind in ("recorded", "decoded")]
+        pairs = [scene for pair in zip(chosen, decoded, strict=True) for scene in pair]
+        grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "reconstruction"))
+
+    def export(state: TrainState, resolved: dict) -> Model:
+        sampled = jax.jit(lambda tokens, key: reparameterise(key, network.apply(state.ema, tokens, method="encode")))
+        stream = training_batches(config.records, representation, PipelineConfig(**{
+            **resolved["batch"], "seed": 1, "buckets": tuple(map(tuple, resolved["batch"]["buckets"])),
+        }))  # fmt: skip
+        latents, masks = [], []
+        for i in range(_STATISTICS_BATCHES):
+            tokens = representation.tokens(next(stream))
+            draw = sampled(tokens, jax.random.fold_in(jax.random.key(1), i))
+            latents.append(jax.tree.map(np.asarray, draw))
+            masks.append(Nodes(agents=np.asarray(tokens.agent_mask), lanes=np.asarray(tokens.lane_mask)))
+        notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
+        return as_model(state, statistics(latents, masks), notes)
+
+    return Stage(representation, init, jax.jit(step, donate_argnums=0), evaluate, pictures, export)

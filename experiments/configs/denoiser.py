@@ -1,0 +1,68 @@
+"""Stage 2, the latent denoiser (official-spec §4-6) on a trained autoencoder.
+
+    python -m experiments.train --config=experiments/configs/denoiser.py:small --workdir=runs/denoiser \
+        --config.records=runs/records --config.autoencoder=runs/autoencoder/model
+
+Variants as in autoencoder.py. Expected numbers of recorded runs: experiments/results/.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import ml_collections
+
+from scjax.models.denoiser import config as sizes
+
+VARIANTS = {
+    #            batch  steps    learning rate  EMA decay
+    "tiny": (16, 1_500, 1e-3, 0.99),
+    "small": (32, 60_000, 5e-4, 0.9995),
+    "base": (64, 200_000, 2e-4, 0.9999),
+    "official": (256, 500_000, 5e-5, 0.9999),
+}
+
+
+def get_config(variant: str = "small") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of denoiser.py: choose one of {', '.join(VARIANTS)}")
+    batch_size, steps, learning_rate, ema_decay = VARIANTS[variant]
+    official = variant == "official"
+    config = ml_collections.ConfigDict()
+    config.stage = "denoiser"
+    config.records = "runs/records"  # folder made by python -m scjax.data build
+    config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
+    config.seed = 0
+    config.steps = steps
+    config.model = dataclasses.asdict(getattr(sizes, variant)())
+    config.batch = {
+        "batch_size": batch_size,
+        "buckets": ((12, 16), (16, 28), (32, 48), (61, 100)),  # (agent, lane) slots
+        "layouts": (1.0, 1.0, 1.0) if official else (3.0, 1.0, 1.0),  # centred, partitioned, forward
+        "jitter_position": 0.0 if official else 2.0,  # m
+        "jitter_heading": 0.0 if official else 10.0,  # degrees
+        "order": "recursive",
+        "seed": 0,
+        "workers": 1,
+    }
+    config.optimiser = {
+        "learning_rate": learning_rate,
+        "warmup": 500,
+        "schedule": "constant" if official else "linear",  # linear: to zero at the last step
+        "weight_decay": 1e-5,
+        "clip": 10.0,  # global gradient norm
+    }
+    config.ema_decay = ema_decay
+    config.loss = {
+        "label_dropout": 0.1,
+        "condition_dropout": 0.1,
+        "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
+        "count_given": official,  # whether given tokens stay in the loss mean
+    }
+    config.log_every = 50
+    config.evaluate_every = max(steps // 20, 1)
+    config.picture_every = max(steps // 5, 1)
+    config.checkpoint_every = max(min(steps // 10, 1000), 1)
+    config.tensorboard = True
+    return config

@@ -1,0 +1,55 @@
+"""The whole product in a few minutes on a laptop: python -m experiments.quickstart
+
+Makes a small world of procedural scenes, trains the tiny autoencoder and the tiny denoiser on it, samples new scenes
+and saves the picture. ``--smoke`` runs the same chain with a handful of steps (the picture is then noise).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from scjax.data.procedural import write_scenes
+
+from experiments import sample
+from experiments.configs import autoencoder, denoiser
+from experiments.train import train
+from scjax.data.build import build
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.quickstart", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, default=Path("runs/quickstart"), help="folder for everything it makes")
+    parser.add_argument("--smoke", action="store_true", help="a handful of steps, to see that everything runs")
+    args = parser.parse_args(arguments)
+    start = time.perf_counter()
+
+    def told(text: str) -> None:
+        print(f"[{time.perf_counter() - start:5.0f} s] {text}", flush=True)
+
+    told("making procedural scenes")
+    write_scenes(args.out / "scenes", num_scenes=8 if args.smoke else 96, seed=0)
+    build(args.out / "scenes", args.out / "records")
+
+    for stage, config in (("autoencoder", autoencoder.get_config("tiny")), ("denoiser", denoiser.get_config("tiny"))):
+        told(f"training the {stage}")
+        config.records = str(args.out / "records")
+        if stage == "denoiser":
+            config.autoencoder = str(args.out / "autoencoder" / "model")
+        if args.smoke:
+            config.steps = config.log_every = config.evaluate_every = config.picture_every = 4
+            config.optimiser.warmup = 1
+            config.batch.buckets = ((61, 100),)
+        train(config, args.out / stage)
+
+    told("sampling")
+    sample.main([f"--model={args.out}/denoiser/model", f"--out={args.out}/samples", "-n", "4" if args.smoke else "12"])
+    told(f"done: look at {args.out}/samples/scenes.png")
+
+
+if __name__ == "__main__":
+    main()

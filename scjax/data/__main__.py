@@ -1,0 +1,140 @@
+"""Command line of scjax.data: `python -m scjax.data build SOURCE OUT`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+DESCRIPTION = "Prepare recorded driving scenes for training."
+BUILD = """\
+Cut training records out of recorded scenes.
+
+SOURCE is searched for *.json.gz files of schema scene-json-1 (folders named peer_outputs or images* are left
+out). OUT receives ArrayRecord shards train-*.arrayrecord and val-*.arrayrecord, an index of the records of each
+split (train-index.npz, val-index.npz) and, last of all, manifest.json. A record holds everything within 80 m of
+one ego pose; windows, layouts and pose jitter are chosen when it is read.
+
+A build that was interrupted continues where it stopped when the same command is run again: finished shards are
+kept as long as their source files and the options are the same."""
+PROCEDURAL = """\
+Write made-up recordings: straight and curved roads, intersections with signals, a freeway merge, and traffic.
+
+OUT/procedural receives N files *.json.gz of schema scene-json-1, 9 s each, ready for the build command."""
+EPILOG = """\
+exit codes: 0 all files used; 1 nothing built (bad arguments, no usable file, or a bad file under --strict);
+2 wrong usage; 3 records built, but some files were skipped (listed above and in manifest.json); 130 interrupted.
+
+example: python -m scjax.data build recordings records --workers 2"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's argument parser."""
+    top = argparse.ArgumentParser(prog="python -m scjax.data", description=DESCRIPTION)
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    build = commands.add_parser(
+        "build", help="recorded scenes -> training records", description=BUILD, epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    build.add_argument("source", metavar="SOURCE", help="folder of recorded scenes (searched recursively)")
+    build.add_argument("out", metavar="OUT", help="folder for the records; made if it is not there")
+    add = build.add_argument
+    add("--workers", type=int, default=2, metavar="N",
+        help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
+    add("--split-percent", type=float, default=10.0, metavar="P",
+        help="share of location clusters held back as the val split; which ones depends on their names only "
+             "(default %(default)s)")  # fmt: skip
+    add("--limit", type=int, metavar="N", help="use only the first N files, to try things out")
+    add("--files-per-shard", type=int, default=16, metavar="N", help="source files a shard (default %(default)s)")
+    add("--no-resume", action="store_true", help="rebuild finished shards too")
+    add("--strict", action="store_true", help="stop at the first file that cannot be used instead of skipping it")
+    standard = build.add_argument_group(
+        "standard poses", "of the evaluation rule; val records are cut at these, the count table is made from these"
+    )
+    dense = build.add_argument_group("training poses", "that train records have on top of the standard ones")
+    for group, prefix, defaults in ((standard, "", (16.0, 8, 10, 30)), (dense, "train-", (4.0, 40, 5, 30))):
+        spacing, count, recorder, other = defaults
+        group.add_argument(f"--{prefix}spacing", type=float, default=spacing, metavar="M",
+                           help="metres between poses of a scene, over all steps (default %(default)s)")  # fmt: skip
+        group.add_argument(f"--{prefix}max-poses", type=int, default=count, metavar="N",
+                           help="poses a scene at most, standard ones included (default %(default)s)")  # fmt: skip
+        group.add_argument(f"--{prefix}recorder-stride", type=int, default=recorder, metavar="N",
+                           help="steps between poses of the recording car (default %(default)s)")  # fmt: skip
+        group.add_argument(f"--{prefix}other-stride", type=int, default=other, metavar="N",
+                           help="steps between poses of other vehicles (default %(default)s)")  # fmt: skip
+    made = commands.add_parser(
+        "procedural", help="make recorded scenes by rule", description=PROCEDURAL,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    made.add_argument("out", metavar="OUT", help="folder to write to; made if it is not there")
+    made.add_argument("--scenes", type=int, default=100, metavar="N", help="how many (default %(default)s)")
+    made.add_argument("--seed", type=int, default=0, metavar="S",
+                      help="scene k depends on S and k alone (default %(default)s)")  # fmt: skip
+    return top
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs the command and returns its exit code (see --help)."""
+    args = parser().parse_args(argv)
+    if args.command == "procedural":
+        return _procedural(args)
+    try:
+        from scjax.data.build import build
+        from scjax.data.shards import BuildOptions, PoseOptions
+    except ModuleNotFoundError as error:
+        print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
+        return 1
+    try:
+        if args.workers < 0:
+            raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
+        if args.limit is not None and args.limit < 1:
+            raise ValueError(f"--limit is {args.limit}: it must be 1 or more")
+        options = BuildOptions(
+            split_percent=args.split_percent,
+            files_per_shard=args.files_per_shard,
+            poses=PoseOptions(
+                spacing=args.spacing, max_poses=args.max_poses, recorder_stride=args.recorder_stride,
+                other_stride=args.other_stride,
+            ),
+            train_poses=PoseOptions(
+                spacing=args.train_spacing, max_poses=args.train_max_poses,
+                recorder_stride=args.train_recorder_stride, other_stride=args.train_other_stride,
+            ),
+        )  # fmt: skip
+        manifest = build(
+            args.source, args.out, options, workers=args.workers, limit=args.limit, resume=not args.no_resume,
+            strict=args.strict,
+        )  # fmt: skip
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted: run the same command again to continue", file=sys.stderr)
+        return 130
+    for split, entry in manifest["splits"].items():
+        print(f"{split}: {entry['records']} records of {entry['scenes']} scenes at {len(entry['clusters'])} locations")
+    cleaned = manifest["cleaned"]
+    print(f"clipped {cleaned.get('fast', 0)} speeds, filled {cleaned.get('zero_size', 0)} zero sizes")
+    if manifest["without_poses"]:
+        print(f"{len(manifest['without_poses'])} scenes have no vehicle to take as ego: see manifest.json")
+    for entry in manifest["skipped"]:
+        print(f"skipped {entry['file']}: {entry['reason']}", file=sys.stderr)
+    return 3 if manifest["skipped"] else 0
+
+
+def _procedural(args: argparse.Namespace) -> int:
+    try:
+        from scjax.data.procedural import write_scenes
+
+        paths = write_scenes(args.out, args.scenes, args.seed)
+    except ModuleNotFoundError as error:
+        print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
+        return 1
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(f"{len(paths)} scenes in {paths[0].parent}")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,133 @@
+"""The training loss of the denoiser (official-spec §5.2, §5.5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import chex
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.diffusion.guidance import Denoise
+from scjax.diffusion.process import q_sample
+from scjax.diffusion.schedule import Schedule
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Functional, Params
+
+LANE_WEIGHT = 10.0
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class LatentBatch:
+    """What one training step of the denoiser consumes.
+
+    Attributes:
+      latents: clean normalised latents [B, tokens, latent] a kind, in token order.
+      masks: True at valid tokens [B, tokens] a kind.
+      given: True at tokens that are given, i.e. stay clean (the first half of partitioned scenes).
+      label: rows of the label table.
+      condition: features for ``encode_condition``, or None.
+      has_condition: scenes whose features are real [B]; None: all.
+      agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
+    """
+
+    latents: Nodes
+    masks: Nodes
+    given: Nodes
+    label: Int[Array, " b"]
+    condition: Any = None
+    has_condition: Bool[Array, " b"] | None = None
+    agent_weight: Float[Array, "b agents"] | None = None
+
+
+def noised(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], given: Nodes) -> tuple[Nodes, Nodes]:
+    """Network input and target: given tokens enter clean and have target 0, the others are noised, target the noise."""
+    x = jax.tree.map(
+        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), given, clean, q_sample(schedule, clean, noise, step)
+    )
+    return x, jax.tree.map(lambda flag, eps: jnp.where(flag[..., None], 0, eps), given, noise)
+
+
+def diffusion_loss(
+    denoise: Denoise,
+    schedule: Schedule,
+    clean: Nodes,
+    noise: Nodes,
+    step: Int[Array, " b"],
+    masks: Nodes,
+    given: Nodes,
+    *,
+    agent_weight: Float[Array, "b agents"] | None = None,
+    count_given: bool = False,
+) -> tuple[Float[Array, ""], dict[str, Float[Array, " b"]]]:
+    """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
+
+    Args:
+      denoise: (noisy latents, timesteps) -> noise estimate.
+      step: schedule index a scene.
+      count_given: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
+        noise must be found; a scene in which every token of a kind is given has loss 0 there.
+
+    Returns:
+      loss, and its terms a scene [B]: agent, lane, total.
+    """
+    clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
+    x, target = noised(schedule, clean, noise, step, given)
+    eps = denoise(x, jnp.asarray(schedule.timesteps)[step])
+    counted = masks if count_given else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+    weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, eps)
+    if agent_weight is not None:
+        weights = weights.replace(agents=weights.agents * jnp.where(counted.agents, agent_weight, 0))
+    error = jax.tree.map(_token_error, eps, target, masks)
+    terms = jax.tree.map(lambda e, w: (e * w).sum(-1) / jnp.maximum(w.sum(-1), 1e-6), error, weights)
+    total = terms.agents + LANE_WEIGHT * terms.lanes
+    return total.mean(), {"agent": terms.agents, "lane": terms.lanes, "total": total}
+
+
+def training_loss(
+    network: Functional,
+    params: Params,
+    schedule: Schedule,
+    batch: LatentBatch,
+    key: Array,
+    *,
+    null_label: int,
+    label_dropout: float = 0.1,
+    condition_dropout: float = 0.1,
+    count_given: bool = False,
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.
+
+    Returns:
+      loss, and the batch means of its terms: agent, lane, total.
+    """
+    key_step, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
+    scenes = batch.label.shape
+    step = jax.random.randint(key_step, scenes, 0, schedule.steps)
+    noise = jax.tree.map(
+        lambda k, x: jax.random.normal(k, x.shape, x.dtype), Nodes(agents=key_agents, lanes=key_lanes), batch.latents
+    )
+    label = jnp.where(jax.random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
+    cache = None
+    if batch.condition is not None:
+        dropped = jax.random.bernoulli(key_condition, condition_dropout, scenes)
+        if batch.has_condition is not None:
+            dropped = dropped | ~batch.has_condition
+        cache = network.apply(params, batch.condition, dropped, method="encode_condition")
+
+    def denoise(z: Nodes, t: Int[Array, " b"]) -> Nodes:
+        return network.apply(params, z, t, label, batch.masks, batch.given, cache)
+
+    loss, terms = diffusion_loss(
+        denoise, schedule, batch.latents, noise, step, batch.masks, batch.given,
+        agent_weight=batch.agent_weight, count_given=count_given,
+    )  # fmt: skip
+    return loss, {name: term.mean() for name, term in terms.items()}
+
+
+def _token_error(
+    eps: Float[Array, "b n d"], target: Float[Array, "b n d"], mask: Bool[Array, "b n"]
+) -> Float[Array, "b n"]:  # fmt: skip
+    difference = jnp.where(mask[..., None], eps - target, 0)
+    return 0.5 * jnp.square(difference).mean(-1)

@@ -1,0 +1,109 @@
+"""Ancestral sampling of both kinds of latents around one ``denoise(z, t)`` (official-spec §5.3, outpainting §3).
+
+Every scene has its own key, and its noise is drawn for the largest number of tokens and then cut: a scene gets the
+same noise in any batch and under any padding.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from scjax.diffusion.guidance import Denoise
+from scjax.diffusion.process import posterior_mean, posterior_std, predict_x0
+from scjax.diffusion.schedule import Schedule
+from scjax.models.nodes import Nodes
+
+TEMPERATURE = Nodes(agents=1.0, lanes=0.75)
+CLIP = 5.0
+
+
+def scene_noise(keys: Array, step: int | Int[Array, ""], like: Nodes, most: Nodes) -> Nodes:
+    """N(0, 1) for the latents ``like`` [B, tokens, latent], from the scenes' keys [B] and a step number.
+
+    Args:
+      most: the largest numbers of tokens (config.max_agents, config.max_lanes) whatever the padding.
+
+    Raises:
+      ValueError: a scene is padded to more tokens than ``most``.
+    """
+
+    def draw(kind: int, x: Array, rows: int) -> Array:
+        if x.shape[1] > rows:
+            raise ValueError(f"latents have {x.shape[1]} tokens, more than the largest number {rows}: pad less")
+
+        def one(key: Array) -> Array:
+            return jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, step), kind), (rows, x.shape[2]))
+
+        return jax.vmap(one)(keys)[:, : x.shape[1]].astype(x.dtype)
+
+    return jax.tree.map(draw, Nodes(agents=0, lanes=1), like, most)
+
+
+def clamp(x: Nodes, given: Nodes | None, values: Nodes | None) -> Nodes:
+    """Overwrites the tokens flagged in ``given`` [B, tokens] by ``values``, bit for bit."""
+    if given is None:
+        return x
+    if values is None:
+        raise ValueError("given tokens need their values: pass both or neither")
+    return jax.tree.map(lambda flag, value, x: jnp.where(flag[..., None], value, x), given, values, x)
+
+
+def denoise_step(
+    denoise: Denoise,
+    schedule: Schedule,
+    x: Nodes,
+    step: Int[Array, ""],
+    noise: Nodes,
+    *,
+    temperature: Nodes = TEMPERATURE,
+    clip: float | None = CLIP,
+) -> Nodes:
+    """x_t -> x_{t-1}: posterior mean at the predicted x_0 (not clipped), plus noise, then x clipped to +-clip."""
+    steps = jnp.broadcast_to(step, x.agents.shape[:1])
+    eps = denoise(x, jnp.asarray(schedule.timesteps)[steps])
+    mean = posterior_mean(schedule, predict_x0(schedule, x, eps, steps), x, steps)
+    std = posterior_std(schedule, steps)[:, None, None]
+    x = jax.tree.map(lambda m, n, scale: m + (scale * std * n).astype(m.dtype), mean, noise, temperature)
+    return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
+
+
+def sample(
+    denoise: Denoise,
+    schedule: Schedule,
+    keys: Array,
+    masks: Nodes,
+    *,
+    widths: Nodes,
+    most: Nodes,
+    given: Nodes | None = None,
+    values: Nodes | None = None,
+    temperature: Nodes = TEMPERATURE,
+    clip: float | None = CLIP,
+    dtype=jnp.float32,
+) -> Nodes:
+    """Latents [B, tokens, latent] a kind, zero at padding; one ``lax.scan`` over the steps of ``schedule``.
+
+    Args:
+      denoise: (noisy latents, timesteps [B]) -> noise estimate; guidance is a wrapper of it.
+      keys: one typed key a scene [B].
+      masks: True at valid tokens [B, tokens] a kind.
+      widths: latent numbers a token (config.agent_latent, config.lane_latent).
+      most: see ``scene_noise``.
+      given, values: tokens that are known and their clean latents: written over the state before the first and after
+        every step. Lane-conditioned generation gives all lanes.
+      temperature: scale of the initial and the step noise, a kind.
+      clip: bound on the state after every step.
+    """
+    zeros = jax.tree.map(lambda mask, width: jnp.zeros((*mask.shape, width), dtype), masks, widths)
+    start = scene_noise(keys, schedule.steps, zeros, most)
+    start = jax.tree.map(lambda noise, scale: noise * scale, start, temperature)
+
+    def body(x: Nodes, step: Array) -> tuple[Nodes, None]:
+        noise = scene_noise(keys, step, x, most)
+        x = denoise_step(denoise, schedule, x, step, noise, temperature=temperature, clip=clip)
+        return clamp(x, given, values), None
+
+    x, _ = jax.lax.scan(body, clamp(start, given, values), jnp.arange(schedule.steps - 1, -1, -1))
+    return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), x, masks)

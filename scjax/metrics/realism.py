@@ -1,0 +1,97 @@
+"""What a scene shows by itself to be wrong: open joints, vehicles off the lanes or against them, overlapping boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+from scjax.metrics.boxes import overlaps
+from scjax.metrics.lanes import nearest_segment, segments
+from scjax.metrics.pooling import Ratios, Values, pool, singles, values
+from scjax.scene import AgentType, Link, Scene
+
+ON_LANE = 1.5  # metres from the nearest centreline (metrics.md §2)
+OPEN_JOINT = 1.0  # metres
+OFF_HEADING = 45.0  # degrees from the nearest segment
+
+
+def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
+    """Sums of one scene.
+
+    Args:
+      scene: a single scene.
+      ego: whether the ego counts among the vehicles and boxes.
+
+    Returns:
+      joint_gap_m: end of lane i to start of lane j over predecessor links, in xy [m]; open_joints: share > 1 m.
+      vehicles_on_lane: share of vehicles within 1.5 m of one of the scene's centrelines.
+      lane_angle_deg: |heading - heading of the nearest segment| of those on a lane [degrees]; off_heading: share > 45.
+      vehicles_overlapping: share of vehicles that overlap another vehicle (veh_obb in baselines.md).
+      vehicle_overlap_pairs: overlapping pairs of vehicles a scene.
+      scenes_vehicle_overlap, scenes_any_overlap: share of scenes with an overlapping pair of vehicles, of any agents.
+      Boxes of unrecorded size take no part in overlaps.
+    """
+    (scene,) = singles(scene)
+    gaps = joint_gaps(scene)
+    distance, angle = lane_offsets(scene, ego=ego)
+    on_lane = distance <= ON_LANE
+    pairs = overlapping_pairs(scene, ego=ego)
+    vehicle = scene.agent_types == AgentType.VEHICLE
+    among = pairs[vehicle[pairs].all(-1)]
+    boxes = vehicle & _boxed(scene, ego)
+    return {
+        "joint_gap_m": (float(gaps.sum()), float(gaps.size)),
+        "open_joints": (float((gaps > OPEN_JOINT).sum()), float(gaps.size)),
+        "vehicles_on_lane": (float(on_lane.sum()), float(on_lane.size)),
+        "lane_angle_deg": (float(angle[on_lane].sum()), float(on_lane.sum())),
+        "off_heading": (float((angle[on_lane] > OFF_HEADING).sum()), float(on_lane.sum())),
+        "vehicles_overlapping": (float(np.unique(among).size), float(boxes.sum())),
+        "vehicle_overlap_pairs": (float(len(among)), 1.0),
+        "scenes_vehicle_overlap": (float(len(among) > 0), 1.0),
+        "scenes_any_overlap": (float(len(pairs) > 0), 1.0),
+    }
+
+
+def realism(scenes: Scene | Iterable[Scene], *, ego: bool = True) -> Values:
+    """Values pooled over scenes, which may be a stream."""
+    return values(pool(scene_realism(scene, ego=ego) for scene in singles(scenes)))
+
+
+def joint_gaps(scene: Scene) -> Float64[np.ndarray, " joints"]:
+    """Distance in xy from the end of lane i to the start of lane j, for every predecessor link of one scene [m]."""
+    mask = np.asarray(scene.lane_mask)
+    pairs = np.argwhere((np.asarray(scene.links) == Link.PREDECESSOR) & mask[:, None] & mask[None, :])
+    lanes = np.asarray(scene.lanes, np.float64)
+    return np.linalg.norm(lanes[pairs[:, 0], -1, :2] - lanes[pairs[:, 1], 0, :2], axis=-1)
+
+
+def lane_offsets(
+    scene: Scene, *, ego: bool = True
+) -> tuple[Float64[np.ndarray, " vehicles"], Float64[np.ndarray, " vehicles"]]:
+    """Of every vehicle of one scene: distance to the nearest centreline [m], |angle| to its segment [degrees].
+
+    The distance is infinite in a scene without lanes.
+    """
+    vehicle = scene.agent_mask & (scene.agent_types == AgentType.VEHICLE) & scene.agent_known[:, [0, 1, 4, 5]].all(-1)
+    if not ego:
+        vehicle[:1] = False
+    agents = np.asarray(scene.agents, np.float64)[vehicle]
+    distance, heading = nearest_segment(agents[:, :2], segments(scene))
+    turn = np.arctan2(agents[:, 5], agents[:, 4]) - heading
+    return distance, np.abs(np.rad2deg(np.arctan2(np.sin(turn), np.cos(turn))))
+
+
+def overlapping_pairs(scene: Scene, *, ego: bool = True) -> Int[np.ndarray, "pairs 2"]:
+    """(i, j), i < j, of the agents of one scene whose boxes share ground area, of known place and size."""
+    rows = np.flatnonzero(_boxed(scene, ego))
+    found = np.argwhere(np.triu(overlaps(np.asarray(scene.agents)[rows])))
+    return rows[found]
+
+
+def _boxed(scene: Scene, ego: bool) -> np.ndarray:
+    boxed = np.asarray(scene.agent_mask & scene.agent_known[:, [0, 1, 4, 5, 6, 7]].all(-1))
+    if not ego:
+        boxed[:1] = False
+    return boxed

@@ -1,0 +1,244 @@
+"""The layers of encoder and decoder: graph attention, edge update, and the block made of them (official-spec §2.1).
+
+A ``trace`` is a dict that a caller may hand in to receive every intermediate array under its name in the parity set;
+without one nothing more than the result is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from scjax.models.autoencoder.edges import EPS, Edges, centred, over_scenes, pair_rstd
+from scjax.models.nodes import Nodes
+from scjax.nn.attention import attend, merge_heads, split_heads, weights
+from scjax.nn.layers import LayerNorm, Linear, ResidualMLP
+from scjax.nn.precision import Compute, matmul
+
+Trace = dict[str, Any] | None
+
+
+class PairMasks(NamedTuple):
+    """Which pairs may interact, True = yes; rows are destinations, columns sources."""
+
+    lane_lane: Bool[Array, "b l l"]
+    agent_lane: Bool[Array, "b a l"]
+    agent_agent: Bool[Array, "b a a"]
+
+
+def pair_masks(mask: Nodes, before: Nodes | None = None) -> PairMasks:
+    """All pairs of real nodes; with ``before`` only those on the same side of the partition."""
+
+    def pairs(destination: str, source: str):
+        rows, columns = getattr(mask, destination)[:, :, None], getattr(mask, source)[:, None]
+        if before is None:
+            return rows & columns
+        return rows & columns & (getattr(before, destination)[:, :, None] == getattr(before, source)[:, None])
+
+    return PairMasks(pairs("lanes", "lanes"), pairs("agents", "lanes"), pairs("agents", "agents"))
+
+
+class GraphAttention(nnx.Module):
+    """Gated attention and a feed-forward layer, both normed before and after; edges add to keys and values."""
+
+    def __init__(
+        self, width: int, heads: int, ff: int, *, rngs: nnx.Rngs, edge_width: int | None = None, compute: Compute
+    ):
+        def linear(features_in: int, features_out: int, bias: bool = True) -> Linear:
+            return Linear(features_in, features_out, rngs=rngs, bias=bias, compute=compute)
+
+        self.norm = LayerNorm(width)
+        self.query, self.key, self.value = linear(width, width), linear(width, width, bias=False), linear(width, width)
+        self.edge_norm = None if edge_width is None else LayerNorm(edge_width)
+        self.edge_key = None if edge_width is None else linear(edge_width, width, bias=False)
+        self.edge_value = None if edge_width is None else linear(edge_width, width)
+        self.gate, self.skip, self.out = linear(2 * width, width), linear(width, width), linear(width, width)
+        self.out_norm = LayerNorm(width)
+        self.ff_norm, self.ff_in, self.ff_out = LayerNorm(width), linear(width, ff), linear(ff, width)
+        self.ff_out_norm = LayerNorm(width)
+        self.heads = heads
+
+    def __call__(
+        self,
+        x: Float[Array, "b n d"],
+        mask: Bool[Array, "b n m"],
+        sources: Float[Array, "b m d"] | None = None,
+        edges: Edges | None = None,
+        trace: Trace = None,
+    ) -> Float[Array, "b n d"]:
+        """The new x. ``sources`` defaults to x itself; a row without admitted source aggregates zero."""
+        own = self.norm(x)
+        read = own if sources is None else self.norm(sources)
+        q, k, v = self.query(own), self.key(read), self.value(read)
+        m = attend(q, k, v, mask, self.heads) if edges is None else self._attend_edges(q, k, v, mask, edges)
+        gate = jax.nn.sigmoid(self.gate(jnp.concatenate([m, own], -1)))
+        u = m + gate * (self.skip(own) - m)
+        out = self.out(u)
+        x = x + self.out_norm(out)
+        x = x + self.ff_out_norm(self.ff_out(jax.nn.relu(self.ff_in(self.ff_norm(x)))))
+        if trace is not None:
+            trace.update(xhat=own, q=q, k=k, v=v, m=m, g=gate, u=u, attn=out, y=x)
+        return x
+
+    def _attend_edges(self, q: Array, k: Array, v: Array, mask: Array, edges: Edges) -> Array:
+        """Keys k_j + W_k r_ij and values v_j + W_v r_ij + b with r = LN(edge), without any array [B, L, L, width].
+
+        q_i . W_k r_ij = (W_k' q_i) . r_ij, and sum_j a_ij W_v r_ij = W_v (sum_j a_ij r_ij). Of the norm's affine
+        r = s z + t, the key side keeps s (t adds the same to all logits of a row), the value side both.
+        """
+        assert self.edge_norm is not None and self.edge_key is not None and self.edge_value is not None
+        scale, offset = self.edge_norm.scale[...], self.edge_norm.bias[...]
+        split = (scale.shape[0], self.heads, -1)
+        queries = split_heads(q, self.heads) * (q.shape[-1] // self.heads) ** -0.5
+        towards = jnp.einsum("bhid,chd->bhic", queries, self.edge_key.kernel[...].reshape(split)) * scale[None, None, None]
+
+        def mix(args):
+            queries, keys, values, towards, mask, edges = args
+            logits = jnp.einsum("bhqd,bhkd->bhqk", queries, keys) + edges.scores(towards)
+            p, total = weights(logits, mask[:, None])
+            p = p / total
+            return jnp.einsum("bhqk,bhkd->bhqd", p, values), edges.gather(p)
+
+        keys, values = split_heads(k, self.heads), split_heads(v, self.heads)
+        m, r = over_scenes(mix, (queries, keys, values, towards, mask, edges), q.shape[1] ** 2)
+        any_source = mask.any(-1)[..., None]
+        r = r * scale[None, None, None] + offset[None, None, None]
+        kernel, bias = self.edge_value.kernel[...], self.edge_value.bias
+        assert bias is not None
+        added = merge_heads(jnp.einsum("bhic,chd->bhid", r, kernel.reshape(split))) + bias[...][None, None]
+        return merge_heads(m) + jnp.where(any_source, added, 0.0)
+
+
+class EdgeUpdate(nnx.Module):
+    """c_ij <- MLP([n_ij; c_ij]) with n_ij = MLP([e_i; e_j]), destination i first. No residual."""
+
+    def __init__(self, node_width: int, edge_width: int, *, rngs: nnx.Rngs, compute: Compute):
+        self.nodes = ResidualMLP(2 * node_width, edge_width, rngs=rngs, compute=compute)
+        self.edges = ResidualMLP(2 * edge_width, edge_width, rngs=rngs, compute=compute)
+        self.compute: Compute = compute
+
+    def __call__(self, e: Float[Array, "b l d"], edges: Edges, then: Callable[[Array], Any] | None = None) -> Any:
+        """``then(new values)``, or the new values [B, L, L, C] themselves.
+
+        ``then`` is applied to a few scenes at a time, so that the new values never exist as a whole.
+        """
+        # The first products of the node MLP split into one of the destination and one of the source.
+        first = _pair_products(self.nodes.linears[0], e)
+        skip = _pair_products(self.nodes.skip, e)
+        width = self.edges.linears[0].kernel.shape[1]
+        entry = [_centred_kernel(linear) for linear in (self.edges.linears[0], self.edges.skip)]
+        kernel = jnp.concatenate([weight for weight, _ in entry], -1)
+        bias = jnp.concatenate([offset for _, offset in entry])
+
+        def update(args):
+            first, skip, edges = args
+            hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], *first))
+            hidden = _norm(self.nodes.norms[1], _centred_linear(self.nodes.linears[1], hidden))
+            n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, *skip))
+            both = matmul(n, kernel[:width], self.compute) + edges.project(kernel[width:], self.compute)
+            both = both + bias[None, None, None]
+            values = _after_first(self.edges, both[..., :width], both[..., width:])
+            return values if then is None else then(values)
+
+        return over_scenes(update, (first, skip, edges), e.shape[1] ** 2)
+
+
+class FactorisedBlock(nnx.Module):
+    """Lanes among themselves, lanes to agents, agents among themselves, then the lane pairs."""
+
+    def __init__(
+        self,
+        lane: tuple[int, int, int],
+        agent: tuple[int, int, int],
+        edge_width: int,
+        *,
+        rngs: nnx.Rngs,
+        compute: Compute,
+        update_edges: bool = True,
+    ):
+        """``lane`` and ``agent`` are (width, heads, feed-forward width)."""
+        self.lane_lane = GraphAttention(*lane, rngs=rngs, edge_width=edge_width, compute=compute)
+        self.down = Linear(lane[0], agent[0], rngs=rngs, compute=compute)
+        self.lane_agent = GraphAttention(*agent, rngs=rngs, compute=compute)
+        self.agent_agent = GraphAttention(*agent, rngs=rngs, compute=compute)
+        self.edge_update = EdgeUpdate(agent[0], edge_width, rngs=rngs, compute=compute) if update_edges else None
+
+    def __call__(
+        self,
+        nodes: Nodes,
+        edges: Edges,
+        masks: PairMasks,
+        then: Callable[[Array], Any] | None = None,
+        trace: Trace = None,
+    ) -> tuple[Nodes, Any]:
+        """New nodes and ``then(new edge values)`` (see ``EdgeUpdate``; None without an edge update)."""
+        lanes = self.lane_lane(nodes.lanes, masks.lane_lane, edges=edges)
+        down = self.down(lanes)
+        after_lanes = self.lane_agent(nodes.agents, masks.agent_lane, sources=down)
+        agents = self.agent_agent(after_lanes, masks.agent_agent)
+        if trace is not None:
+            trace.update(lane=lanes, lane_down=down, agent_after_l2a=after_lanes, agent=agents)
+            if self.edge_update is not None:
+                trace["edge"] = self.edge_update(down, edges)
+        updated = None if self.edge_update is None else self.edge_update(down, edges, then)
+        return Nodes(agents=agents, lanes=lanes), updated
+
+
+def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
+    """``head`` on edge values, in the form that is cheap for many rows."""
+
+    def apply(values: Float[Array, "b l l c"]) -> Float[Array, "b l l k"]:
+        return _after_first(head, _centred_linear(head.linears[0], values), _centred_linear(head.skip, values))
+
+    return apply
+
+
+
+
+# Linear followed by LN, over many rows: subtracting the mean over the output features from kernel and bias makes the
+# product mean-free, and the norm needs one pass less.
+
+
+def _centred_kernel(linear: Linear) -> tuple[Array, Array]:
+    assert linear.bias is not None
+    return centred(linear.kernel[...]), centred(linear.bias[...])
+
+
+def _centred_linear(linear: Linear, x: Array) -> Array:
+    kernel, bias = _centred_kernel(linear)
+    return matmul(x, kernel, linear.compute) + bias[None, None, None]
+
+
+def _norm(norm: LayerNorm, x: Array) -> Array:
+    """LN of mean-free x [B, L, L, C]."""
+    rstd = jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + EPS)
+    return x * rstd * norm.scale[...][None, None, None] + norm.bias[...][None, None, None]
+
+
+def _after_first(mlp: ResidualMLP, first: Array, skip: Array) -> Array:
+    """``ResidualMLP.after_first`` for mean-free products."""
+    hidden = _norm(mlp.norms[0], first)
+    for linear, norm in zip(list(mlp.linears)[1:], list(mlp.norms)[1:], strict=True):
+        hidden = _norm(norm, _centred_linear(linear, jax.nn.relu(hidden)))
+    hidden = jax.nn.relu(hidden + _norm(mlp.skip_norm, skip))
+    return hidden if mlp.out is None else mlp.out(hidden)
+
+
+def _pair_products(linear: Linear, e: Float[Array, "b l d"]) -> tuple[Array, Array]:
+    """Mean-free shares of destination and source in [e_i; e_j] W + b, [B, L, C] each."""
+    kernel, bias = _centred_kernel(linear)
+    width = e.shape[-1]
+    destination = matmul(e, kernel[:width], linear.compute) + bias[None, None]
+    return destination, matmul(e, kernel[width:], linear.compute)
+
+
+def _pair_norm(norm: LayerNorm, destination: Array, source: Array) -> Array:
+    """LN of destination_i + source_j, [B, L, L, C]."""
+    rstd = pair_rstd(destination, source)[..., None]
+    scale, offset = norm.scale[...][None, None], norm.bias[...][None, None, None]
+    return ((destination * scale)[:, :, None] + (source * scale)[:, None]) * rstd + offset

@@ -1,0 +1,125 @@
+"""Sizes of the autoencoder and its presets (official-spec §0, §2)."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from scjax.nn.precision import Compute
+
+# Columns that a source may not have recorded: z, length, width, height of an agent; z of a lane.
+_UNCERTAIN_AGENT_COLUMNS = (2, 6, 7, 8)
+_UNCERTAIN_LANE_DIMS = (2,)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AutoencoderConfig:
+    """Sizes of the network and of what it reads and writes.
+
+    Attributes:
+      lane_types, agent_types, link_types: classes, as counted by the ``Representation``; lane_types may be 0.
+      points, point_dims: points per lane and coordinates per point (2: x, y; 3: x, y, z).
+      columns: numbers of an agent's state.
+      max_lanes: the lane-count head has the classes 0..max_lanes.
+      known_inputs: append flags to the input that tell recorded from filled-in values (z; z, length, width, height).
+      compute: operands of the matrix products; everything else is float32.
+    """
+
+    lane_width: int
+    lane_heads: int
+    lane_ff: int
+    agent_width: int
+    agent_heads: int
+    agent_ff: int
+    edge_width: int
+    lane_types: int
+    agent_types: int
+    link_types: int
+    point_dims: int
+    encoder_blocks: int = 2
+    decoder_blocks: int = 2
+    lane_latent: int = 24
+    agent_latent: int = 10
+    points: int = 20
+    columns: int = 9
+    max_lanes: int = 100
+    known_inputs: bool = False
+    compute: Compute = "float32"
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            least = 0 if field.name == "lane_types" else 1
+            value = getattr(self, field.name)
+            if field.type == "int" and (not isinstance(value, int) or value < least):
+                raise ValueError(f"{field.name} must be an integer of at least {least}, not {value!r}")
+        for kind in ("lane", "agent"):
+            width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
+            if width % heads:
+                raise ValueError(f"{kind}_width {width} is not divisible by {kind}_heads {heads}: change one of them")
+        if self.point_dims not in (2, 3):
+            raise ValueError(f"point_dims must be 2 (x, y) or 3 (x, y, z), not {self.point_dims}")
+        if self.known_inputs and self.columns != 9:
+            raise ValueError(f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off")
+        if self.compute not in typing.get_args(Compute):
+            raise ValueError(f"compute must be one of {typing.get_args(Compute)}, not {self.compute!r}")
+
+    @property
+    def agent_flags(self) -> tuple[int, ...]:
+        """Agent columns whose known flag is an input."""
+        return _UNCERTAIN_AGENT_COLUMNS if self.known_inputs else ()
+
+    @property
+    def lane_flags(self) -> tuple[int, ...]:
+        """Lane coordinates whose known flag is an input."""
+        return tuple(d for d in _UNCERTAIN_LANE_DIMS if d < self.point_dims) if self.known_inputs else ()
+
+    @property
+    def agent_inputs(self) -> int:
+        """Width of an agent's input vector: state, one-hot type, known flags."""
+        return self.columns + self.agent_types + len(self.agent_flags)
+
+    @property
+    def lane_inputs(self) -> int:
+        """Width of a lane's input vector: points, one-hot type, known flags."""
+        return self.points * self.point_dims + self.lane_types + len(self.lane_flags)
+
+
+def official(*, lane_types: int = 3, agent_types: int = 3, link_types: int = 4, **changes) -> AutoencoderConfig:
+    """The published network: 32,434,148 parameters with its never-used ones (see ``scjax.convert.autoencoder``)."""
+    sizes = {
+        "lane_width": 512, "lane_heads": 4, "lane_ff": 2048, "agent_width": 256, "agent_heads": 4, "agent_ff": 1024,
+        "edge_width": 64, "point_dims": 2,
+    }  # fmt: skip
+    return _config(sizes, lane_types, agent_types, link_types, changes)
+
+
+def base(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
+    """Half the official widths, with z, signals, sides and known flags: the default for a GPU."""
+    sizes = {
+        "lane_width": 256, "lane_heads": 4, "lane_ff": 1024, "agent_width": 128, "agent_heads": 4, "agent_ff": 512,
+        "edge_width": 64, "point_dims": 3, "known_inputs": True,
+    }  # fmt: skip
+    return _config(sizes, lane_types, agent_types, link_types, changes)
+
+
+def small(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
+    """Trains on a CPU."""
+    sizes = {
+        "lane_width": 128, "lane_heads": 4, "lane_ff": 512, "agent_width": 64, "agent_heads": 4, "agent_ff": 256,
+        "edge_width": 64, "point_dims": 3, "known_inputs": True,
+    }  # fmt: skip
+    return _config(sizes, lane_types, agent_types, link_types, changes)
+
+
+def tiny(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
+    """For tests."""
+    sizes = {
+        "lane_width": 32, "lane_heads": 4, "lane_ff": 64, "agent_width": 16, "agent_heads": 4, "agent_ff": 32,
+        "edge_width": 8, "point_dims": 3, "known_inputs": True,
+    }  # fmt: skip
+    return _config(sizes, lane_types, agent_types, link_types, changes)
+
+
+def _config(sizes: dict, lane_types: int, agent_types: int, link_types: int, changes: dict) -> AutoencoderConfig:
+    counts = {"lane_types": lane_types, "agent_types": agent_types, "link_types": link_types}
+    return AutoencoderConfig(**{**sizes, **counts, **changes})

@@ -1,0 +1,206 @@
+"""The autoencoder's training loss and its reconstruction errors (official-spec §2.5).
+
+Every term is a mean over the elements of one scene; the loss is the mean over scenes. Values that the source did not
+record (known flags False) and padding count nowhere; where everything is known the terms are the official ones.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
+from scjax.representation import Tokens
+from scjax.scene import Layout
+
+__all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]
+
+_COUNT_TOLERANCE = 3  # a lane count off by at most this is logged as right
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """Weights of the terms; the defaults are the official ones."""
+
+    agent_states: float = 1.0
+    lane_points: float = 10.0
+    agent_type: float = 1.0
+    lane_type: float = 1.0
+    lane_connection: float = 10.0
+    kl_agent: float = 0.01
+    kl_lane: float = 0.01
+    lane_count: float = 0.1
+
+
+OFFICIAL_WEIGHTS = LossWeights()
+
+
+def loss(
+    decoded: Decoded,
+    posterior: Posterior,
+    tokens: Tokens,
+    weights: LossWeights = OFFICIAL_WEIGHTS,
+    *,
+    official_lane_count: bool = True,
+    balanced_links: bool = False,
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """The mean total over scenes, and the mean of every term for the log.
+
+    Args:
+      official_lane_count: the lane-count cross-entropy counts in all but CENTRED scenes (FORWARD ones have target 0);
+        otherwise it counts in PARTITIONED ones only.
+      balanced_links: mean over the link classes present in a scene of each class's mean cross-entropy, instead of the
+        mean over all pairs, nearly all of which are unrelated.
+    """
+    options = {"official_lane_count": official_lane_count, "balanced_links": balanced_links}
+    tokens = jax.tree.map(jnp.asarray, tokens)
+    terms = per_scene(decoded, posterior, tokens, weights, **options)
+    counted = _counted(tokens, official_lane_count)
+    miss = jnp.abs(posterior.lane_count_logits.argmax(-1) - lanes_after(tokens))
+    logged = {name: value.mean() for name, value in terms.items()}
+    logged["kl"] = logged["kl_agent"] + logged["kl_lane"]
+    logged["lane_count_over_counted"] = _mean(terms["lane_count"], counted)
+    logged["lane_count_accuracy"] = _mean((miss <= _COUNT_TOLERANCE).astype(logged["total"].dtype), counted)
+    return logged["total"], logged
+
+
+def per_scene(
+    decoded: Decoded,
+    posterior: Posterior,
+    tokens: Tokens,
+    weights: LossWeights = OFFICIAL_WEIGHTS,
+    *,
+    official_lane_count: bool = True,
+    balanced_links: bool = False,
+) -> dict[str, Float[Array, " b"]]:
+    """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
+    tokens = jax.tree.map(jnp.asarray, tokens)
+    lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
+    pairs = lane_mask[:, :, None] & lane_mask[:, None]
+    agent_known = tokens.agent_known & agent_mask[..., None]
+    lane_known = jnp.broadcast_to((tokens.lane_known & lane_mask[..., None])[:, :, None], tokens.lanes.shape)
+    lane_type_known = tokens.lane_type_known & lane_mask
+    counts = lanes_after(tokens)
+    count_entropy = _cross_entropy(posterior.lane_count_logits, counts, jnp.ones_like(counts, bool))
+    has_lane_types = decoded.lane_type_logits.shape[-1] > 0
+    terms = {
+        "agent_states": _scene_mean(_distance(decoded.agents, tokens.agents, agent_known), agent_known),
+        "lane_points": _scene_mean(_distance(decoded.lanes, tokens.lanes, lane_known), lane_known),
+        "agent_type": _scene_mean(
+            _cross_entropy(decoded.agent_type_logits, tokens.agent_types, agent_mask), agent_mask
+        ),
+        "lane_type": _scene_mean(
+            _cross_entropy(decoded.lane_type_logits, tokens.lane_types, lane_type_known), lane_type_known
+        )
+        if has_lane_types
+        else jnp.zeros_like(count_entropy),
+        "lane_connection": _link_entropy(decoded.link_logits, tokens.links, pairs, balanced_links),
+        "kl_agent": _scene_kl(posterior.mean.agents, posterior.logvar.agents, agent_mask),
+        "kl_lane": _scene_kl(posterior.mean.lanes, posterior.logvar.lanes, lane_mask),
+        "lane_count": jnp.where(_counted(tokens, official_lane_count), count_entropy, 0.0),
+    }
+    total = sum(getattr(weights, name) * term for name, term in terms.items())
+    return terms | {"total": jnp.asarray(total)}
+
+
+def lanes_after(tokens: Tokens) -> Int[Array, " b"]:
+    """Lanes behind the partition (x > 0) of PARTITIONED scenes; 0 in others."""
+    after = (tokens.lane_mask & ~tokens.lane_before).sum(-1)
+    return jnp.where(tokens.layout == Layout.PARTITIONED, after, 0)
+
+
+def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[Array, " b"]]:
+    """Reconstruction errors of each scene, in unit coordinates.
+
+    Returns:
+      lane_points, agent_positions: mean Euclidean distance in x, y over points and over agents;
+      agent_headings: mean angle in radians; agent_states: mean |difference| over known entries;
+      agent_types, lane_types: share of right classes over agents, and over lanes whose class is known;
+      link_hits, link_true, link_predicted: numbers of related pairs of different lanes that are found with the right
+      class, that there are, and that are predicted (sums over scenes give recall, precision and F1).
+    """
+    decoded, tokens = jax.tree.map(jnp.asarray, (decoded, tokens))
+    lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
+    dtype = decoded.lanes.dtype
+    gaps = _length(decoded.lanes[..., :2] - jnp.where(lane_mask[..., None, None], tokens.lanes[..., :2], 0.0))
+    agents = jnp.where(agent_mask[..., None], tokens.agents, 0.0)
+    known = tokens.agent_known & agent_mask[..., None]
+    turn = jnp.arctan2(
+        decoded.agents[..., 5] * agents[..., 4] - decoded.agents[..., 4] * agents[..., 5],
+        decoded.agents[..., 4] * agents[..., 4] + decoded.agents[..., 5] * agents[..., 5],
+    )
+    lane_type_known = tokens.lane_type_known & lane_mask
+    right_agents = (decoded.agent_type_logits.argmax(-1) == tokens.agent_types).astype(dtype)
+    result = {
+        "lane_points": _scene_mean(gaps, jnp.broadcast_to(lane_mask[..., None], gaps.shape)),
+        "agent_positions": _scene_mean(_length(decoded.agents[..., :2] - agents[..., :2]), agent_mask),
+        "agent_headings": _scene_mean(jnp.abs(turn), agent_mask),
+        "agent_states": _scene_mean(_distance(decoded.agents, tokens.agents, known), known),
+        "agent_types": _scene_mean(right_agents, agent_mask),
+    }
+    if decoded.lane_type_logits.shape[-1]:
+        right_lanes = (decoded.lane_type_logits.argmax(-1) == tokens.lane_types).astype(dtype)
+        result["lane_types"] = _scene_mean(right_lanes, lane_type_known)
+    pairs = lane_mask[:, :, None] & lane_mask[:, None] & ~jnp.eye(lane_mask.shape[1], dtype=bool)[None]
+    links = decoded.link_logits.argmax(-1)
+    result["link_hits"] = (pairs & (links == tokens.links) & (links > 0)).sum((1, 2)).astype(dtype)
+    result["link_true"] = (pairs & (tokens.links > 0)).sum((1, 2)).astype(dtype)
+    result["link_predicted"] = (pairs & (links > 0)).sum((1, 2)).astype(dtype)
+    return result
+
+
+def _counted(tokens: Tokens, official: bool) -> Bool[Array, " b"]:
+    layout = tokens.layout
+    return layout != Layout.CENTRED if official else layout == Layout.PARTITIONED
+
+
+def _length(difference: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
+    return jnp.sqrt(jnp.square(difference).sum(-1))
+
+
+def _distance(found: Array, wanted: Array, known: Array) -> Array:
+    """|found - wanted|, zero (gradient too) where unknown."""
+    return jnp.abs(jnp.where(known, found - jnp.where(known, wanted, 0.0), 0.0))
+
+
+def _cross_entropy(logits: Float[Array, "*b k"], classes: Int[Array, "*b"], mask: Bool[Array, "*b"]) -> Float[Array, "*b"]:
+    """In at least float32; zero where masked."""
+    logits = logits.astype(jnp.promote_types(logits.dtype, jnp.float32))
+    # A product with one-hots, not a lookup: the gradient of a lookup is a serial scatter on a CPU.
+    picked = (jax.nn.one_hot(classes, logits.shape[-1], dtype=logits.dtype) * logits).sum(-1)
+    return jnp.where(mask, jax.nn.logsumexp(logits, -1) - picked, 0.0)
+
+
+def _link_entropy(logits: Array, links: Array, pairs: Array, balanced: bool) -> Float[Array, " b"]:
+    entropy = _cross_entropy(logits, links, pairs)
+    if not balanced:
+        return _scene_mean(entropy, pairs)
+    classes = range(logits.shape[-1])
+    members = jnp.stack([(pairs & (links == c)).sum((1, 2)) for c in classes], -1)
+    sums = jnp.stack([jnp.where(links == c, entropy, 0.0).sum((1, 2)) for c in classes], -1)
+    return _mean_of(sums / jnp.maximum(members, 1).astype(sums.dtype), members > 0)
+
+
+def _scene_kl(mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:
+    divergence = -0.5 * (1 + logvar - jnp.square(mean) - jnp.exp(logvar)).mean(-1)
+    return _scene_mean(divergence, mask)
+
+
+def _scene_mean(values: Float[Array, "b ..."], mask: Bool[Array, "b ..."]) -> Float[Array, " b"]:
+    """Mean over the masked elements of each scene; 0 where there are none."""
+    batch = values.shape[0]
+    return _mean_of(values.reshape(batch, -1), mask.reshape(batch, -1))
+
+
+def _mean_of(values: Float[Array, "b n"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:
+    # Counted as integers: float32 ones of a large scene would round.
+    number = jnp.maximum(mask.sum(-1), 1).astype(values.dtype)
+    return jnp.where(mask, values, 0.0).sum(-1) / number
+
+
+def _mean(values: Float[Array, " b"], mask: Bool[Array, " b"]) -> Float[Array, ""]:
+    return _mean_of(values[None], mask[None])[0]
+

@@ -1,0 +1,61 @@
+"""The autoencoder as one network and as pure functions (official-spec §2; paper §3.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+from flax import nnx
+
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.decoder import Decoder
+from scjax.models.autoencoder.encoder import Encoder
+from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Functional, functional
+from scjax.representation import Tokens
+
+
+class Autoencoder(nnx.Module):
+    """Encoder and decoder; all methods work on batches [B] and never mix scenes."""
+
+    def __init__(self, config: AutoencoderConfig, *, rngs: nnx.Rngs):
+        self.encoder = Encoder(config, rngs=rngs)
+        self.decoder = Decoder(config, rngs=rngs)
+
+    def encode(self, tokens: Tokens) -> Posterior:
+        """The posterior of each scene's latents."""
+        return self.encoder(tokens)
+
+    def decode(self, latents: Nodes, mask: Nodes) -> Decoded:
+        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes."""
+        return self.decoder(latents, mask)
+
+    def reconstruct(self, tokens: Tokens, noise: Nodes | None = None) -> tuple[Posterior, Decoded]:
+        """Encodes, moves to mean + exp(logvar / 2) noise (mean alone without noise), and decodes: the training pass."""
+        posterior = self.encoder(tokens)
+        latents = posterior.mean if noise is None else shift_noise(posterior, noise)
+        return posterior, self.decoder(latents, Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask))
+
+    def trace(self, tokens: Tokens, latents: Nodes) -> tuple[Posterior, Decoded, dict[str, Any]]:
+        """``encode(tokens)``, ``decode(latents)`` and every intermediate array, named as in the parity set."""
+        encoder, decoder = {}, {}
+        posterior = self.encoder(tokens, encoder)
+        decoded = self.decoder(latents, Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask), decoder)
+        arrays = {f"enc/{name}": value for name, value in encoder.items()}
+        return posterior, decoded, arrays | {f"dec/{name}": value for name, value in decoder.items()}
+
+
+def autoencoder(config: AutoencoderConfig) -> Functional:
+    """``init(key) -> params`` and ``apply(params, *args, method="encode" | "decode" | "reconstruct" | "trace")``."""
+    return functional(lambda rngs: Autoencoder(config, rngs=rngs))
+
+
+def noise_like(key: jax.Array, tokens: Tokens, config: AutoencoderConfig) -> Nodes:
+    """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent], a key for each kind."""
+    agents = (*tokens.agent_mask.shape, config.agent_latent)
+    lanes = (*tokens.lane_mask.shape, config.lane_latent)
+    return Nodes(
+        agents=jax.random.normal(jax.random.fold_in(key, 0), agents, tokens.agents.dtype),
+        lanes=jax.random.normal(jax.random.fold_in(key, 1), lanes, tokens.lanes.dtype),
+    )

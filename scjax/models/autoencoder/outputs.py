@@ -1,0 +1,53 @@
+"""What the autoencoder's two halves return."""
+
+from __future__ import annotations
+
+import chex
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from scjax.models.nodes import Nodes
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class Posterior:
+    """Diagonal Gaussians over the latents; rows of padding are zero.
+
+    Attributes:
+      mean, logvar: ``Nodes`` of [B, A, agent_latent] and [B, L, lane_latent]; logvar is not clipped.
+      lane_count_logits: number of lanes behind the partition, classes 0..max_lanes.
+    """
+
+    mean: Nodes
+    logvar: Nodes
+    lane_count_logits: Float[Array | np.ndarray, "b classes"]
+
+
+@chex.dataclass(frozen=True, mappable_dataclass=False)
+class Decoded:
+    """Raw outputs of the decoder, in unit coordinates; rows of padding are zero. Types are the logits' argmax.
+
+    Attributes:
+      agents: states.
+      lanes: points.
+      link_logits: [.., i, j] for the relation of lane i (row, source) to lane j, as ``Tokens.links``.
+    """
+
+    agents: Float[Array | np.ndarray, "b agents columns"]
+    agent_type_logits: Float[Array | np.ndarray, "b agents agent_types"]
+    lanes: Float[Array | np.ndarray, "b lanes points dims"]
+    lane_type_logits: Float[Array | np.ndarray, "b lanes lane_types"]
+    link_logits: Float[Array | np.ndarray, "b lanes lanes link_types"]
+
+
+def reparameterise(key: jax.Array, posterior: Posterior) -> Nodes:
+    """A sample mean + exp(logvar / 2) noise. Agents and lanes draw from keys of their own."""
+    keys = Nodes(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
+    noise = jax.tree.map(lambda k, x: jax.random.normal(k, x.shape, x.dtype), keys, posterior.mean)
+    return shift_noise(posterior, noise)
+
+
+def shift_noise(posterior: Posterior, noise: Nodes) -> Nodes:
+    """mean + exp(logvar / 2) noise; padding has mean 0 and logvar 0 and gets the bare noise."""
+    return jax.tree.map(lambda m, lv, n: m + jax.numpy.exp(0.5 * lv) * n, posterior.mean, posterior.logvar, noise)

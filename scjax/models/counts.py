@@ -1,0 +1,78 @@
+"""How many lanes and agents a scene has: a smoothed joint table per domain and layout, and draws from it.
+
+The learned regressor of the paper (f_count) conditions on tokens; this is its prior, used where no count is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from scjax.scene import MAX_AGENTS, MAX_LANES, Layout
+
+Table = Float[np.ndarray, "domains layouts lanes agents"]
+
+
+def count_table(
+    counts: Iterable[tuple[int, int, int, int]], domains: int, *, max_lanes: int = MAX_LANES,
+    max_agents: int = MAX_AGENTS, bandwidth: float = 0.1,
+) -> Table:  # fmt: skip
+    """Kernel-smoothed joint probabilities of (N_l, N_o) from (domain, layout, lanes, agents) of real scenes.
+
+    The kernel is Gaussian in log counts (``bandwidth``), since thousands of scenes fill only a part of the cells.
+    Cells of zero lanes or agents stay empty. The whole table sums to 1: its marginal over domains and layouts is
+    that of the data.
+    """
+    raw = np.zeros((domains, len(Layout), max_lanes + 1, max_agents + 1))
+    for domain, layout, lanes, agents in counts:
+        raw[domain, layout, min(lanes, max_lanes), min(agents, max_agents)] += 1
+    raw[:, :, 0, :], raw[:, :, :, 0] = 0, 0
+
+    def kernel(size: int) -> np.ndarray:
+        log = np.log(np.arange(1, size + 1))
+        weights = np.exp(-0.5 * ((log[:, None] - log[None, :]) / bandwidth) ** 2)
+        return weights / weights.sum(1, keepdims=True)
+
+    smooth = np.einsum("kmlo,lp,oq->kmpq", raw[:, :, 1:, 1:], kernel(max_lanes), kernel(max_agents))
+    raw[:, :, 1:, 1:] = smooth
+    return (raw / max(raw.sum(), 1e-12)).astype(np.float32)
+
+
+def draw_counts(
+    rng: np.random.Generator,
+    table: Table | None,
+    layout: Layout,
+    *,
+    domain: int | None = None,
+    num_lanes: int | None = None,
+    num_agents: int | None = None,
+    least_lanes: int = 0,
+    least_agents: int = 0,
+) -> tuple[int, int, int]:
+    """(domain, N_l, N_o), each drawn where it is not given, under the given ones and the lower bounds.
+
+    Where the restricted table is empty (an unusual request) the bounds themselves are returned.
+
+    Raises:
+      ValueError: there is no table and something is left to draw.
+    """
+    if table is None:
+        if num_lanes is None or num_agents is None:
+            raise ValueError("this model has no table of counts: give Condition.num_lanes and Condition.num_agents")
+        return domain or 0, num_lanes, num_agents
+    cells = table[:, layout].astype(np.float64)
+    if not cells.any():
+        cells = table.sum(1, dtype=np.float64)
+    allowed = np.zeros_like(cells, bool)
+    rows = slice(max(least_lanes, 1), None) if num_lanes is None else num_lanes
+    columns = slice(max(least_agents, 1), None) if num_agents is None else num_agents
+    allowed[slice(None) if domain is None else domain, rows, columns] = True
+    cells = np.where(allowed, cells, 0)
+    if not cells.any():
+        drawn = int(table.sum((1, 2, 3)).argmax()) if domain is None else domain
+        return drawn, num_lanes or max(least_lanes, 1), num_agents or max(least_agents, 1)
+    index = rng.choice(cells.size, p=(cells / cells.sum()).ravel())
+    drawn, lanes, agents = np.unravel_index(index, cells.shape)
+    return int(drawn), int(lanes), int(agents)

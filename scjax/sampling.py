@@ -1,0 +1,298 @@
+"""``scjax.sample``: condition -> scenes in metres. One compiled program a bucket of padded shapes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from scjax.condition import Condition
+from scjax.data.ordering import arrange
+from scjax.diffusion.guidance import guided, join
+from scjax.diffusion.sampler import sample as sample_latents
+from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.model import Model
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.counts import draw_counts
+from scjax.models.denoiser.config import DenoiserConfig, TextCondition
+from scjax.models.denoiser.context import TextFeatures
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Params
+from scjax.representation import Representation, Tokens
+from scjax.scene import Scene, empty, pad, permute, stack, unpadded
+
+BUCKETS = ((12, 16), (16, 28), (32, 48), (61, 100))  # (agent, lane) slots
+GROUP = 8  # scenes a compiled call, when there is more than one
+
+Program = Callable[..., Scene]
+
+
+def sample(
+    key: Array,
+    cond: Condition | None = None,
+    *,
+    model: Model | None = None,
+    n: int = 1,
+    steps: int | None = None,
+    guidance: float | None = None,
+) -> Scene:
+    """``n`` scenes under one condition, [n, ...] in metres, padded to their largest size.
+
+    Scene i depends on ``fold_in(key, i)`` only, not on ``n``.
+
+    Args:
+      key: typed key, ``jax.random.key(0)``.
+      cond: what to hold fixed; None draws everything.
+      model: from ``scjax.load``.
+      steps: diffusion steps; by default all steps of training.
+      guidance: w in eps_u + w (eps_c - eps_u); 1, the default without condition tokens, is plain sampling.
+
+    Raises:
+      ValueError: no model, a model without denoiser, or a condition that the model can't meet.
+    """
+    if n < 1:
+        raise ValueError(f"n must be at least 1, not {n}")
+    scenes = sample_many(key, [cond or Condition()] * n, model=model, steps=steps, guidance=guidance)
+    return stack(scenes)
+
+
+def sample_many(
+    key: Array,
+    conditions: Sequence[Condition],
+    *,
+    model: Model | None = None,
+    steps: int | None = None,
+    guidance: float | None = None,
+) -> list[Scene]:
+    """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
+    model = _with_denoiser(model)
+    config = model.denoiser_config
+    assert config is not None
+    if config.condition is None and any(cond.tokens is not None for cond in conditions):
+        raise ValueError("Condition.tokens is given, but this model is unconditional: leave it out")
+    weight = guidance if guidance is not None else (4.0 if config.condition is not None else 1.0)
+    requests = [_request(jax.random.fold_in(key, i), cond, model) for i, cond in enumerate(conditions)]
+    program = _program(
+        model.representation, model.autoencoder_config, config, steps or cosine_schedule().steps, weight != 1.0
+    )
+    groups: dict[tuple[int, int], list[int]] = {}
+    for i, request in enumerate(requests):
+        groups.setdefault(_bucket(*request.counts), []).append(i)
+    results: dict[int, Scene] = {}
+    for bucket, members in groups.items():
+        size = 1 if len(requests) == 1 else GROUP
+        for start in range(0, len(members), size):
+            part = members[start : start + size]
+            chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
+            batch = program(
+                model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, jnp.float32(weight),
+                *_collate(chosen, bucket, config),
+            ).to_numpy()  # fmt: skip
+            for row, i in enumerate(part):
+                results[i] = requests[i].finish(batch[row])
+    return [results[i] for i in range(len(requests))]
+
+
+def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
+    """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order."""
+    program = _reconstruction(model.representation, model.autoencoder_config)
+    results: dict[int, Scene] = {}
+    chosen = [model.representation.select(scene.to_numpy()) for scene in scenes]
+    groups: dict[tuple[int, int], list[int]] = {}
+    for i, scene in enumerate(chosen):
+        groups.setdefault(_bucket(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(i)
+    for bucket, members in groups.items():
+        for start in range(0, len(members), GROUP):
+            part = members[start : start + GROUP]
+            batch = stack([pad(chosen[i], *bucket) for i in part + [part[0]] * (GROUP - len(part))])
+            decoded = program(model.autoencoder, batch).to_numpy()
+            results.update({i: unpadded(decoded[row]) for row, i in enumerate(part)})
+    return [results[i] for i in range(len(chosen))]
+
+
+class _Request:
+    """One scene to make: its key, totals, label and known elements (in token order)."""
+
+    def __init__(self, key: Array, counts: tuple[int, int], domain: int, cond: Condition, known: Scene | None):
+        self.key, self.counts, self.domain, self.cond = key, counts, domain, cond
+        self.original = known
+        self.known, self.agent_order, self.lane_order = None, np.arange(0), np.arange(0)
+        if known is not None:
+            self.known, self.agent_order, self.lane_order = arrange(known)
+
+    def finish(self, scene: Scene) -> Scene:
+        """Unpadded, and every known element exactly as it was given, in its given place."""
+        scene = unpadded(scene)
+        if self.original is None:
+            return scene
+        agents, lanes = (
+            np.concatenate([np.argsort(order), np.arange(len(order), total)])
+            for order, total in zip((self.agent_order, self.lane_order), self.counts, strict=True)
+        )
+        scene, known = permute(scene, agents, lanes), self.original
+        num_agents, num_lanes = len(self.agent_order), len(self.lane_order)
+        fields = scene.to_dict()
+        for name in ("agents", "agent_types", "agent_known"):
+            fields[name] = np.concatenate([getattr(known, name), fields[name][num_agents:]])
+        for name in ("lanes", "lane_known", "signals"):
+            fields[name] = np.concatenate([getattr(known, name), fields[name][num_lanes:]])
+        links = fields["links"].copy()
+        links[:num_lanes, :num_lanes] = known.links
+        return scene.replace(**{**fields, "links": links})
+
+
+def _request(key: Array, cond: Condition, model: Model) -> _Request:
+    """Draws what ``cond`` leaves open (host side, from the scene's own key)."""
+    config = model.denoiser_config
+    assert config is not None
+    known = None
+    if cond.known is not None:
+        known = model.representation.select(unpadded(cond.known.to_numpy()))
+    least = (0, 0) if known is None else (known.agent_mask.shape[-1], known.lane_mask.shape[-1])
+    for name, value, low, most in (
+        ("num_agents", cond.num_agents, least[0], config.max_agents),
+        ("num_lanes", cond.num_lanes, least[1], config.max_lanes),
+    ):
+        if value is not None and not low <= value <= most:
+            raise ValueError(
+                f"Condition.{name} is {value}, but must lie in {max(low, 1)}..{most} "
+                f"(known elements .. the model's maximum)"
+            )
+    domain = cond.domain
+    if isinstance(domain, str):
+        if domain not in model.domains:
+            raise ValueError(f"Condition.domain {domain!r} is unknown: this model has {', '.join(model.domains)}")
+        domain = model.domains.index(domain)
+    if domain is not None and not 0 <= domain < len(model.domains):
+        raise ValueError(f"Condition.domain {domain} is outside 0..{len(model.domains) - 1} ({model.domains})")
+    seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, 0xC0)))
+    rng = np.random.default_rng(seed.astype(np.uint32))
+    domain, lanes, agents = draw_counts(
+        rng, model.counts, cond.layout, domain=domain, num_lanes=cond.num_lanes, num_agents=cond.num_agents,
+        least_lanes=least[1], least_agents=least[0],
+    )  # fmt: skip
+    return _Request(key, (agents, lanes), domain, cond, known)
+
+
+def _collate(requests: list[_Request], bucket: tuple[int, int], config: DenoiserConfig):
+    """Requests -> (keys, masks, layout, domain, known scenes, text features) as batched arrays."""
+    agent_slots, lane_slots = bucket
+    masks = Nodes(
+        agents=np.stack([np.arange(agent_slots) < request.counts[0] for request in requests]),
+        lanes=np.stack([np.arange(lane_slots) < request.counts[1] for request in requests]),
+    )
+    known = None
+    if any(request.known is not None for request in requests):
+        none = empty(agent_slots, lane_slots)
+        parts = [none if r.known is None else pad(r.known, agent_slots, lane_slots) for r in requests]
+        layouts = [np.asarray(request.cond.layout, np.int32) for request in requests]
+        known = stack([part.replace(layout=layout) for part, layout in zip(parts, layouts, strict=True)])
+    features = None
+    if isinstance(config.condition, TextCondition):
+        features = _text_features([request.cond for request in requests], config.condition)
+    layout = np.array([request.cond.layout for request in requests], np.int32)
+    domain = np.array([request.domain for request in requests], np.int32)
+    return jnp.stack([request.key for request in requests]), masks, layout, domain, known, features
+
+
+def _text_features(conditions: list[Condition], config: TextCondition) -> TextFeatures:
+    """Token features padded to a multiple of 64, so that few programs are compiled."""
+    lengths = [0 if cond.tokens is None else len(cond.tokens) for cond in conditions]
+    slots = max(64, -(-max(lengths) // 64) * 64)
+    tokens, mask = np.zeros((len(lengths), slots, config.width), np.float32), np.zeros((len(lengths), slots), bool)
+    for row, (cond, length) in enumerate(zip(conditions, lengths, strict=True)):
+        if cond.tokens is None:
+            continue
+        if np.shape(cond.tokens)[1] != config.width:
+            raise ValueError(f"Condition.tokens has {np.shape(cond.tokens)[1]} features, the model takes {config.width}")
+        tokens[row, :length] = cond.tokens
+        mask[row, :length] = True if cond.token_mask is None else cond.token_mask
+    return TextFeatures(tokens=jnp.asarray(tokens), mask=jnp.asarray(mask))
+
+
+@functools.lru_cache(maxsize=32)
+def _program(
+    representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, steps: int, two_branches: bool
+) -> Program:
+    """The jitted sampler; XLA compiles it once per shape of its arguments."""
+    coder, network = autoencoder(ae_config), denoiser(config)
+    schedule = respaced(cosine_schedule(), steps)
+
+    @jax.jit
+    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features) -> Scene:
+        label = config.domains * layout + domain
+        given = values = None
+        if known is not None:
+            tokens = representation.tokens(known)
+            given = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+            posterior = coder.apply(ae, tokens, method="encode")
+            values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
+        dropped = jnp.zeros(label.shape, bool)
+        cache = None
+        if features is not None:
+            cache = network.apply(params, features, dropped, method="encode_condition")
+
+        def denoise(z, t):
+            return network.apply(params, z, t, label, masks, given, cache)
+
+        if two_branches:
+            null = None if features is None else network.apply(params, features, ~dropped, method="encode_condition")
+            labels = join(label, jnp.full_like(label, config.null_label))
+            twice, both, caches = join(masks, masks), join(given, given), join(cache, null)
+            denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
+        latents = sample_latents(
+            denoise, schedule, keys, masks, given=given, values=values,
+            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+        )  # fmt: skip
+        latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
+        return decode(coder, ae, representation, latents, masks, layout, domain)
+
+    return run
+
+
+@functools.lru_cache(maxsize=8)
+def _reconstruction(representation: Representation, config: AutoencoderConfig) -> Program:
+    coder = autoencoder(config)
+
+    @jax.jit
+    def run(params: Params, scenes: Scene) -> Scene:
+        tokens: Tokens = representation.tokens(scenes)
+        posterior = coder.apply(params, tokens, method="encode")
+        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
+
+    return run
+
+
+def decode(coder, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain) -> Scene:
+    """Latents [B, tokens, latent] -> scenes in metres [B]."""
+    decoded = coder.apply(params, latents, masks, method="decode")
+    lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
+    if representation.num_lane_types:
+        lane_types = decoded.lane_type_logits.argmax(-1)
+    return representation.scene(
+        decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
+        decoded.link_logits, layout, domain,
+    )  # fmt: skip
+
+
+def _bucket(agents: int, lanes: int) -> tuple[int, int]:
+    return next(bucket for bucket in BUCKETS if agents <= bucket[0] and lanes <= bucket[1])
+
+
+def _with_denoiser(model: Model | None) -> Model:
+    if model is None:
+        raise ValueError(
+            "no model is given and none ships yet: train one with python -m experiments.train "
+            "--config=experiments/configs/denoiser.py:tiny --workdir=runs/tiny and pass model=scjax.load(folder)"
+        )
+    if model.denoiser is None:
+        raise ValueError("this model is only an autoencoder: train the denoiser stage on it, then sample")
+    return model

@@ -1,0 +1,250 @@
+import json
+import os
+
+import numpy as np
+import pytest
+
+from scjax.data import build as building
+from scjax.data import records, shards
+from scjax.data.__main__ import main
+from scjax.data.build import build, load_manifest, split_of
+from scjax.data.shards import BuildOptions, PoseOptions
+from scjax.scene import validate
+from tests.data import raw_scenes
+
+OPTIONS = BuildOptions(split_percent=30.0, files_per_shard=2)
+TRAIN = [f"town {k}" for k in range(20) if split_of("womd", f"town {k}", 30.0) == "train"]
+VAL = [f"town {k}" for k in range(20) if split_of("womd", f"town {k}", 30.0) == "val"]
+
+
+@pytest.fixture
+def source(tmp_path):
+    """Five training files, two of one town, and one validation file; pictures and peers to be left out."""
+    folder = tmp_path / "scenes"
+    for number, cluster in enumerate([*TRAIN[:4], TRAIN[0], VAL[0]]):
+        raw_scenes.write(folder / "womd", raw_scenes.content(f"scene {number}", cluster))
+    raw_scenes.write(folder / "peer_outputs", raw_scenes.content("generated"))
+    raw_scenes.write(folder / "images_boxes_only", raw_scenes.content("picture"))
+    return folder
+
+
+def stamps(folder):
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.arrayrecord")}
+
+
+def test_build_and_read_back(source, tmp_path):
+    out = tmp_path / "records"
+    manifest = build(source, out, OPTIONS)
+    assert manifest == load_manifest(out)
+    assert manifest["domains"] == ["womd"] and not manifest["skipped"]
+    assert manifest["splits"]["val"]["clusters"] == [f"womd/{VAL[0]}"]
+    assert len(manifest["splits"]["train"]["shards"]) == 3 and len(manifest["sources"]) == 6
+    for split in ("train", "val"):
+        entry, source_ = manifest["splits"][split], records.source(out, split)
+        decoded = [records.decode(data) for data in source_]
+        assert len(decoded) == entry["records"] > 0
+        assert {f"womd/{record.cluster}" for record in decoded} == set(entry["clusters"])
+        scenes = [validate(records.sample_scene(record)) for record in decoded]
+        with np.load(out / f"{split}-index.npz") as index:
+            assert index["step"].tolist() == [record.step for record in decoded]
+            assert index["num_lanes"].tolist() == [len(scene.lanes) for scene in scenes]
+            assert index["num_agents"].tolist() == [len(scene.agents) for scene in scenes]
+            standard = index["is_standard"].sum()
+        if split == "val":
+            assert standard == len(decoded) == 2
+        else:
+            assert standard == 10 and len(decoded) > 20
+            assert sum(row[-1] for row in manifest["counts"]) == 10
+            speeds = np.concatenate([s.agents[s.agent_types == 0, 3] for s in scenes])
+            summary = manifest["statistics"]["agents"]["vehicle"]["speed"]
+            assert summary["count"] == len(speeds)
+            np.testing.assert_allclose([summary["mean"], summary["std"]], [speeds.mean(), speeds.std()], rtol=1e-4)
+    assert not list(out.glob(".*"))
+
+
+def test_training_poses_can_equal_the_standard_ones(source, tmp_path):
+    options = BuildOptions(split_percent=0.0, train_poses=PoseOptions())
+    manifest = build(source, tmp_path / "records", options)
+    assert manifest["splits"]["train"]["records"] == 12 and manifest["splits"]["val"]["records"] == 0
+
+
+def test_finished_shards_are_kept(source, tmp_path, monkeypatch):
+    out = tmp_path / "records"
+    first = build(source, out, OPTIONS)
+    before = stamps(out)
+    assert build(source, out, OPTIONS) == first
+    assert stamps(out) == before
+
+    # A changed source file rebuilds its shard alone.
+    raw_scenes.write(source / "womd", raw_scenes.content("scene 0", TRAIN[0], dt=0.100001))
+    second = build(source, out, OPTIONS)
+    changed = {name for name, stamp in stamps(out).items() if stamp != before[name]}
+    assert changed == {"train-00000-of-00003.arrayrecord"} and second["hash"] != first["hash"]
+
+    # So do a damaged shard and --no-resume.
+    shard = out / "train-00001-of-00003.arrayrecord"
+    shard.write_bytes(b"short")
+    build(source, out, OPTIONS)
+    assert shard.stat().st_size > 5
+    before = stamps(out)
+    build(source, out, OPTIONS, resume=False)
+    assert not set(stamps(out).items()) & set(before.items())
+
+
+def test_a_killed_build_continues(source, tmp_path, monkeypatch):
+    out, whole = tmp_path / "records", tmp_path / "whole"
+    reference = build(source, whole, OPTIONS)
+    real, calls = shards.write_shard, []
+
+    def dies(path, data):
+        calls.append(path)
+        if len(calls) == 3:
+            (path.parent / f".{path.name}.1.part").write_bytes(b"half a shard")
+            raise KeyboardInterrupt
+        return real(path, data)
+
+    monkeypatch.setattr(shards, "write_shard", dies)
+    with pytest.raises(KeyboardInterrupt):
+        build(source, out, OPTIONS)
+    before = stamps(out)
+    assert len(before) == 2
+    with pytest.raises(ValueError, match="to its end"):
+        load_manifest(out)
+    monkeypatch.setattr(shards, "write_shard", real)
+    assert build(source, out, OPTIONS) == reference
+    assert before.items() <= stamps(out).items() and not list(out.glob(".*"))
+    for name in stamps(whole):
+        assert (whole / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_shards_of_an_earlier_plan_go(source, tmp_path):
+    out = tmp_path / "records"
+    build(source, out, OPTIONS)
+    manifest = build(source, out, BuildOptions(split_percent=30.0, files_per_shard=16))
+    assert set(stamps(out)) == {name for entry in manifest["splits"].values() for name in entry["shards"]}
+
+
+def test_two_processes_give_the_same_bytes(source, tmp_path):
+    one = build(source, tmp_path / "one", OPTIONS)
+    two = build(source, tmp_path / "two", OPTIONS, workers=2)
+    assert one == two
+    for name in stamps(tmp_path / "one"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def spoil(source):
+    bad = raw_scenes.content("bad nan", TRAIN[1])
+    bad["map"][0]["x"][5] = float("nan")
+    raw_scenes.write(source / "womd", bad)
+    path = raw_scenes.write(source / "womd", raw_scenes.content("bad truncated"))
+    path.write_bytes(path.read_bytes()[:-20])
+    raw_scenes.write(source / "womd", raw_scenes.content("bad schema", schema="other"))
+    raw_scenes.write(source / "womd", raw_scenes.content("bad map", TRAIN[2], map=[]))
+    parked = raw_scenes.content("no poses", TRAIN[3], objects=raw_scenes.content()["objects"][2:3], sdc_index=None)
+    raw_scenes.write(source / "womd", parked)
+
+
+def test_bad_files_are_listed(source, tmp_path):
+    good = build(source, tmp_path / "good", OPTIONS)
+    spoil(source)
+    manifest = build(source, tmp_path / "records", OPTIONS)
+    reasons = {entry["file"]: entry["reason"] for entry in manifest["skipped"]}
+    assert set(reasons) == {f"womd/bad {name}.json.gz" for name in ("nan", "truncated", "schema", "map")}
+    assert "NaN" in reasons["womd/bad nan.json.gz"] and "gzip" in reasons["womd/bad truncated.json.gz"]
+    assert "schema is 'other'" in reasons["womd/bad schema.json.gz"] and "no lanes" in reasons["womd/bad map.json.gz"]
+    assert manifest["without_poses"] == ["womd/no poses.json.gz"]
+    assert manifest["splits"]["train"]["records"] == good["splits"]["train"]["records"]
+
+
+def test_strict_stops_at_the_first_bad_file(source, tmp_path):
+    spoil(source)
+    with pytest.raises(ValueError, match="--strict"):
+        build(source, tmp_path / "records", OPTIONS, strict=True)
+    with pytest.raises(ValueError, match="to its end"):
+        load_manifest(tmp_path / "records")
+
+
+def test_the_split_is_by_cluster_and_stable():
+    assert split_of("womd", "womd_000", 10.0) == "train"
+    names = [f"cluster {k}" for k in range(4000)]
+    held = {name for name in names if split_of("womd", name, 10.0) == "val"}
+    assert 0.08 < len(held) / len(names) < 0.12
+    assert held <= {name for name in names if split_of("womd", name, 20.0) == "val"}
+    assert not any(split_of("womd", name, 0.0) == "val" for name in names)
+
+
+def test_changes_during_the_build_are_noticed(source, tmp_path, monkeypatch):
+    real = building.build_shard
+
+    def edited(task):
+        raw_scenes.write(source / "womd", raw_scenes.content("scene 0", TRAIN[0], dt=0.2))
+        return real(task)
+
+    monkeypatch.setattr(building, "build_shard", edited)
+    manifest = build(source, tmp_path / "records", OPTIONS)
+    assert "changed while the build ran" in manifest["skipped"][0]["reason"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "{}", json.dumps({"format": 99, "record_format": 1})])
+def test_damaged_manifests(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(ValueError, match="build the records again"):
+        load_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("options", [{"split_percent": 100.0}, {"files_per_shard": 0}])
+def test_bad_options(options):
+    with pytest.raises(ValueError, match=next(iter(options))):
+        BuildOptions(**options)
+    with pytest.raises(ValueError, match=r"poses\.spacing"):
+        BuildOptions(poses=PoseOptions(spacing=-1.0))
+
+
+def test_exit_codes(source, tmp_path, capsys):
+    out = str(tmp_path / "records")
+    command = ["build", str(source), out, "--workers", "0", "--files-per-shard", "2"]
+    assert main(command) == 0
+    assert "records of" in capsys.readouterr().out
+    spoil(source)
+    assert main(command) == 3
+    assert "skipped womd/bad nan.json.gz" in capsys.readouterr().err
+    assert main([*command, "--strict"]) == 1
+    assert main([*command, "--limit", "0"]) == 1
+    assert main([*command, "--workers", "-1"]) == 1
+    assert main([*command, "--spacing", "0"]) == 1
+    assert main(["build", str(tmp_path / "nowhere"), out]) == 1
+    (tmp_path / "empty").mkdir()
+    assert main(["build", str(tmp_path / "empty"), out]) == 1
+    file = tmp_path / "file"
+    file.write_text("x")
+    assert main(["build", str(source), str(file)]) == 1
+    errors = capsys.readouterr().err
+    assert errors.count("error: ") == 7 and "Traceback" not in errors
+    for wrong in ([], ["build"], ["fly"], [*command, "--workers", "two"]):
+        with pytest.raises(SystemExit) as caught:
+            main(wrong)
+        assert caught.value.code == 2
+
+
+def test_only_bad_files(tmp_path, capsys):
+    raw_scenes.write(tmp_path / "scenes", raw_scenes.content(schema="other"))
+    assert main(["build", str(tmp_path / "scenes"), str(tmp_path / "out"), "--workers", "0"]) == 1
+    assert "none of 1 files can be used" in capsys.readouterr().err
+
+
+def test_interrupted(source, tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(shards, "write_shard", stop)
+    assert main(["build", str(source), str(tmp_path / "out"), "--workers", "0"]) == 130
+    assert "run the same command again" in capsys.readouterr().err
+
+
+def test_help_reads_well(capsys):
+    with pytest.raises(SystemExit):
+        main(["build", "--help"])
+    text = capsys.readouterr().out
+    for word in ("--workers", "--train-spacing", "--split-percent", "exit codes", "default 16.0"):
+        assert word in text
+    assert max(map(len, text.splitlines())) <= int(os.environ.get("COLUMNS", 130))

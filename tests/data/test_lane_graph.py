@@ -1,0 +1,120 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scjax.data.lane_graph import build_graph, compact, index_segments, lane_lengths, nearest_lane
+from scjax.data.scene_json import read_scene
+from scjax.scene import Signal
+from tests.data import raw_scenes
+
+
+def graph_of(tmp_path, **changes):
+    return build_graph(read_scene(raw_scenes.write(tmp_path, raw_scenes.content(**changes))))
+
+
+def test_forks_stay_and_chains_merge(tmp_path):
+    graph = graph_of(tmp_path)
+    # 1, 2, 3, 4 and 5+6; the bike lane is gone.
+    assert graph.num_lanes == 5
+    assert sorted(map(tuple, graph.edges)) == [(0, 1), (0, 2)]
+    np.testing.assert_allclose(lane_lengths(graph), [150, 150, 100, 300, 300], atol=0.1)
+    merged = graph.points[graph.offsets[4] : graph.offsets[5]]
+    assert len(np.unique(merged[:, 0])) == len(merged)  # the shared point is there once
+
+
+@pytest.mark.parametrize(("gap", "lanes"), [(0.04, 1), (0.06, 2)])
+def test_inferred_joins_end_at_five_centimetres(tmp_path, gap, lanes):
+    graph = graph_of(tmp_path, map=[raw_scenes.lane(1, (0, 0), (20, 0)), raw_scenes.lane(2, (20 + gap, 0), (40, 0))])
+    assert graph.num_lanes == lanes and len(graph.edges) == 0
+
+
+def test_given_topology_overrides_geometry(tmp_path):
+    lanes = [
+        raw_scenes.lane("a", (0, 0), (20, 0), successors=["c", "not here"], predecessors=[]),
+        raw_scenes.lane("b", (20, 0), (40, 0), successors=[], predecessors=[]),
+        raw_scenes.lane("c", (25, 0), (40, 9), successors=[], predecessors=["b"]),
+    ]
+    graph = graph_of(tmp_path, map=lanes, has={"topology": "given"})
+    assert sorted(map(tuple, graph.edges)) == [(0, 2), (1, 2)]
+
+
+def test_duplicate_points_and_single_points_go(tmp_path):
+    double = raw_scenes.lane(1, (0, 0), (10, 0))
+    double |= {key: [double[key][0], *double[key]] for key in "xyz"}
+    graph = graph_of(tmp_path, map=[double, {**raw_scenes.lane(2, (0, 9), (5, 9)), "x": [1], "y": [9], "z": [0]}])
+    assert graph.num_lanes == 1 and len(graph.points) == 21
+
+
+def test_no_usable_lane_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="no lane with two distinct points"):
+        graph_of(tmp_path, map=[raw_scenes.lane(1, (0, 0), (9, 0)) | {"subtype": "bike_lane"}])
+
+
+def test_signals_follow_merged_lanes(tmp_path):
+    graph = graph_of(tmp_path)
+    assert graph.signals[1, [0, 19, 20]].tolist() == [Signal.GO, Signal.GO, Signal.STOP]
+    assert not graph.signals[[0, 2, 3, 4]].any()
+
+
+@given(st.sets(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=16))
+@settings(max_examples=200, deadline=None)
+def test_compaction_properties(joins):
+    chains, edges = compact(8, joins)
+    assert sorted(lane for chain in chains for lane in chain) == list(range(8))
+    last, first = {chain[-1]: k for k, chain in enumerate(chains)}, {chain[0]: k for k, chain in enumerate(chains)}
+    inner = {(a, b) for chain in chains for a, b in itertools.pairwise(chain)}
+    assert inner <= joins
+    # Every join is inside a chain or between an end and a start.
+    assert {(last[i], first[j]) for i, j in joins - inner} == set(map(tuple, edges))
+    # Nothing is left to merge, but closed rings.
+    out, into = np.bincount(edges[:, 0], minlength=len(chains)), np.bincount(edges[:, 1], minlength=len(chains))
+    assert all(i == j or out[i] != 1 or into[j] != 1 for i, j in edges)
+
+
+def test_rings_start_at_their_smallest_lane():
+    chains, edges = compact(4, {(3, 1), (1, 2), (2, 3)})
+    assert chains == [[0], [1, 2, 3]] and edges.tolist() == [[1, 1]]
+
+
+def test_neighbours_by_geometry(tmp_path):
+    graph = graph_of(tmp_path)
+    # 4 is to the left of 1 and of 2; 5+6 comes the other way; 3 turns away.
+    assert {(3, 0), (3, 1)} <= set(map(tuple, graph.beside))
+    assert not any(4 in pair for pair in graph.beside.tolist())
+    span = graph.spans[[tuple(pair) for pair in graph.beside].index((3, 1))]
+    np.testing.assert_allclose(span, [150, 300, 0, 150], atol=2.0)
+
+
+def test_recorded_neighbours_map_to_merged_lanes_and_skip_oncoming_ones(tmp_path):
+    def lane(name, start, end, left=(), right=(), successors=()):
+        return raw_scenes.lane(name, start, end, left_neighbors=list(left), right_neighbors=list(right),
+                               successors=list(successors), predecessors=[])  # fmt: skip
+
+    lanes = [
+        lane("a", (0, 0), (20, 0), successors=["b"]),
+        lane("b", (20, 0), (40, 0), left=[["c", 10, 30, 20, 40], ["d", 0, 40, 0, 40]]),
+        lane("c", (15, 3.5), (35, 3.5), right=[["b", 20, 40, 10, 30]]),
+        lane("d", (40, -3.5), (20, -3.5)),
+    ]
+    graph = graph_of(tmp_path, map=lanes, has={"topology": "given"})
+    assert graph.beside.tolist() == [[1, 0]]
+    np.testing.assert_allclose(graph.spans, [[10, 20, 25, 35]])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_nearest_lane_is_exact(tmp_path_factory, seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-40, 40, (6, 2, 2))
+    lanes = [raw_scenes.lane(k, a, b, spacing=rng.choice([0.5, 7.0])) for k, (a, b) in enumerate(corners)]
+    graph = graph_of(tmp_path_factory.mktemp("nearest"), map=lanes)
+    places = rng.uniform(-60, 60, (20, 2))
+    distance, _, z = nearest_lane(index_segments(graph), places, candidates=4)
+    start, delta = corners[:, 0], corners[:, 1] - corners[:, 0]
+    ratio = (((places[:, None] - start) * delta).sum(-1) / (delta**2).sum(-1)).clip(0, 1)
+    exact = np.linalg.norm(places[:, None] - start - ratio[..., None] * delta, axis=-1).min(1)
+    np.testing.assert_allclose(distance, exact, atol=1e-6)
+    np.testing.assert_allclose(z, 10.0)

@@ -1,0 +1,118 @@
+"""The training loss and its gradients against train_*.npz."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.convert.denoiser import convert_denoiser, denoiser_rules
+from scjax.convert.strict import export
+from scjax.diffusion.loss import diffusion_loss, noised
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from tests import golden
+
+TOLERANCE = 1e-5
+_GIVEN = ("agent_partition_mask", "lane_partition_mask")
+
+
+@pytest.fixture(scope="module", params=["uncond", "text", "image"])
+def case(request, parity_dir):
+    kind = request.param
+    config = golden.denoiser_config(parity_dir, kind)
+    inputs = golden.load(parity_dir, "train_inputs.npz")
+    expected = golden.load(parity_dir, f"train_{kind}.npz")
+    params = convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config)
+    network, schedule = denoiser(config), cosine_schedule()
+    names = [f"s{k}" for k in range(golden.scenes(inputs))]
+    clean, noise, given = (
+        golden.pair(inputs, names, *keys)
+        for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
+    )
+    masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
+    step = jnp.asarray(inputs["t"])
+    features = golden.features(inputs, names, kind)
+
+    def loss(params, label, dropped, agent_weight):
+        cache = None
+        if features is not None:
+            cache = network.apply(params, features, dropped, method="encode_condition")
+        estimates = []
+
+        def denoise(z, t):
+            estimates.append(network.apply(params, z, t, label, masks, cache=cache))
+            return estimates[-1]
+
+        total, terms = diffusion_loss(
+            denoise, schedule, clean, noise, step, masks, given, agent_weight=agent_weight, count_given=True
+        )
+        return total, (terms, estimates[-1])
+
+    in_view = golden.padded([inputs[f"{s}/agent_fov_mask"] | (inputs[f"{s}/fov_uniform"] > 0.5) for s in names])
+    label = golden.labels(config, inputs, names)
+    nobody, everyone = jnp.zeros(len(names), bool), jnp.ones_like(masks.agents, jnp.float32)
+    null = jnp.where(jnp.asarray(inputs["label_uniform"]) < 0.1, config.null_label, label)
+    dropped = jnp.asarray(inputs["condition_uniform"]) < 0.5 if kind == "text" else nobody
+    variants = {
+        "plain": (label, nobody, everyone),
+        "dropout": (null, dropped, everyone),
+        "fov": (label, nobody, in_view.astype(jnp.float32)),
+    }
+    inputs_at_t = noised(schedule, clean, noise, step, given)[0]
+    return {
+        "kind": kind, "config": config, "params": params, "expected": expected, "names": names, "x_t": inputs_at_t,
+        "variants": variants, "loss": jax.jit(loss), "gradients": jax.jit(jax.grad(loss, has_aux=True)),
+    }  # fmt: skip
+
+
+def test_train_parity(case):
+    expected, seen = case["expected"], set()
+    for variant, arguments in case["variants"].items():
+        if f"{variant}/mean/total" not in expected:
+            continue
+        total, (terms, eps) = case["loss"](case["params"], *arguments)
+        values = {f"per_scene/{name}": term for name, term in terms.items()}
+        values |= {f"mean/{name}": term.mean() for name, term in terms.items()}
+        for k, scene in enumerate(case["names"]):
+            pairs = {"eps": eps, "x_t": case["x_t"]}
+            values |= {f"{scene}/{name}_agent": pair.agents[k] for name, pair in pairs.items()}
+            values |= {f"{scene}/{name}_lane": pair.lanes[k] for name, pair in pairs.items()}
+        for key in [key for key in expected if key.startswith(f"{variant}/")]:
+            value = values[key.removeprefix(f"{variant}/")]
+            value = value[: len(expected[key])] if expected[key].ndim else value
+            assert golden.relative(value, expected[key], key) < TOLERANCE, key
+            seen.add(key)
+        np.testing.assert_allclose(total, expected[f"{variant}/mean/total"], rtol=TOLERANCE)
+    assert seen == set(expected)
+
+
+def test_train_gradients_parity(case, parity_dir):
+    expected = golden.load(parity_dir, f"train_{case['kind']}_grads.npz")
+    gradients, _ = case["gradients"](case["params"], *case["variants"]["plain"])
+    gradients = export(gradients, denoiser_rules(case["config"]))
+    worst = 0.0
+    for key, reference in expected.items():
+        scale = np.linalg.norm(reference)
+        error = np.abs(gradients[key].reshape(reference.shape) - reference).max()
+        assert error <= 1e-4 * scale + 1e-7, f"{key}: {error:.1e} of {scale:.1e}"
+        if scale > 1e-5:
+            worst = max(worst, error / scale)
+    print(f"{case['kind']}: {len(expected)} gradients, largest error {worst:.1e} of the norm")
+
+
+def test_given_tokens_leave_the_mean_by_default():
+    flags = Nodes(agents=jnp.array([[True, False]]), lanes=jnp.array([[True, True]]))
+    ones = Nodes(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 4)))
+    masks = jax.tree.map(jnp.ones_like, flags)
+
+    def loss(count_given):
+        return diffusion_loss(
+            lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z), cosine_schedule(), ones, ones,
+            jnp.array([50]), masks, flags, count_given=count_given,
+        )[1]  # fmt: skip
+
+    assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is given
+    assert loss(True)["agent"][0] == (2.0 + 4.5) / 2 and loss(True)["lane"][0] == 4.5

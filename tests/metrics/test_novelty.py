@@ -1,0 +1,76 @@
+"""Distance between lane graphs: a metric's properties, closed forms, and the search against brute force."""
+
+import numpy as np
+import pytest
+
+from scjax.metrics.novelty import DIRECTION, lane_distance, lane_points, nearest_tiles
+from scjax.scene import pad, permute
+from tests.metrics.worlds import agent, crossing, eval_tiles, lane, scene
+
+EGO = [agent(0, 0)]
+
+
+def road(shift: float = 0.0, *, back: bool = False):
+    ends = ((-20, shift), (20, shift))
+    return scene(EGO, [lane(*(ends[::-1] if back else ends))])
+
+
+def test_points_stand_for_two_metres_each():
+    points = lane_points(pad(scene(EGO, [lane((0, 0), (10, 0)), lane((0, 0), (0, 0.7))]), 3, 5))
+    assert points.shape == (6, 4)
+    np.testing.assert_allclose(points[:5, 0], [1, 3, 5, 7, 9], atol=1e-5)
+    np.testing.assert_allclose(points[5], [0, 0.35, 0, DIRECTION], atol=1e-6)
+
+
+def test_closed_forms():
+    assert lane_distance(road(), road()) == 0
+    assert lane_distance(road(), road(1.5)) == pytest.approx(1.5)
+    assert lane_distance(road(), road(back=True)) == pytest.approx(2 * DIRECTION)
+    assert lane_distance(road(), road(3, back=True)) == pytest.approx(5)
+    # One lane more on one side: only that side's mean sees it.
+    both = scene(EGO, [*road().lanes, *road(4).lanes])
+    assert lane_distance(road(), both) == lane_distance(both, road()) == pytest.approx((0 + (0 + 4) / 2) / 2)
+
+
+def test_order_and_padding_of_lanes_do_not_matter():
+    made = crossing()
+    other = pad(permute(made, np.arange(4), np.array([2, 0, 1])), 9, 9)
+    assert lane_distance(made, other) == pytest.approx(0, abs=1e-6)
+
+
+def test_scenes_without_lanes():
+    bare = scene(EGO)
+    assert lane_distance(bare, bare) == 0 and lane_distance(bare, road()) == np.inf
+    found = list(nearest_tiles([bare, road(0.5)], [road(), bare]))
+    assert [near.tile for near in found] == [1, 0] and [near.lane_distance for near in found] == [0, 0.5]
+    with pytest.raises(ValueError, match="bank is empty"):
+        next(nearest_tiles([bare], []))
+
+
+def test_the_match_is_with_the_nearest_tile():
+    near = scene([*EGO, agent(9, 0)], [lane((-20, 0), (20, 0))])
+    far = scene([*EGO, agent(5, 0)], [lane((0, 9), (9, 9))])
+    (found,) = nearest_tiles(scene([*EGO, agent(9.5, 0), agent(5, 0)], [lane((-20, 1), (20, 1))]), [far, near])
+    assert found.tile == 1 and found.match["recall_1m"] == (1, 1) and found.match["precision_1m"] == (1, 2)
+
+
+def test_search_finds_what_brute_force_finds():
+    rng = np.random.default_rng(0)
+
+    def tile():
+        return scene(EGO, [lane(*rng.uniform(-32, 32, (2, 2))) for _ in range(rng.integers(1, 5))])
+
+    bank, queries = [tile() for _ in range(40)], [tile() for _ in range(10)]
+    for query, found in zip(queries, nearest_tiles(queries, bank), strict=True):
+        exact = [lane_distance(query, other) for other in bank]
+        assert found.tile == np.argmin(exact) and found.lane_distance == min(exact)
+
+
+def test_golden_tiles_find_themselves(eval_dir):
+    bank = eval_tiles(eval_dir, "real_train", only=list(range(0, 1239, 4)))
+    found = list(nearest_tiles(bank[::60], bank))
+    assert [near.lane_distance for near in found] == [0.0] * len(found)  # several tiles may hold the same lanes
+    peers = eval_tiles(eval_dir, "peer_vehicle", only=[0, 100, 200])
+    for peer, near in zip(peers, nearest_tiles(peers, bank), strict=True):
+        assert 0 < near.lane_distance < 10
+        assert near.lane_distance == lane_distance(peer, bank[near.tile])

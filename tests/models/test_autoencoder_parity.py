@@ -1,0 +1,207 @@
+"""The official preset against golden vectors of the official autoencoder: every array, gradient and loss term."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from scjax.convert.autoencoder import aliases, from_official, to_official, unused_sizes
+from scjax.models.autoencoder import autoencoder
+from scjax.models.autoencoder.blocks import GraphAttention
+from scjax.models.autoencoder.edges import DenseEdges
+from scjax.models.autoencoder.loss import loss, per_scene
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import functional
+from scjax.representation import Tokens
+from tests.models import parity_scenes as cases
+
+
+@pytest.fixture(scope="module")
+def config(parity_dir):
+    return cases.autoencoder_config(parity_dir)
+
+
+@pytest.fixture(scope="module")
+def weights(parity_dir):
+    return cases.load(parity_dir, "ae_weights.npz")
+
+
+@pytest.fixture(scope="module")
+def params(weights, config):
+    return from_official(weights, config)
+
+
+@pytest.fixture(scope="module")
+def inputs(parity_dir):
+    return cases.load(parity_dir, "ae_inputs.npz")
+
+
+@pytest.fixture(scope="module")
+def batch(inputs) -> tuple[Tokens, Nodes, Nodes]:
+    """All scenes padded together: tokens, latents for the decoder, noise."""
+    return _batch(inputs, garbage=1e30)
+
+
+def _batch(inputs, garbage=None, extra=2):
+    names = cases.scene_names(inputs)
+    scenes = [cases.tokens_of(inputs, name) for name in names]
+    sizes = [max(s.agent_mask.shape[1] for s in scenes) + extra, max(s.lane_mask.shape[1] for s in scenes) + extra]
+    tokens = cases.concatenate(*(cases.padded(s, *sizes, garbage) for s in scenes))
+    nodes = [
+        cases.concatenate(*(cases.padded_nodes(cases.nodes_of(inputs, name, kind), *sizes, garbage) for name in names))
+        for kind in ("decode_z", "noise")
+    ]
+    return tokens, *nodes
+
+
+def _arrays(posterior, decoded, trace) -> dict[str, np.ndarray]:
+    """Everything under the set's names; pairs (source, destination) as there."""
+    named = {name: x.swapaxes(1, 2) if name.endswith("edge") else x for name, x in trace.items()}
+    named |= {
+        "enc/lane_mu": posterior.mean.lanes, "enc/lane_logvar": posterior.logvar.lanes,
+        "enc/agent_mu": posterior.mean.agents, "enc/agent_logvar": posterior.logvar.agents,
+        "enc/lane_count_logits": posterior.lane_count_logits,
+        "enc/lane_count_prob": jax.nn.softmax(posterior.lane_count_logits),
+        "dec/agent_states": decoded.agents, "dec/lane_points": decoded.lanes,
+        "dec/agent_type_logits": decoded.agent_type_logits, "dec/lane_type_logits": decoded.lane_type_logits,
+        "dec/lane_connection_logits": decoded.link_logits, "dec/agent_type": decoded.agent_type_logits.argmax(-1),
+        "dec/lane_type": decoded.lane_type_logits.argmax(-1), "dec/lane_connection": decoded.link_logits.argmax(-1),
+    }  # fmt: skip
+    return {name: np.asarray(x) for name, x in named.items()}
+
+
+def _compare(found: dict[str, np.ndarray], outputs, inputs, scene: str, row: int) -> int:
+    same_side = inputs[f"{scene}/lane_lane_same_side"][..., None]
+    wanted = {name.split("/", 1)[1]: x for name, x in outputs.items() if name.startswith(f"{scene}/")}
+    # The never-used edges after the last encoder block are not computed here.
+    last = max(name for name in wanted if name.startswith("enc/block")).split("/")[1]
+    wanted.pop(f"enc/{last}/edge", None)
+    assert wanted.keys() <= found.keys(), sorted(wanted.keys() - found.keys())
+    for name, reference in wanted.items():
+        value = found[name][row][tuple(slice(n) for n in reference.shape)]
+        if name.startswith("enc/") and name.endswith("edge"):
+            value = np.where(same_side, value, 0)
+        if reference.dtype == np.int32:
+            np.testing.assert_array_equal(value, reference, err_msg=f"{scene}/{name}")
+        else:
+            tolerance = 2e-5 if name.endswith("edge") else 1e-5
+            np.testing.assert_allclose(value, reference, tolerance, tolerance, err_msg=f"{scene}/{name}")
+    return len(wanted)
+
+
+def test_forward_parity_scene_by_scene(parity_dir, config, params, inputs):
+    outputs = cases.load(parity_dir, "ae_outputs.npz")
+    apply = jax.jit(autoencoder(config).apply, static_argnames="method")
+    compared = 0
+    for scene in cases.scene_names(inputs):
+        tokens = cases.tokens_of(inputs, scene)
+        found = _arrays(*apply(params, tokens, cases.nodes_of(inputs, scene, "decode_z"), method="trace"))
+        compared += _compare(found, outputs, inputs, scene, 0)
+    assert compared == len(outputs) - len(cases.scene_names(inputs))
+
+
+def test_forward_parity_in_one_padded_batch(parity_dir, config, params, inputs, batch):
+    outputs = cases.load(parity_dir, "ae_outputs.npz")
+    tokens, latents, _ = batch
+    found = _arrays(*jax.jit(lambda *a: autoencoder(config).apply(*a, method="trace"))(params, tokens, latents))
+    for row, scene in enumerate(cases.scene_names(inputs)):
+        _compare(found, outputs, inputs, scene, row)
+
+
+def test_partition_masks_parity(inputs, batch):
+    """The sides that Tokens carry give the set's masks."""
+    tokens, _, _ = batch
+    for row, scene in enumerate(cases.scene_names(inputs)):
+        for name, rows, columns in (
+            ("lane_lane", tokens.lane_before, tokens.lane_before),
+            ("agent_agent", tokens.agent_before, tokens.agent_before),
+            ("lane_agent", tokens.lane_before, tokens.agent_before),
+        ):
+            wanted = inputs[f"{scene}/{name}_same_side"]
+            found = rows[row][:, None] == columns[row][None]
+            np.testing.assert_array_equal(found[: wanted.shape[0], : wanted.shape[1]], wanted, err_msg=f"{scene} {name}")
+
+
+def test_loss_parity(parity_dir, config, params, batch):
+    reference = cases.load(parity_dir, "ae_loss.npz")
+    tokens, _, noise = batch
+
+    @jax.jit
+    def terms(params):
+        posterior, decoded = autoencoder(config).apply(params, tokens, noise, method="reconstruct")
+        return per_scene(decoded, posterior, tokens), loss(decoded, posterior, tokens)[1]
+
+    scenes, means = jax.device_get(terms(params))
+    renamed = {"lane_count_over_nonzero_types": "lane_count_over_counted"}
+    for name, wanted in reference.items():
+        kind, term = name.split("/")
+        found = scenes[term] if kind == "per_scene" else means[renamed.get(term, term)]
+        np.testing.assert_allclose(found, wanted, 1e-5, 1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize("padded", [False, True], ids=["scene_by_scene", "padded_batch"])
+def test_gradient_parity(parity_dir, config, params, inputs, batch, padded):
+    reference = cases.load(parity_dir, "ae_grads.npz")
+
+    @jax.jit
+    def gradient(params, tokens, noise):
+        def total(params):
+            posterior, decoded = autoencoder(config).apply(params, tokens, noise, method="reconstruct")
+            return loss(decoded, posterior, tokens)[0]
+
+        return jax.grad(total)(params)
+
+    if padded:
+        tokens, _, noise = batch
+        found = gradient(params, tokens, noise)
+    else:
+        names = cases.scene_names(inputs)
+        each = [gradient(params, cases.tokens_of(inputs, s), cases.nodes_of(inputs, s, "noise")) for s in names]
+        found = jax.tree.map(lambda *g: sum(g) / len(names), *each)
+    found = to_official(found, config)
+    unused = unused_sizes(config)
+    for key, wanted in reference.items():
+        if key in unused:
+            assert not wanted.any() and key not in found, key
+        else:
+            bound = 1e-4 * np.linalg.norm(wanted) + 1e-7
+            assert np.abs(found[key] - wanted).max() <= bound, (key, np.abs(found[key] - wanted).max(), bound)
+    assert found.keys() | unused.keys() == set(reference)
+
+
+@pytest.mark.parametrize("kind", ["edge", "plain"])
+def test_attention_layer_parity(parity_dir, config, params, kind):
+    given = cases.load(parity_dir, "ae_attention_inputs.npz")
+    reference = cases.load(parity_dir, "ae_attention_outputs.npz")
+    if kind == "edge":
+        sizes, edge_width = (config.lane_width, config.lane_heads, config.lane_ff), config.edge_width
+        layer = params["encoder"]["blocks"][0]["lane_lane"]
+    else:
+        sizes, edge_width = (config.agent_width, config.agent_heads, config.agent_ff), None
+        layer = params["decoder"]["blocks"][1]["agent_agent"]
+    network = functional(lambda rngs: GraphAttention(*sizes, rngs=rngs, edge_width=edge_width, compute="float32"))
+
+    @jax.jit
+    def run(layer, x, mask, r):
+        trace: dict = {}
+        network.apply(layer, x, mask, edges=None if r is None else DenseEdges(r), trace=trace)
+        return trace
+
+    r = given["edge/r"].swapaxes(0, 1)[None] if kind == "edge" else None
+    found = run(layer, given[f"{kind}/x"][None], given[f"{kind}/mask"].T[None], r)
+    wanted = {name.split("/")[1]: x for name, x in reference.items() if name.startswith(f"{kind}/")}
+    assert wanted.keys() <= found.keys()
+    for name, value in wanted.items():
+        np.testing.assert_allclose(found[name][0], value, 1e-5, 1e-5, err_msg=f"{kind}/{name}")
+
+
+def test_state_dict_parity(weights, config, params):
+    """The converter takes every official key and gives each back."""
+    back = to_official(params, config)
+    extra = weights.keys() - back.keys()
+    assert extra == unused_sizes(config).keys() | aliases(config).keys()
+    for key, value in back.items():
+        np.testing.assert_array_equal(value, weights[key], err_msg=key)
+    for key, size in unused_sizes(config).items():
+        assert weights[key].size == size, key
