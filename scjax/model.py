@@ -16,7 +16,7 @@ import safetensors.numpy
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
-from scjax.nn.functional import Params
+from scjax.nn.functional import Params, flatten, unflatten
 from scjax.representation import Representation
 from scjax.scene import AgentType, Link
 
@@ -26,11 +26,11 @@ _JSON, _WEIGHTS = "model.json", "weights.safetensors"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Model:
-    """Everything that sampling needs. A model without a denoiser only encodes and decodes.
+    """Everything that sampling needs. Without a denoiser it only encodes and decodes.
 
     Attributes:
       representation: types, columns and ranges.
-      autoencoder, autoencoder_config: parameters (nested dict) and sizes.
+      autoencoder, autoencoder_config: parameters (nested dict) and sizes, or None.
       denoiser, denoiser_config: the same, or None.
       latents: mean and standard deviation of the latents of each kind.
       counts: [domains, layouts, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
@@ -39,10 +39,10 @@ class Model:
     """
 
     representation: Representation
-    autoencoder: Params
-    autoencoder_config: AutoencoderConfig
     latents: LatentStatistics
     domains: tuple[str, ...]
+    autoencoder: Params | None = None
+    autoencoder_config: AutoencoderConfig | None = None
     denoiser: Params | None = None
     denoiser_config: DenoiserConfig | None = None
     counts: np.ndarray | None = None
@@ -55,13 +55,14 @@ def save(model: Model, folder: str | Path) -> Path:
     description = {
         "format": FORMAT,
         "representation": dataclasses.asdict(model.representation),
-        "autoencoder": dataclasses.asdict(model.autoencoder_config),
+        "autoencoder": dataclasses.asdict(model.autoencoder_config) if model.autoencoder_config else None,
         "denoiser": dataclasses.asdict(model.denoiser_config) if model.denoiser_config else None,
         "latents": dataclasses.asdict(model.latents),
         "domains": list(model.domains),
         "notes": model.notes,
     }
-    arrays = _flatten({"autoencoder": model.autoencoder, "denoiser": model.denoiser or {}})
+    networks = {"autoencoder": model.autoencoder or {}, "denoiser": model.denoiser or {}}
+    arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(networks).items()}
     if model.counts is not None:
         arrays["counts"] = np.asarray(model.counts)
     temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
@@ -94,13 +95,14 @@ def load(path: str | Path) -> Model:
     except (OSError, json.JSONDecodeError, safetensors.SafetensorError) as error:
         raise ValueError(f"{folder} is damaged ({error}): copy or export the model again") from error
     if description.get("format", 0) > FORMAT:
-        raise ValueError(f"{folder} has model format {description['format']}, this scjax reads up to {FORMAT}: update it")
+        raise ValueError(f"{folder} has model format {description['format']}, this code reads {FORMAT}: update scjax")
     counts = flat.pop("counts", None)
-    params = _unflatten(flat)
+    paths = {tuple(int(part) if part.isdigit() else part for part in name.split(".")): a for name, a in flat.items()}
+    params = unflatten(paths)
     return Model(
         representation=_representation(description["representation"]),
-        autoencoder=params["autoencoder"],
-        autoencoder_config=AutoencoderConfig(**description["autoencoder"]),
+        autoencoder=params.get("autoencoder"),
+        autoencoder_config=AutoencoderConfig(**description["autoencoder"]) if description["autoencoder"] else None,
         denoiser=params.get("denoiser"),
         denoiser_config=_denoiser_config(description["denoiser"]),
         latents=LatentStatistics(**description["latents"]),
@@ -134,24 +136,3 @@ def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
         kind = ImageCondition if "channels" in condition else TextCondition
         condition = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in condition.items()})
     return DenoiserConfig(**{**fields, "condition": condition})
-
-
-def _flatten(tree: dict, prefix: str = "") -> dict[str, np.ndarray]:
-    """Nested dict (list positions as int keys) -> dotted names."""
-    flat = {}
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        flat.update(_flatten(value, f"{name}.") if isinstance(value, dict) else {name: np.asarray(value)})
-    return flat
-
-
-def _unflatten(flat: dict[str, np.ndarray]) -> dict:
-    """Inverse of ``_flatten``: numeric parts become int keys again."""
-    tree: dict = {}
-    for name, value in flat.items():
-        *path, leaf = (int(part) if part.isdigit() else part for part in name.split("."))
-        node = tree
-        for part in path:
-            node = node.setdefault(part, {})
-        node[leaf] = value
-    return tree

@@ -210,7 +210,7 @@ def _text_features(conditions: list[Condition], config: TextCondition) -> TextFe
         if cond.tokens is None:
             continue
         if np.shape(cond.tokens)[1] != config.width:
-            raise ValueError(f"Condition.tokens has {np.shape(cond.tokens)[1]} features, the model takes {config.width}")
+            raise ValueError(f"Condition.tokens are {np.shape(cond.tokens)[1]} wide, the model takes {config.width}")
         tokens[row, :length] = cond.tokens
         mask[row, :length] = True if cond.token_mask is None else cond.token_mask
     return TextFeatures(tokens=jnp.asarray(tokens), mask=jnp.asarray(mask))
@@ -293,6 +293,7 @@ def _with_denoiser(model: Model | None) -> Model:
             "no model is given and none ships yet: train one with python -m experiments.train "
             "--config=experiments/configs/denoiser.py:tiny --workdir=runs/tiny and pass model=scjax.load(folder)"
         )
-    if model.denoiser is None:
-        raise ValueError("this model is only an autoencoder: train the denoiser stage on it, then sample")
+    if model.denoiser is None or model.autoencoder is None:
+        lacking = "denoiser" if model.denoiser is None else "autoencoder"
+        raise ValueError(f"this model has no {lacking}: train that stage (or convert its checkpoint) first")
     return model

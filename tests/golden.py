@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +14,10 @@ import pytest
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.nodes import Nodes
+
+
+# The networks are tiny and their programs large: most of a test's time is spent in the compiler.
+jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 
 
 def load(folder: Path, name: str) -> dict[str, np.ndarray]:

@@ -26,7 +26,11 @@ _ATTENTION = {
 _ATTENTION_NORMS = {
     "attn_prenorm_x_src": "norm", "attn_postnorm": "out_norm", "ff_prenorm": "ff_norm", "ff_postnorm": "ff_out_norm",
 }  # fmt: skip
-_LAYERS = {"l2l_transformer_layer": "lane_lane", "l2a_transformer_layer": "lane_agent", "a2a_transformer_layer": "agent_agent"}
+_LAYERS = {
+    "l2l_transformer_layer": "lane_lane",
+    "l2a_transformer_layer": "lane_agent",
+    "a2a_transformer_layer": "agent_agent",
+}
 _BLOCKS = {"encoder": "encoder.encoder_transformer_blocks", "decoder": "decoder.decoder_transformer_blocks"}
 
 

@@ -1,14 +1,13 @@
-"""Strict conversion of a flat state dict into a parameter tree: every array is used, known to be unused, or an error."""
+"""Strict conversion of a flat state dict into a parameter tree: each array is used, known as unused, or an error."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
-Path = tuple[str | int, ...]
+from scjax.nn.functional import Path, flatten, unflatten
 
 
 class Transform(NamedTuple):
@@ -82,22 +81,6 @@ def export(params: Any, rules: Rules) -> dict[str, np.ndarray]:
     """The inverse of ``convert``: foreign key -> array, without ignored keys and aliases (also for gradients)."""
     leaves = flatten(params)
     return {key: transform.backward(np.asarray(leaves[path])) for key, (path, transform) in rules.items()}
-
-
-def flatten(tree: Any) -> dict[Path, Any]:
-    """Nested dict -> {path: leaf}."""
-    return {tuple(entry.key for entry in path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
-
-
-def unflatten(leaves: Mapping[Path, Any]) -> dict[Any, Any]:
-    """Inverse of ``flatten``."""
-    tree: dict[Any, Any] = {}
-    for path, leaf in leaves.items():
-        node = tree
-        for name in path[:-1]:
-            node = node.setdefault(name, {})
-        node[path[-1]] = leaf
-    return tree
 
 
 def _listed(names: Iterable[str], limit: int = 20) -> str:

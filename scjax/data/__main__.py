@@ -113,7 +113,7 @@ def main(argv: list[str] | None = None) -> int:
     for split, entry in manifest["splits"].items():
         print(f"{split}: {entry['records']} records of {entry['scenes']} scenes at {len(entry['clusters'])} locations")
     cleaned = manifest["cleaned"]
-    print(f"clipped {cleaned.get('fast', 0)} speeds, filled {cleaned.get('zero_size', 0)} zero sizes")
+    print(f"clipped {cleaned.get('speed', 0)} speeds, filled {cleaned.get('size', 0)} impossible sizes")
     if manifest["without_poses"]:
         print(f"{len(manifest['without_poses'])} scenes have no vehicle to take as ego: see manifest.json")
     for entry in manifest["skipped"]:

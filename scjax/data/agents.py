@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64, Int
 from scjax.scene import AgentType
 
 MAX_SPEED = 35.0  # m/s; faster ones are tracking errors
+MAX_SIZE = 100.0  # m
 # Mean length, width, height in metres of each class on real tiles (WOMD; static objects: cones and barriers).
 CLASS_SIZES = {
     AgentType.VEHICLE: (4.87, 2.15, 1.80),
@@ -21,18 +22,19 @@ _SIZES = np.array([CLASS_SIZES[kind] for kind in AgentType])
 def clean(
     states: Float64[np.ndarray, "agents 9"], types: Int[np.ndarray, " agents"]
 ) -> tuple[Float64[np.ndarray, "agents 9"], Bool[np.ndarray, "agents 9"], dict[str, int]]:
-    """States without NaN, zero sizes and speeds above 35 m/s; which values are known; how many were changed.
+    """States without NaN, impossible sizes and speeds above 35 m/s; which values are known; how many were changed.
 
     A value that was not recorded is filled (z: 0, sizes: the mean of the class) and flagged unknown. A recorded size of
-    0 m or less counts as ``zero_size`` and is treated the same; a speed above the limit is clipped, counts as
-    ``fast`` and stays known.
+    0 m or less (or above 100 m) is treated the same and counts under ``size``; a speed above the limit is clipped,
+    stays known and counts under ``speed``.
     """
     known = np.isfinite(states)
     sizes = states[:, 6:9]
-    zero = known[:, 6:9] & (np.nan_to_num(sizes) <= 0)
-    known[:, 6:9] &= ~zero
+    solid = np.nan_to_num(sizes)
+    wrong = known[:, 6:9] & ~((solid > 0) & (solid <= MAX_SIZE))
+    known[:, 6:9] &= ~wrong
     out = np.where(known, states, 0.0)
     out[:, 6:9] = np.where(known[:, 6:9], sizes, _SIZES[types])
     fast = out[:, 3] > MAX_SPEED
     out[:, 3] = np.minimum(out[:, 3], MAX_SPEED)
-    return out, known, {"zero_size": int(zero.any(-1).sum()), "fast": int(fast.sum())}
+    return out, known, {"size": int(wrong.any(-1).sum()), "speed": int(fast.sum())}

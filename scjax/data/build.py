@@ -8,6 +8,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -214,12 +215,24 @@ def _stop_if_strict(strict: bool, skipped: list[dict[str, str]]) -> None:
         raise ValueError(f"{skipped[0]['reason']} (--strict stops at the first bad file)")
 
 
+def _leave_with_parent() -> None:
+    """Ends this worker when the main process is gone: idle workers of a killed build would wait for ever."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 class _mapper:
     """``with _mapper(workers) as run: run(function, tasks)`` yields results in order, in processes or in this one."""
 
     def __init__(self, workers: int):
         context = multiprocessing.get_context("spawn")
-        self._pool = concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) if workers else None
+        self._pool = concurrent.futures.ProcessPoolExecutor(workers, context, _leave_with_parent) if workers else None
 
     def __enter__(self) -> Callable[..., Iterator[Any]]:
         return self._pool.map if self._pool else map

@@ -22,6 +22,7 @@ from scjax.scene import AgentType, Signal
 
 SCHEMA = "scene-json-1"
 REQUIRED_KEYS = ("dataset", "scene_id", "location_cluster", "timestamps", "has", "objects", "map", "tl_states")
+FARTHEST = 1e7  # metres from the origin, a quarter of the way round the earth; more is damage
 OTHER = -1  # objects that no class of ours stands for
 
 _AGENT_TYPES = {
@@ -162,11 +163,12 @@ def _build(content: Mapping[str, Any], sha256: str, path: str) -> RawScene:
     position = [_rows(objects, axis, steps, path) for axis in ("x", "y")]
     headings = _rows(objects, "heading", steps, path)
     for name, values in (("x", position[0]), ("y", position[1]), ("heading", headings), ("velocity", speeds.sum(-1))):
-        wrong = valid & ~np.isfinite(values)
+        wrong = valid & ~(np.abs(values) < FARTHEST)
         if wrong.any():
             who, step = (int(i) for i in np.argwhere(wrong)[0])
-            raise ValueError(f"{path}: {name} of object {who} at step {step} is NaN: mark that step invalid")
+            raise ValueError(f"{path}: {name} of object {who} at step {step} is {values[who, step]}: mark it invalid")
     z = _rows([{**item, "z": [np.nan] * steps} if item["z"] is None else item for item in objects], "z", steps, path)
+    z[~(np.abs(z) < FARTHEST)] = np.nan
     sizes = [[item[key] for key in ("length", "width", "height")] for item in objects]
     recorder = content.get("sdc_index")
     if recorder is not None and not 0 <= recorder < len(objects):
@@ -226,11 +228,11 @@ def _lane(item: Mapping[str, Any], path: str) -> RawLane:
         raise ValueError(f"{path}: x, y, z of lane {item['id']} differ in length")
     points = np.full((len(x), 3), np.nan)
     points[:, 0], points[:, 1] = x, y
-    if not np.isfinite(points[:, :2]).all():
-        raise ValueError(f"{path}: lane {item['id']} has NaN coordinates: remove those points")
+    if not (np.abs(points[:, :2]) < FARTHEST).all():
+        raise ValueError(f"{path}: lane {item['id']} has NaN or absurd coordinates: remove those points")
     if z is not None:
         points[:, 2] = np.asarray(z, np.float64)
-        if not np.isfinite(points[:, 2]).all():
+        if not (np.abs(points[:, 2]) < FARTHEST).all():
             points[:, 2] = np.nan  # a lane's elevation is known as a whole or not at all
     return RawLane(
         id=str(item["id"]),

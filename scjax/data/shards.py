@@ -60,6 +60,8 @@ class BuildOptions:
 
 @dataclasses.dataclass(frozen=True)
 class Scanned:
+    """A source file as the plan sees it."""
+
     file: str  # relative to the source folder
     sha256: str = ""
     domain: str = ""
@@ -69,8 +71,10 @@ class Scanned:
 
 @dataclasses.dataclass(frozen=True)
 class Shard:
+    """A shard to be: its file name without extension, its sources, and all that its content depends on."""
+
     name: str
-    dense: bool
+    dense: bool  # training poses on top of the standard ones
     files: tuple[Scanned, ...]
     domains: tuple[str, ...]
     options: BuildOptions
@@ -82,6 +86,7 @@ class Shard:
 
 
 def scan(task: tuple[str, str]) -> Scanned:
+    """Looks at (source folder, file): its hash, data set and cluster, or why it cannot be used."""
     source, file = task
     path = Path(source, file)
     try:
@@ -99,6 +104,7 @@ def scan(task: tuple[str, str]) -> Scanned:
 
 
 def build_shard(task: tuple[str, str, Shard, bool]) -> dict[str, Any]:
+    """Makes (source folder, output folder, shard, resume) and reports on it, or finds it made already."""
     source, out, shard, resume = task
     path, progress = Path(out, f"{shard.name}.arrayrecord"), Path(out, "progress", f"{shard.name}.json")
     fingerprint = shard.fingerprint()

@@ -17,6 +17,7 @@ from scjax.scene import Scene
 
 SPACING = 2.0  # metres between lane points
 DIRECTION = 2.0  # metres that a turn of the direction by one radian is worth; opposite directions are 4 m apart
+LONGEST = 4000.0  # metres of lanes a tile (real ones hold up to 1,700) beyond which points lie farther apart
 _COARSE = 6.0  # metres between lane points in the first pass over the bank
 _KEPT = 0.05  # share of the bank, and the least number of tiles, that the first pass leaves over
 _KEPT_LEAST = 200
@@ -41,9 +42,11 @@ class Nearest:
 def lane_points(scene: Scene, spacing: float = SPACING) -> Float64[np.ndarray, "points 4"]:
     """Points of one scene's lanes, each standing for about 2 m: x, y, and their unit direction times ``DIRECTION``.
 
-    A lane of xy length s has max(1, round(s / spacing)) points in the middles of equal parts.
+    A lane of xy length s has max(1, round(s / spacing)) points in the middles of equal parts. Scenes whose lanes run
+    wild have as many points as 4 km of lanes would.
     """
     length = lane_lengths(scene)
+    spacing *= max(1.0, length.sum() / LONGEST)
     count = np.maximum(1, np.round(length / spacing)).astype(int)
     first = np.cumsum(count) - count
     middle = np.arange(count.sum()) - np.repeat(first, count) + 0.5

@@ -6,13 +6,14 @@ Rngs); from here on parameters are nested dicts and every transform is JAX's own
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 from flax import nnx
 
 Params = dict[str, Any]
+Path = tuple[str | int, ...]
 
 
 class Functional(NamedTuple):
@@ -45,3 +46,19 @@ def functional(make: Callable[[nnx.Rngs], nnx.Module]) -> Functional:
 def count(params: Params) -> int:
     """Number of scalars in a parameter tree (also an abstract one from ``jax.eval_shape``)."""
     return sum(leaf.size for leaf in jax.tree.leaves(params))
+
+
+def flatten(tree: Any) -> dict[Path, Any]:
+    """Nested dict -> {path: leaf}; positions in lists of modules are int keys."""
+    return {tuple(entry.key for entry in path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+
+
+def unflatten(leaves: Mapping[Path, Any]) -> Params:
+    """Inverse of ``flatten``."""
+    tree: dict[Any, Any] = {}
+    for path, leaf in leaves.items():
+        node = tree
+        for name in path[:-1]:
+            node = node.setdefault(name, {})
+        node[path[-1]] = leaf
+    return tree

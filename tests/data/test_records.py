@@ -69,7 +69,7 @@ def test_unknown_and_impossible_values(tmp_path):
     scene = raw_scenes.content()
     scene["objects"][1] |= {"length": 0.0, "height": None, "z": None, "vx": [60.0] * raw_scenes.STEPS}
     record, counts = make(tmp_path, scene)
-    assert counts == {"zero_size": 1, "fast": 1}
+    assert counts == {"size": 1, "speed": 1}
     row = int(np.flatnonzero(record.context.agents[:, 3] == 35.0)[0])
     np.testing.assert_allclose(record.context.agents[row, [2, 6, 7, 8]], [0.0, 4.87, 2.4, 1.80], rtol=1e-6)
     assert record.context.agent_known[row].tolist() == [True, True, False, True, True, True, False, True, False]

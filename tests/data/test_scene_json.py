@@ -51,6 +51,7 @@ FAULTS = {
     "object key": (lambda s: s["objects"][2].pop("vx"), "vx"),
     "lane nan": (lambda s: s["map"][1]["x"].__setitem__(3, float("nan")), "lane 2 has NaN"),
     "agent nan": (lambda s: s["objects"][1]["y"].__setitem__(4, float("nan")), "object 1 at step 4"),
+    "lane absurd": (lambda s: s["map"][1]["y"].__setitem__(3, -5e9), "lane 2 has NaN or absurd"),
     "heading inf": (lambda s: s["objects"][1]["heading"].__setitem__(4, float("inf")), "heading of object 1"),
     "no lanes": (lambda s: s.update(map=s["map"][-1:]), "no lanes"),
     "empty map": (lambda s: s.update(map=[]), "no lanes"),
@@ -61,7 +62,7 @@ FAULTS = {
     "signals": (lambda s: s["tl_states"]["2"].update(state=["go"]), "1 states for 31"),
     "map type": (lambda s: s.update(map=3), "unexpected type"),
     "text": (lambda s: s["objects"][0].update(length="long"), "long"),
-    "null in track": (lambda s: s["objects"][0]["x"].__setitem__(0, None), "object 0 at step 0 is NaN"),
+    "null in track": (lambda s: s["objects"][0]["x"].__setitem__(0, None), "object 0 at step 0 is nan"),
 }
 
 

@@ -22,6 +22,12 @@ def test_points_stand_for_two_metres_each():
     np.testing.assert_allclose(points[5], [0, 0.35, 0, DIRECTION], atol=1e-6)
 
 
+def test_wild_lanes_have_no_more_points_than_long_ones():
+    rng = np.random.default_rng(0)
+    wild = scene(EGO, list(rng.uniform(-900, 900, (10, 20, 3)).astype(np.float32)))
+    assert len(lane_points(wild)) == pytest.approx(2000, abs=10)
+
+
 def test_closed_forms():
     assert lane_distance(road(), road()) == 0
     assert lane_distance(road(), road(1.5)) == pytest.approx(1.5)

@@ -120,7 +120,9 @@ def test_partition_masks_parity(inputs, batch):
         ):
             wanted = inputs[f"{scene}/{name}_same_side"]
             found = rows[row][:, None] == columns[row][None]
-            np.testing.assert_array_equal(found[: wanted.shape[0], : wanted.shape[1]], wanted, err_msg=f"{scene} {name}")
+            np.testing.assert_array_equal(
+                found[: wanted.shape[0], : wanted.shape[1]], wanted, err_msg=f"{scene} {name}"
+            )
 
 
 def test_loss_parity(parity_dir, config, params, batch):

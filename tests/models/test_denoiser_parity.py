@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,15 +38,15 @@ def case(request, parity_dir):
     z, masks, label = twice(z), twice(masks), jnp.concatenate([label, jnp.full(len(names), config.null_label)])
     dropped = jnp.arange(2 * len(names)) >= len(names)
 
-    @jax.jit
-    def run(t):
+    @golden.jit
+    def run(params, t):
         trace = {}
         cache = None
         if features is not None:
             cache = network.apply(params, features, dropped, trace=trace, method="encode_condition")
         return network.apply(params, z, t, label, masks, cache=cache, trace=trace), trace
 
-    return {"run": run, "expected": expected, "inputs": inputs, "names": names, "config": config, "kind": kind}
+    return {"run": functools.partial(run, params), "expected": expected, "inputs": inputs, "names": names, "config": config, "kind": kind}
 
 
 def test_denoiser_parity(case):

@@ -59,7 +59,9 @@ class AutoencoderConfig:
         if self.point_dims not in (2, 3):
             raise ValueError(f"point_dims must be 2 (x, y) or 3 (x, y, z), not {self.point_dims}")
         if self.known_inputs and self.columns != 9:
-            raise ValueError(f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off")
+            raise ValueError(
+                f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off"
+            )
         if self.compute not in typing.get_args(Compute):
             raise ValueError(f"compute must be one of {typing.get_args(Compute)}, not {self.compute!r}")
 

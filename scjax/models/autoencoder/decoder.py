@@ -26,9 +26,7 @@ class Decoder(nnx.Module):
         self.agent_in = Linear(c.agent_latent, c.agent_width, **options)
         self.pair_down = Linear(c.lane_width, c.edge_width, **options)
         self.pair_in = Linear(2 * c.edge_width, c.edge_width, **options)
-        self.blocks = nnx.List(
-            [FactorisedBlock(lane, agent, c.edge_width, **options) for _ in range(c.decoder_blocks)]
-        )
+        self.blocks = nnx.List([FactorisedBlock(lane, agent, c.edge_width, **options) for _ in range(c.decoder_blocks)])
         points = c.points * c.point_dims
         self.agent_states = ResidualMLP(c.agent_width, c.agent_width, depth=3, features_out=c.columns, **options)
         self.agent_types = ResidualMLP(c.agent_width, c.agent_width, features_out=c.agent_types, **options)
@@ -45,7 +43,9 @@ class Decoder(nnx.Module):
         for name, width in (("agents", c.agent_latent), ("lanes", c.lane_latent)):
             shape, wanted = getattr(latents, name).shape, (*getattr(mask, name).shape, width)
             if shape != wanted or len(wanted) != 3:
-                raise ValueError(f"latents.{name} has shape {shape}, but its mask and the configuration call for {wanted}")
+                raise ValueError(
+                    f"latents.{name} has shape {shape}, but its mask and the configuration call for {wanted}"
+                )
         latents, mask = jax.tree.map(jnp.asarray, (latents, mask))
         masks = pair_masks(mask)
         nodes = Nodes(

@@ -95,7 +95,9 @@ def lane_inputs(tokens: Tokens, config: AutoencoderConfig) -> Float[Array, "b l 
 def check_tokens(tokens: Tokens, config: AutoencoderConfig) -> None:
     """Raises ValueError where the arrays do not fit the network."""
     if tokens.agent_mask.ndim != 2:
-        raise ValueError(f"agent_mask has shape {tokens.agent_mask.shape}, but the autoencoder wants one batch axis [B, A]")
+        raise ValueError(
+            f"agent_mask has shape {tokens.agent_mask.shape}, but the autoencoder wants one batch axis [B, A]"
+        )
     wanted = {
         "agents": (*tokens.agent_mask.shape, config.columns),
         "lanes": (*tokens.lane_mask.shape, config.points, config.point_dims),

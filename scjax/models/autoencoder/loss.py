@@ -166,7 +166,9 @@ def _distance(found: Array, wanted: Array, known: Array) -> Array:
     return jnp.abs(jnp.where(known, found - jnp.where(known, wanted, 0.0), 0.0))
 
 
-def _cross_entropy(logits: Float[Array, "*b k"], classes: Int[Array, "*b"], mask: Bool[Array, "*b"]) -> Float[Array, "*b"]:
+def _cross_entropy(
+    logits: Float[Array, "*b k"], classes: Int[Array, "*b"], mask: Bool[Array, "*b"]
+) -> Float[Array, "*b"]:
     """In at least float32; zero where masked."""
     logits = logits.astype(jnp.promote_types(logits.dtype, jnp.float32))
     # A product with one-hots, not a lookup: the gradient of a lookup is a serial scatter on a CPU.
@@ -184,7 +186,9 @@ def _link_entropy(logits: Array, links: Array, pairs: Array, balanced: bool) -> 
     return _mean_of(sums / jnp.maximum(members, 1).astype(sums.dtype), members > 0)
 
 
-def _scene_kl(mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:
+def _scene_kl(
+    mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"], mask: Bool[Array, "b n"]
+) -> Float[Array, " b"]:
     divergence = -0.5 * (1 + logvar - jnp.square(mean) - jnp.exp(logvar)).mean(-1)
     return _scene_mean(divergence, mask)
 
@@ -203,4 +207,3 @@ def _mean_of(values: Float[Array, "b n"], mask: Bool[Array, "b n"]) -> Float[Arr
 
 def _mean(values: Float[Array, " b"], mask: Bool[Array, " b"]) -> Float[Array, ""]:
     return _mean_of(values[None], mask[None])[0]
-

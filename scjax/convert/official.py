@@ -1,0 +1,182 @@
+"""A checkpoint of the official release -> parts of a ``Model``: sizes are read off the shapes, keys mapped strictly."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from scjax import representation
+from scjax.convert.autoencoder import from_official
+from scjax.convert.denoiser import convert_denoiser
+from scjax.model import Model
+from scjax.models.autoencoder import config as autoencoder_sizes
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.denoiser import config as denoiser_sizes
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.latents import LatentStatistics
+from scjax.models.nodes import Nodes
+
+State = dict[str, np.ndarray]
+
+# Shipped with the release (official-spec §2.7), of its nuPlan autoencoder.
+NUPLAN_LATENTS = LatentStatistics(
+    mean=Nodes(agents=-0.0077851, lanes=-0.0458711), std=Nodes(agents=0.9948730, lanes=1.0398721)
+)
+NUPLAN_CITIES = ("pgh", "lav", "sgp", "bos")
+_ANCHORS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1.weight"}
+
+
+def convert_checkpoint(
+    path: str | Path, *, into: Model | None = None, heads: Mapping[str, tuple[int, int]] | None = None
+) -> Model:
+    """The networks found in ``path``, as a model, or added to the model ``into``.
+
+    Args:
+      path: safetensors file, or a PyTorch file (a state dict, or a Lightning checkpoint that holds one).
+      heads: (lane heads, agent heads) of "autoencoder" and "denoiser", which no shape tells; the release's by default.
+
+    Raises:
+      ValueError: unreadable file, no known network in it, or entries that are unexpected, missing or misshapen.
+    """
+    state, found = read_state(path), {}
+    for name, anchor in _ANCHORS.items():
+        part = _subtree(state, anchor)
+        if part is None:
+            continue
+        try:
+            found |= _autoencoder(part, heads) if name == "autoencoder" else _denoiser(part, heads)
+        except ValueError as error:
+            raise ValueError(f"{path}: {name}: {error}") from error
+    if not found:
+        raise ValueError(
+            f"{path} holds neither an autoencoder (key {_ANCHORS['autoencoder']}) nor a denoiser (key "
+            f"{_ANCHORS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
+        )
+    base = into or Model(
+        representation=representation.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
+        notes={"source": f"official release, {Path(path).name}"},
+    )  # fmt: skip
+    return dataclasses.replace(base, **found)
+
+
+def read_state(path: str | Path) -> State:
+    """Key -> array of a safetensors or PyTorch file; only tensors are loaded, never code."""
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    if path.suffix == ".safetensors":
+        try:
+            return safetensors.numpy.load_file(path)
+        except safetensors.SafetensorError as error:
+            raise ValueError(f"{path} is no whole safetensors file ({error}): download it again") from error
+    try:
+        import torch
+    except ImportError as error:
+        raise ValueError(
+            f"{path} is a PyTorch file, and torch is not installed: pip install 'scjax[convert]', "
+            "or save its state dict as safetensors"
+        ) from error
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises many kinds for a damaged or unsafe file
+        raise ValueError(f"{path} cannot be read as a plain state dict: {str(error).splitlines()[0]}") from error
+    content = content.get("state_dict", content) if isinstance(content, dict) else content
+    if not isinstance(content, dict):
+        raise ValueError(f"{path} holds a {type(content).__name__}, not a state dict")
+    return {key: value.float().numpy() for key, value in content.items() if torch.is_tensor(value)}
+
+
+def _subtree(state: State, anchor: str) -> State | None:
+    """Entries beside the anchor, without the prefix that wrappers put before it; None without an anchor."""
+    prefixes = sorted((key[: -len(anchor)] for key in state if key.endswith(anchor)), key=len)
+    if not prefixes:
+        return None
+    top = anchor.split(".")[0] + "."
+    siblings = (top, "decoder.") if top == "encoder." else (top,)
+    prefix = prefixes[0]
+    kept = {key[len(prefix) :]: value for key, value in state.items() if key.startswith(prefix)}
+    if not prefix:  # a bare state dict is taken whole, so that stray entries are reported
+        return {key: value for key, value in kept.items() if not _belongs_elsewhere(key, anchor)}
+    return {key: value for key, value in kept.items() if key.startswith(siblings)}
+
+
+def _belongs_elsewhere(key: str, anchor: str) -> bool:
+    """Entries of the other network in a file that holds both."""
+    if anchor == _ANCHORS["autoencoder"]:
+        return key.startswith("model.")
+    return not key.startswith("model.") and re.match(r"(\w+\.)?(encoder|decoder)\.", key) is not None
+
+
+def _blocks(state: State, pattern: str) -> int:
+    """How many numbers the pattern's group takes."""
+    return len({match[1] for key in state if (match := re.match(pattern, key))})
+
+
+def _shape(state: State, key: str) -> tuple[int, ...]:
+    if key not in state:
+        raise ValueError(f"missing: {key}")
+    return state[key].shape
+
+
+def _autoencoder(state: State, heads: Mapping[str, tuple[int, int]] | None) -> dict:
+    lane_in, agent_in = (_shape(state, f"encoder.{kind}_mlp.linears.0.weight") for kind in ("lane", "agent"))
+    edge = _shape(state, "encoder.lane_conn_mlp.linears.0.weight")
+    first = "encoder.encoder_transformer_blocks.0"
+    points = _shape(state, "decoder.pred_lane_states.linear_out.weight")[0]
+    types = _shape(state, "decoder.pred_agent_types.linear_out.weight")[0]
+    lane_heads, agent_heads = (heads or {}).get("autoencoder", (4, 4))
+    config: AutoencoderConfig = autoencoder_sizes.official(
+        lane_types=lane_in[1] - points,
+        agent_types=types,
+        link_types=edge[1],
+        lane_width=lane_in[0],
+        agent_width=agent_in[0],
+        edge_width=edge[0],
+        lane_heads=lane_heads,
+        agent_heads=agent_heads,
+        lane_ff=_shape(state, f"{first}.l2l_transformer_layer.ff_mlp.0.weight")[0],
+        agent_ff=_shape(state, f"{first}.a2a_transformer_layer.ff_mlp.0.weight")[0],
+        columns=agent_in[1] - types,
+        points=points // 2,
+        lane_latent=_shape(state, "encoder.lane_mu.weight")[0],
+        agent_latent=_shape(state, "encoder.agent_mu.weight")[0],
+        max_lanes=_shape(state, "encoder.pred_lane_cond_dis.linear_out.weight")[0] - 1,
+        encoder_blocks=_blocks(state, r"encoder\.encoder_transformer_blocks\.(\d+)\."),
+        decoder_blocks=_blocks(state, r"decoder\.decoder_transformer_blocks\.(\d+)\."),
+    )
+    return {"autoencoder": from_official(state, config), "autoencoder_config": config}
+
+
+def _denoiser(state: State, heads: Mapping[str, tuple[int, int]] | None) -> dict:
+    lane, agent = (_shape(state, f"model.{kind}_embedder.linear1.weight") for kind in ("lane", "agent"))
+    condition = None
+    if "model.text_embedding_lanes.0.weight" in state:
+        condition = TextCondition(width=state["model.text_embedding_lanes.0.weight"].shape[1])
+    elif "model.dino_proj.weight" in state:
+        cells = round(_shape(state, "model.pos_emb_img")[-2] ** 0.5)
+        condition = ImageCondition(channels=state["model.dino_proj.weight"].shape[1], grid=(cells, cells))
+    lane_heads, agent_heads = (heads or {}).get("denoiser", (16, 8))
+    latents = next((value.shape[1] for key, value in state.items() if key.endswith("cross_attn.latent_tokens")), 32)
+    config: DenoiserConfig = dataclasses.replace(
+        denoiser_sizes.official(condition),
+        lane_width=lane[0],
+        agent_width=agent[0],
+        lane_heads=lane_heads,
+        agent_heads=agent_heads,
+        lane_latent=lane[1],
+        agent_latent=agent[1],
+        mlp_ratio=_shape(state, "model.blocks.0.a2l_block.mlp.fc1.weight")[0] // lane[0],
+        blocks=_blocks(state, r"model\.blocks\.(\d+)\."),
+        l2l_stages=_blocks(state, r"model\.blocks\.0\.l2l_blocks\.(\d+)\."),
+        max_lanes=_shape(state, "model.num_lanes_embedder.embedding_table.weight")[0] - 1,
+        max_agents=_shape(state, "model.num_agents_embedder.embedding_table.weight")[0] - 1,
+        domains=(_shape(state, "model.scene_type_embedder.embedding_table.weight")[0] - 1) // 3,
+        latent_tokens=latents,
+    )
+    return {"denoiser": convert_denoiser(state, config), "denoiser_config": config}
