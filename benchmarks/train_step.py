@@ -134,7 +134,9 @@ def _latents(scenes, config, kind: str) -> LatentBatch:
     rng = np.random.default_rng(3)
     masks = Nodes(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
     widths = Nodes(agents=config.agent_latent, lanes=config.lane_latent)
-    latents = jax.tree.map(lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths)
+    latents = jax.tree.map(
+        lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths
+    )
     return LatentBatch(
         latents=latents, masks=masks, given=jax.tree.map(jnp.zeros_like, masks),
         label=jnp.zeros(len(scenes.layout), jnp.int32), condition=features(kind, len(scenes.layout)),

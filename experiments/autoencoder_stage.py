@@ -6,9 +6,10 @@ import jax
 import numpy as np
 
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, apply_gradients, initial, read_manifest
+from experiments.state import Stage, TrainState, apply_gradients, initial, pipeline_config
 from scjax import representation as presets
-from scjax.data.pipeline import PipelineConfig, training_batches, validation_scenes
+from scjax.data.build import load_manifest
+from scjax.data.pipeline import training_batches, validation_scenes
 from scjax.diffusion.optimiser import adamw
 from scjax.metrics.reconstruction import reconstruction
 from scjax.model import Model
@@ -32,7 +33,7 @@ def build(config) -> Stage:
     options = config.loss.to_dict()
     weights = LossWeights(**options.pop("weights"))
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
-    manifest = read_manifest(config.records)
+    manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, representation)
     seed = config.seed
 
@@ -73,9 +74,7 @@ def build(config) -> Stage:
 
     def export(state: TrainState, resolved: dict) -> Model:
         sampled = jax.jit(lambda tokens, key: reparameterise(key, network.apply(state.ema, tokens, method="encode")))
-        stream = training_batches(config.records, representation, PipelineConfig(**{
-            **resolved["batch"], "seed": 1, "buckets": tuple(map(tuple, resolved["batch"]["buckets"])),
-        }))  # fmt: skip
+        stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
             tokens = representation.tokens(next(stream))

@@ -1,4 +1,4 @@
-"""Training checkpoints: state, data position and resolved config, written asynchronously by orbax, finished or absent."""
+"""Training checkpoints: state, data position and resolved config, written by orbax in the background."""
 
 from __future__ import annotations
 

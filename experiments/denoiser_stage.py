@@ -10,8 +10,9 @@ import numpy as np
 
 import scjax
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, apply_gradients, initial, read_manifest
+from experiments.state import Stage, TrainState, apply_gradients, initial
 from scjax.condition import Condition
+from scjax.data.build import load_manifest
 from scjax.data.pipeline import validation_scenes
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw
@@ -35,7 +36,7 @@ def build(config) -> Stage:
     """The stage's functions from its resolved config."""
     frozen = scjax.load(config.autoencoder)
     representation, coder = frozen.representation, autoencoder(frozen.autoencoder_config)
-    manifest = read_manifest(config.records)
+    manifest = load_manifest(config.records)
     fields = config.model.to_dict()
     fields |= {
         "lane_latent": frozen.autoencoder_config.lane_latent,
@@ -120,5 +121,6 @@ def build(config) -> Stage:
 
 def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:
     """The joint table of the training split, centred tiles standing in for the other layouts."""
-    rows = ((domain, Layout.CENTRED, lanes, agents) for domain, lanes, agents, n in manifest["counts"] for _ in range(n))
+    counted = manifest["counts"]
+    rows = ((domain, Layout.CENTRED, lanes, agents) for domain, lanes, agents, n in counted for _ in range(n))
     return count_table(rows, model.domains, max_lanes=model.max_lanes, max_agents=model.max_agents)

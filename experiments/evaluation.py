@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from scjax.metrics import placement, reconstruction
-from scjax.metrics.novelty import nearest_tiles
+from scjax.metrics.novelty import Nearest, nearest_tiles
 from scjax.metrics.pooling import Ratios, Values, intervals, pool, values
 from scjax.metrics.realism import scene_realism
 from scjax.scene import AgentType, Scene, validate
@@ -90,34 +90,37 @@ def placement_row(reference: Sequence[Scene], generated: Tiles) -> Row:
 def novelty_rows(populations: dict[str, Tiles], bank: Sequence[Scene], real: str) -> dict[str, Row]:
     """Nearest training tiles of every population, beside those of the held-back tiles ``populations[real]``.
 
-    ``lane_distance_m``: mean distance to the tile with the nearest lanes; its 5th, 50th percentile; ``M``, ``P``: match
-    with that tile; ``nearer_than_real_p05``: share of scenes nearer than the nearest 5 % of held-back tiles (expected:
-    5 %, much more is copying).
+    lane_distance_m: mean distance to the tile with the nearest lanes, and its 5th and 50th percentile; M, P: match of
+    the scene's agents with that tile's; aligned_...: the same when the scene may move a little to fit the tile, as
+    training moves tiles; nearer_than_real_p05: share of scenes nearer, aligned, than the nearest 5 % of held-back tiles.
     """
     nearest = {
         name: list(nearest_tiles(_bar(tiles.scenes, f"novelty of {name}"), bank)) for name, tiles in populations.items()
     }
-    distances = {name: np.array([near.lane_distance for near in found]) for name, found in nearest.items()}
-    threshold = float(np.quantile(distances[real], 0.05))
+    threshold = float(np.quantile([aligned.lane_distance for _, aligned in nearest[real]], 0.05))
     rows = {}
     for name, found in nearest.items():
-        ratios: list[Ratios] = [
-            {
-                **near.match,
-                "lane_distance_m": (near.lane_distance, 1.0) if math.isfinite(near.lane_distance) else (0.0, 0.0),
-                "nearer_than_real_p05": (float(near.lane_distance < threshold), 1.0),
-            }
-            for near in found
-        ]
-        clusters = populations[name].clusters
-        numbers = row(ratios, clusters, placement.summarise)
-        kept = {key: numbers[key] for key in ("lane_distance_m", "nearer_than_real_p05", "M", "P")}
-        for share in (0.05, 0.5):
-            value = float(np.quantile(distances[name], share))
-            key = f"lane_distance_p{round(100 * share):02d}_m"
-            kept[key] = Number(value, math.nan, math.nan, None, len(found), len(set(clusters)))
-        rows[name] = kept
+        clusters, rows[name] = populations[name].clusters, {}
+        for prefix, ones in (("", [plain for plain, _ in found]), ("aligned_", [aligned for _, aligned in found])):
+            numbers = row([_novelty_ratios(one, threshold) for one in ones], clusters, placement.summarise)
+            kept = {key: numbers[key] for key in ("lane_distance_m", "M", "P")}
+            for share in (0.05, 0.5):
+                value = float(np.quantile([one.lane_distance for one in ones], share))
+                key = f"lane_distance_p{round(100 * share):02d}_m"
+                kept[key] = Number(value, math.nan, math.nan, None, len(ones), len(set(clusters)))
+            if prefix:
+                rows[name]["nearer_than_real_p05"] = numbers["nearer"]
+            rows[name] |= {f"{prefix}{key}": number for key, number in kept.items()}
     return rows
+
+
+def _novelty_ratios(near: Nearest, threshold: float) -> Ratios:
+    finite = math.isfinite(near.lane_distance)
+    return {
+        **near.match,
+        "lane_distance_m": (near.lane_distance, 1.0) if finite else (0.0, 0.0),
+        "nearer": (float(near.lane_distance < threshold), 1.0),
+    }
 
 
 def invalid(scene: Scene) -> bool:

@@ -10,12 +10,11 @@ import argparse
 import time
 from pathlib import Path
 
-from scjax.data.procedural import write_scenes
-
 from experiments import sample
 from experiments.configs import autoencoder, denoiser
 from experiments.train import train
 from scjax.data.build import build
+from scjax.data.procedural import write_scenes
 
 
 def main(arguments: list[str] | None = None) -> None:

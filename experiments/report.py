@@ -31,11 +31,11 @@ from experiments.report_files import ReportFiles, about, markdown
 from scjax.condition import Condition
 from scjax.data import records
 from scjax.data.build import load_manifest
-from scjax.data.pipeline import validation_scenes
+from scjax.data.pipeline import PipelineConfig, validation_scenes
 from scjax.metrics.placement import random_lane_aligned, vehicle_pool
 from scjax.model import Model, load
 from scjax.sampling import reconstruct, sample_many
-from scjax.scene import Scene, empty, stack
+from scjax.scene import Layout, Scene, empty, stack
 from scjax.scene_io import save_npz
 
 GROUP = 64  # scenes asked for at a time, so that the bar moves
@@ -144,7 +144,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     picture(args.out, "lane_conditioned", columns, ["real", "on its lanes", "random"], spread(count, 8))
 
     # --- novelty
-    populations = {"samples": samples, "real validation": val}
+    copies = jittered_tiles(args.records, model, rng, min(len(val.scenes), len(train.scenes)))
+    populations = {"samples": samples, "real validation": val, "copies": copies}
     files.section("novelty", novelty_rows(populations, train.scenes, "real validation"))
     return files.report
 
@@ -154,6 +155,19 @@ def read_tiles(folder: Path, model: Model, split: str) -> Tiles:
     scenes = validation_scenes(folder, model.representation, split=split)
     origin = [records.decode(data) for data in records.source(folder, split)]
     return Tiles(scenes, [f"{record.domain}/{record.cluster}" for record in origin])
+
+
+def jittered_tiles(folder: Path, model: Model, rng: np.random.Generator, count: int) -> Tiles:
+    """Training tiles at random, moved as the pipeline moves them by default."""
+    source, jitter = records.source(folder, "train"), PipelineConfig()
+    scenes, clusters = [], []
+    for index in rng.choice(len(source), count, replace=False):
+        record = records.decode(source[int(index)])
+        dx, dy = rng.uniform(-1, 1, 2) * jitter.jitter_position
+        turn = np.deg2rad(rng.uniform(-1, 1) * jitter.jitter_heading)
+        scenes.append(model.representation.select(records.sample_scene(record, Layout.CENTRED, dx, dy, turn)))
+        clusters.append(f"{record.domain}/{record.cluster}")
+    return Tiles(scenes, clusters)
 
 
 def like(scene: Scene, domains: Sequence[str], model: Model) -> Condition:

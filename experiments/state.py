@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import chex
 import jax
 import jax.numpy as jnp
 import optax
 
 from experiments.reporting import Reporter
+from scjax.data.pipeline import PipelineConfig
 from scjax.diffusion.ema import update_ema
 from scjax.model import Model
 from scjax.nn.functional import Params
+from scjax.pytree import pytree
 from scjax.representation import Representation
 from scjax.scene import Scene
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class TrainState:
     """Step counter, parameters, their moving average and the optimiser's moments."""
 
@@ -42,9 +42,8 @@ class Stage(NamedTuple):
 
 def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainState:
     """Step 0; the average starts as a copy, since donated buffers may not be shared."""
-    return TrainState(
-        step=jnp.zeros((), jnp.int32), params=params, ema=jax.tree.map(jnp.copy, params), optimiser=optimiser.init(params)
-    )
+    ema = jax.tree.map(jnp.copy, params)
+    return TrainState(step=jnp.zeros((), jnp.int32), params=params, ema=ema, optimiser=optimiser.init(params))
 
 
 def apply_gradients(
@@ -59,8 +58,11 @@ def apply_gradients(
     return TrainState(step=step, params=params, ema=ema, optimiser=moments), norms
 
 
-def read_manifest(records: str | Path) -> dict[str, Any]:
-    """manifest.json of a record folder."""
-    from scjax.data.build import load_manifest
+def pipeline_config(batch: dict[str, Any], **changes: Any) -> PipelineConfig:
+    """``config.batch`` as it comes out of JSON (lists for tuples)."""
+    fields = {name: _tuples(value) for name, value in batch.items()}
+    return PipelineConfig(**{**fields, **changes})
 
-    return load_manifest(Path(records))
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

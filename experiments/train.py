@@ -22,7 +22,8 @@ from ml_collections import config_flags
 from experiments import autoencoder_stage, denoiser_stage
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
-from scjax.data.pipeline import PipelineConfig, training_batches
+from experiments.state import pipeline_config
+from scjax.data.pipeline import training_batches
 from scjax.model import save
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
@@ -49,10 +50,10 @@ def train(config, workdir: Path) -> None:
 
     # --- data and stage: pure functions over a state
     stage = STAGES[config.stage].build(config)
-    pipeline = PipelineConfig(**{**resolved["batch"], "buckets": _pairs(config.batch.buckets)})
     batches = training_batches(
-        config.records, stage.representation, pipeline, process=jax.process_index(), processes=jax.process_count()
-    )
+        config.records, stage.representation, pipeline_config(resolved["batch"]),
+        process=jax.process_index(), processes=jax.process_count(),
+    )  # fmt: skip
     state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))
 
     # --- signals end the run after the step under way
@@ -117,10 +118,6 @@ def _check(step: int, metrics: dict, checkpoints: Checkpoints) -> None:
             + (f"the last good checkpoint is step {good}" if good is not None else "there is no checkpoint before it")
             + ". Lower --config.optimiser.learning_rate, or look at the data of that step"
         )
-
-
-def _pairs(buckets) -> tuple[tuple[int, int], ...]:
-    return tuple((int(agents), int(lanes)) for agents, lanes in buckets)
 
 
 if __name__ == "__main__":

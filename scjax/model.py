@@ -62,9 +62,10 @@ def save(model: Model, folder: str | Path) -> Path:
         "notes": model.notes,
     }
     networks = {"autoencoder": model.autoencoder or {}, "denoiser": model.denoiser or {}}
-    arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(networks).items()}
+    # safetensors writes an array's memory as it lies, whatever its strides: a transposed one would come back garbled.
+    arrays = {".".join(map(str, path)): np.array(leaf, order="C") for path, leaf in flatten(networks).items()}
     if model.counts is not None:
-        arrays["counts"] = np.asarray(model.counts)
+        arrays["counts"] = np.array(model.counts, order="C")
     temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
     temporary.mkdir(parents=True)
     try:

@@ -15,7 +15,6 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.nodes import Nodes
 
-
 # The networks are tiny and their programs large: most of a test's time is spent in the compiler.
 jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 

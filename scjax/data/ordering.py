@@ -50,9 +50,10 @@ def arrange(scene: Scene) -> tuple[Scene, Int[np.ndarray, " agents"], Int[np.nda
 
     In a partitioned scene the given half comes first, as it does when a scene is completed.
     """
-    perms = order(scene.lanes[..., :2], scene.agents[..., :2], tolerance=TOLERANCE)
+    lanes, agents = np.asarray(scene.lanes)[..., :2], np.asarray(scene.agents)[..., :2]
+    perms = order(lanes, agents, tolerance=TOLERANCE)
     if scene.layout == Layout.PARTITIONED:
-        given = partition(scene.lanes[..., :2], scene.agents[..., :2])
+        given = partition(lanes, agents)
         ego_first = given.agents.copy()
         ego_first[:1] = True
         perms = Nodes(

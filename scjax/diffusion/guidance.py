@@ -1,4 +1,4 @@
-"""Classifier-free guidance as a wrapper around one ``denoise(z, t)``: both branches in one batch (official-spec §5.3)."""
+"""Classifier-free guidance as a wrapper around one ``denoise(z, t)``: both branches in one batch (spec §5.3)."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import chex
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -14,11 +13,12 @@ from scjax.diffusion.process import q_sample
 from scjax.diffusion.schedule import Schedule
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, Params
+from scjax.pytree import pytree
 
 LANE_WEIGHT = 10.0
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class LatentBatch:
     """What one training step of the denoiser consumes.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from scjax.nn.functional import Params
 
@@ -37,9 +38,9 @@ def adamw(
 
 def learning_rates(
     peak: float, *, steps: int, warmup: int, schedule: Literal["linear", "constant"]
-) -> optax.Schedule:  # fmt: skip
-    """count -> rate: linear from 0 (so the first update has rate 0) to ``peak`` at ``warmup``, then constant, or
-    linear to 0 at ``steps``.
+) -> Callable[[Any], Float[Array, ""]]:
+    """An optax schedule, count -> rate: linear from 0 to ``peak`` at ``warmup``, then constant, or linear to 0 at
+    ``steps``. The first update has rate 0.
 
     Raises:
       ValueError: unknown ``schedule``, or a linear one that ends before the warm-up does.
@@ -49,7 +50,7 @@ def learning_rates(
     if schedule == "linear" and steps <= warmup:
         raise ValueError(f"a linear schedule of {steps} steps ends before its warm-up of {warmup}: shorten the warm-up")
 
-    def rate(count: Int[Array, ""] | int) -> Float[Array, ""]:
+    def rate(count: Any) -> Float[Array, ""]:
         count = jnp.asarray(count, jnp.float32)
         rising = count / max(warmup, 1)
         falling = jnp.float32(1) if schedule == "constant" else jnp.maximum((steps - count) / (steps - warmup), 0)
@@ -66,8 +67,8 @@ def decayed(params: Params) -> Params:
 def clip_by_global_norm(largest: float) -> optax.GradientTransformation:
     """Scales by min(1, largest / (norm + 1e-6)): PyTorch's rule, where optax's has no offset."""
 
-    def update(gradients, state, params=None):
+    def update(gradients, _params):
         scale = jnp.minimum(1.0, largest / (optax.tree.norm(gradients) + 1e-6))
-        return jax.tree.map(lambda g: g * scale.astype(g.dtype), gradients), state
+        return jax.tree.map(lambda g: g * scale.astype(g.dtype), gradients)
 
-    return optax.GradientTransformation(lambda params: optax.EmptyState(), update)
+    return optax.stateless(update)

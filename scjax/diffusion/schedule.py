@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import chex
 import numpy as np
 from jaxtyping import Array, Float, Int
+
+from scjax.pytree import pytree
 
 OFFICIAL_STEPS = 100
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Schedule:
     """Coefficients of S diffusion steps, index 0 the least noisy; names as in Ho et al. 2020. float32.
 

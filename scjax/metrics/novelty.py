@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
+from scjax.metrics.alignment import Pose, moved, register
 from scjax.metrics.lanes import lane_lengths, places, segments
 from scjax.metrics.placement import match
 from scjax.metrics.pooling import Ratios, singles
@@ -21,6 +22,9 @@ LONGEST = 4000.0  # metres of lanes a tile (real ones hold up to 1,700) beyond w
 _COARSE = 6.0  # metres between lane points in the first pass over the bank
 _KEPT = 0.05  # share of the bank, and the least number of tiles, that the first pass leaves over
 _KEPT_LEAST = 200
+_TURNS = (0.0, np.deg2rad(8.0), -np.deg2rad(8.0))  # of the scene in the first pass
+_ALIGNED = 64  # tiles to which the scene is aligned
+_FAR = np.float32(1e12)  # square metres
 _FINALISTS = 4  # tiles left over by the second pass, in float32; their distances are computed in float64
 
 
@@ -32,11 +36,13 @@ class Nearest:
       tile: its index in the bank.
       lane_distance: as ``lane_distance`` [m].
       match: ``placement.match`` of the scene's agents with the tile's as reference.
+      pose: x, y [m], yaw [rad] by which the scene was moved onto the tile; zero where nothing was aligned.
     """
 
     tile: int
     lane_distance: float
     match: Ratios
+    pose: Pose
 
 
 def lane_points(scene: Scene, spacing: float = SPACING) -> Float64[np.ndarray, "points 4"]:
@@ -65,10 +71,14 @@ def lane_distance(first: Scene, second: Scene) -> float:
     return _chamfer(*(_tree(lane_points(scene)) for scene in (first, second)))
 
 
-def nearest_tiles(scenes: Scene | Iterable[Scene], bank: Scene | Iterable[Scene]) -> Iterator[Nearest]:
-    """The nearest tile of ``bank`` for each of ``scenes``, in order.
+def nearest_tiles(scenes: Scene | Iterable[Scene], bank: Scene | Iterable[Scene]) -> Iterator[tuple[Nearest, Nearest]]:
+    """The nearest tiles of ``bank`` for each of ``scenes``, in order: in the ego frames, and after alignment.
 
-    A first pass compares with every tile at points 6 m apart, a second one the best 5 %, at least 200, at 2 m.
+    Training moves and turns its tiles a little, so a copied tile need not lie where the tile does. The second result
+    is nearest when the scene may move by up to 4 m and 15 degrees (``alignment.register``); its match too.
+
+    A first pass compares points 6 m apart with every tile (also with the scene turned by 8 degrees either way), a
+    second one the best 5 %, at least 200, at 2 m; to the best 64, the scene is aligned.
 
     Raises:
       ValueError: if the bank is empty.
@@ -76,16 +86,48 @@ def nearest_tiles(scenes: Scene | Iterable[Scene], bank: Scene | Iterable[Scene]
     tiles = list(singles(bank))
     if not tiles:
         raise ValueError("there are no training tiles to compare with: the bank is empty")
-    coarse, fine = ([_Products(lane_points(tile, spacing)) for tile in tiles] for spacing in (_COARSE, SPACING))
+    coarse, fine = ([lane_points(tile, spacing) for tile in tiles] for spacing in (_COARSE, SPACING))
+    stack = _Stack(coarse)
     keep = max(_KEPT_LEAST, math.ceil(_KEPT * len(tiles)))
+    everything = list(range(len(tiles)))
     for scene in singles(scenes):
-        points = lane_points(scene)
-        kept = _best(_Products(lane_points(scene, _COARSE)), coarse, list(range(len(tiles))), keep)
-        finalists = _best(_Products(points), fine, kept, _FINALISTS)
-        exact = [_chamfer(_tree(points), _tree(lane_points(tiles[tile]))) for tile in finalists]
-        best = int(np.argmin(np.array(exact)))
-        tile = finalists[best]
-        yield Nearest(tile=tile, lane_distance=exact[best], match=match(tiles[tile], scene))
+        points, few = lane_points(scene), lane_points(scene, _COARSE)
+        turned = np.stack([stack.distances(moved(few, _turn(yaw))) for yaw in _TURNS])
+        kept = _best(everything, turned[0], keep)
+        finalists = _best(kept, _Stack([fine[tile] for tile in kept]).distances(points), _FINALISTS)
+        plain = _nearest(scene, points, tiles, dict.fromkeys(finalists, _turn(0.0)))
+        poses = {
+            tile: register(few, coarse[tile], _turn(_TURNS[int(turned[:, tile].argmin())]), 5)
+            for tile in _best(everything, turned.min(0), _ALIGNED)
+            if len(few) and len(coarse[tile])
+        }
+        gaps = [_Stack([coarse[tile]]).distances(moved(few, pose))[0] for tile, pose in poses.items()]
+        chosen = _best(list(poses), np.array(gaps), _FINALISTS)
+        refined = {tile: register(points, fine[tile], poses[tile], 5) for tile in chosen}
+        yield plain, min(plain, _nearest(scene, points, tiles, refined), key=lambda near: near.lane_distance)
+
+
+def _nearest(scene: Scene, points: np.ndarray, tiles: Sequence[Scene], poses: dict[int, Pose]) -> Nearest:
+    """The exact best of the tiles in ``poses``, the scene moved by the pose."""
+    best = Nearest(tile=-1, lane_distance=math.inf, match={}, pose=_turn(0.0))
+    for tile, pose in poses.items():
+        distance = _chamfer(_tree(moved(points, pose)), _tree(lane_points(tiles[tile])))
+        if distance < best.lane_distance or best.tile < 0:
+            best = Nearest(tile=tile, lane_distance=distance, match={}, pose=pose)
+    if best.tile < 0:
+        return best
+    agents = np.array(scene.agents)
+    agents[:, :2] = moved(agents[:, :2], best.pose)
+    return dataclasses.replace(best, match=match(tiles[best.tile], scene.replace(agents=agents)))
+
+
+def _turn(yaw: float) -> Pose:
+    return np.array([0.0, 0.0, yaw])
+
+
+def _best(candidates: Sequence[int], distances: np.ndarray, count: int) -> list[int]:
+    """The ``count`` nearest candidates, in bank order."""
+    return sorted(candidates[index] for index in np.argsort(distances, kind="stable")[:count])
 
 
 def _tree(points: np.ndarray) -> KDTree | None:
@@ -99,27 +141,42 @@ def _chamfer(first: KDTree | None, second: KDTree | None) -> float:
     return float((there.mean() + back.mean()) / 2)
 
 
-class _Products:
-    """Points in the forms of which |p - q|^2 is a single matrix product: [p, |p|^2, 1] . [-2 q, 1, |q|^2]."""
+class _Stack:
+    """Points of many tiles in a few matrices, so that a scene's distances to all of them are a few large operations.
 
-    def __init__(self, points: np.ndarray):
-        square, one = (points**2).sum(-1, keepdims=True), np.ones((len(points), 1))
-        self.left = np.concatenate([points, square, one], 1).astype(np.float32)
-        self.right = np.ascontiguousarray(np.concatenate([-2 * points, one, square], 1).astype(np.float32).T)
+    |p - q|^2 is a single matrix product: [p, |p|^2, 1] . [-2 q, 1, |q|^2]; float32, so right to about 0.02 m. Tiles of
+    like numbers of points share a matrix, padded with points at infinity.
+    """
 
+    def __init__(self, clouds: Sequence[np.ndarray], group: int = 64):
+        self._total = len(clouds)
+        order = sorted(range(len(clouds)), key=lambda tile: len(clouds[tile]))
+        self._groups = []
+        for start in range(0, len(order), group):
+            tiles = order[start : start + group]
+            count = np.array([len(clouds[tile]) for tile in tiles])
+            left = np.zeros((len(tiles), max(count.max(), 1), 6), np.float32)
+            left[..., 4] = _FAR
+            for row, tile in enumerate(tiles):
+                points = clouds[tile]
+                left[row, : len(points), :4] = points
+                left[row, : len(points), 4] = (points**2).sum(-1)
+                left[row, : len(points), 5] = 1
+            self._groups.append((np.array(tiles), count, left))
 
-def _best(scene: _Products, bank: Sequence[_Products], candidates: Sequence[int], count: int) -> list[int]:
-    """The ``count`` nearest of the candidates, in bank order; distances in float32 are right to about 0.02 m."""
-    rows = len(scene.left)
-    buffer = np.empty(rows * max(len(bank[tile].left) for tile in candidates), np.float32)
-    distances = np.full(len(candidates), np.inf)
-    for index, tile in enumerate(candidates):
-        columns = len(bank[tile].left)
-        if not rows or not columns:
-            distances[index] = 0.0 if rows == columns else np.inf
-            continue
-        square = buffer[: rows * columns].reshape(rows, columns)
-        np.matmul(scene.left, bank[tile].right, out=square)
-        there, back = square.min(1), square.min(0)
-        distances[index] = (np.sqrt(there.clip(0)).mean() + np.sqrt(back.clip(0)).mean()) / 2
-    return sorted(candidates[index] for index in np.argsort(distances, kind="stable")[:count])
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """``lane_distance`` of ``points`` to every tile."""
+        result = np.full(self._total, np.inf)
+        square = (points**2).sum(-1, keepdims=True)
+        right = np.concatenate([-2 * points, np.ones_like(square), square], 1).astype(np.float32).T
+        for tiles, count, left in self._groups:
+            if not len(points):
+                result[tiles[count == 0]] = 0.0
+                continue
+            squared = (left.reshape(-1, 6) @ right).reshape(*left.shape[:2], -1)  # [tiles, their points, points]
+            there = np.sqrt(np.maximum(squared.min(1), 0.0)).mean(1)
+            nearest = np.sqrt(np.maximum(squared.min(2), 0.0))
+            nearest[left[..., 4] == _FAR] = 0.0
+            back = nearest.sum(1) / np.maximum(count, 1)
+            result[tiles] = np.where(count > 0, (there + back) / 2, np.inf)
+        return result

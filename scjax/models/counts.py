@@ -53,7 +53,8 @@ def draw_counts(
 ) -> tuple[int, int, int]:
     """(domain, N_l, N_o), each drawn where it is not given, under the given ones and the lower bounds.
 
-    Where the restricted table is empty (an unusual request) the bounds themselves are returned.
+    Where the restricted table is empty it borrows from other layouts, then from other domains; where even that is
+    empty, the bounds themselves are returned.
 
     Raises:
       ValueError: there is no table and something is left to draw.
@@ -62,17 +63,18 @@ def draw_counts(
         if num_lanes is None or num_agents is None:
             raise ValueError("this model has no table of counts: give Condition.num_lanes and Condition.num_agents")
         return domain or 0, num_lanes, num_agents
-    cells = table[:, layout].astype(np.float64)
-    if not cells.any():
-        cells = table.sum(1, dtype=np.float64)
-    allowed = np.zeros_like(cells, bool)
     rows = slice(max(least_lanes, 1), None) if num_lanes is None else num_lanes
     columns = slice(max(least_agents, 1), None) if num_agents is None else num_agents
-    allowed[slice(None) if domain is None else domain, rows, columns] = True
-    cells = np.where(allowed, cells, 0)
-    if not cells.any():
-        drawn = int(table.sum((1, 2, 3)).argmax()) if domain is None else domain
-        return drawn, num_lanes or max(least_lanes, 1), num_agents or max(least_agents, 1)
-    index = rng.choice(cells.size, p=(cells / cells.sum()).ravel())
-    drawn, lanes, agents = np.unravel_index(index, cells.shape)
-    return int(drawn), int(lanes), int(agents)
+    allowed = np.zeros(table.shape[2:], bool)
+    allowed[rows, columns] = True
+    # The asked layout and domain first; where the data has none of them, the other layouts, then the other domains.
+    asked = table[:, layout].astype(np.float64)
+    anywhere = table.sum(1, dtype=np.float64)
+    own = slice(None) if domain is None else slice(domain, domain + 1)
+    for cells in (asked[own], anywhere[own], anywhere):
+        cells = np.where(allowed[None], cells, 0)
+        if cells.any():
+            index = rng.choice(cells.size, p=(cells / cells.sum()).ravel())
+            drawn, lanes, agents = np.unravel_index(index, cells.shape)
+            return int(drawn) if domain is None else domain, int(lanes), int(agents)
+    return domain or 0, num_lanes or max(least_lanes, 1), num_agents or max(least_agents, 1)

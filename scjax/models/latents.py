@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import numpy as np
@@ -13,15 +13,15 @@ from scjax.models.nodes import Nodes
 
 @dataclasses.dataclass(frozen=True)
 class LatentStatistics:
-    """Mean and standard deviation of all latent numbers of a kind, as Nodes of floats (or as their dicts, from JSON)."""
+    """Mean and standard deviation of all latent numbers of a kind: Nodes of floats (or their dicts, from JSON)."""
 
-    mean: Nodes
-    std: Nodes
+    mean: Nodes | Mapping[str, float]
+    std: Nodes | Mapping[str, float]
 
     def __post_init__(self):
         for name in ("mean", "std"):
             value = getattr(self, name)
-            if isinstance(value, dict):
+            if isinstance(value, Mapping):
                 object.__setattr__(self, name, Nodes(**value))
         if min(jax.tree.leaves(self.std)) <= 0:
             raise ValueError(f"standard deviations of latents must be positive, got {self.std}")

@@ -24,11 +24,11 @@ def merge_heads(x: Float[Array, "b h t d"]) -> Float[Array, "b t hd"]:
     return x.reshape(*x.shape[:-2], -1)
 
 
-def weights(logits: Float[Array, "b h q k"], mask: Bool[Array, "b_or_1 1 q_or_1 k_or_1"]) -> tuple[Array, Array]:
+def weights(logits: Float[Array, "*b k"], mask: Bool[Array, "*#b #k"]) -> tuple[Array, Array]:
     """Unnormalised softmax weights and their sums, in at least float32.
 
     Returns:
-      p [b, h, q, k], zero at masked keys; total [b, h, q, 1], 1 for rows without any key (so that p / total is 0).
+      p [*b, k], zero at masked keys; total [*b, 1], 1 for rows without any key (so that p / total is 0).
     """
     logits = jnp.where(mask, logits.astype(jnp.promote_types(logits.dtype, jnp.float32)), -1e30)
     p = jnp.exp(logits - jax.lax.stop_gradient(logits.max(-1, keepdims=True)))

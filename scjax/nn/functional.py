@@ -10,7 +10,10 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 from flax import nnx
+
+from scjax.nn.initial import Draws
 
 Params = dict[str, Any]
 Path = tuple[str | int, ...]
@@ -28,12 +31,15 @@ class Functional(NamedTuple):
     apply: Callable[..., Any]
 
 
-def functional(make: Callable[[nnx.Rngs], nnx.Module]) -> Functional:
+def functional(make: Callable[[Draws], nnx.Module]) -> Functional:
     """Turns a module constructor into pure functions; the module is traced abstractly once."""
-    graphdef, abstract = nnx.split(nnx.eval_shape(lambda: make(nnx.Rngs(0))))
+    counter = Draws()
+    graphdef, abstract = nnx.split(nnx.eval_shape(lambda: make(counter)))
 
     def init(key: jax.Array) -> Params:
-        return nnx.to_pure_dict(nnx.state(make(nnx.Rngs(key))))
+        # The open interval (-1, 1): the least float32 above -1 keeps the inverse error function finite.
+        numbers = jax.random.uniform(key, (counter.used,), minval=np.nextafter(np.float32(-1), np.float32(0)))
+        return nnx.to_pure_dict(nnx.state(make(Draws(numbers))))
 
     def apply(params: Params, *args, method: str = "__call__", **kwargs):
         state = jax.tree.map(lambda leaf: leaf, abstract)

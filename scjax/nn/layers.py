@@ -9,27 +9,27 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from scjax.nn.initial import Draws
 from scjax.nn.precision import Compute, matmul
-
-_xavier = nnx.initializers.xavier_uniform()
 
 
 class Linear(nnx.Module):
-    """y = x W + b with W [in, out], xavier-uniform; the bias starts at zero."""
+    """y = x W + b with W [in, out], xavier-uniform, or N(0, std^2) where ``std`` is given; the bias starts at zero."""
 
     def __init__(
         self,
         features_in: int,
         features_out: int,
         *,
-        rngs: nnx.Rngs,
+        draws: Draws,
         bias: bool = True,
         compute: Compute = "float32",
-        init: nnx.Initializer = _xavier,
+        std: float | None = None,
     ):
-        self.kernel = nnx.Param(init(rngs.params(), (features_in, features_out), jnp.float32))
+        shape = (features_in, features_out)
+        self.kernel = nnx.Param(draws.xavier(shape) if std is None else draws.normal(shape, std))
         self.bias = nnx.Param(jnp.zeros(features_out)) if bias else None
-        self.compute = compute
+        self.compute: Compute = compute
 
     def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
         # One flat product: XLA:CPU runs the weight gradient of a product over several axes at a third of the rate.
@@ -65,19 +65,17 @@ class ResidualMLP(nnx.Module):
         features_in: int,
         width: int,
         *,
-        rngs: nnx.Rngs,
+        draws: Draws,
         depth: int = 2,
         features_out: int | None = None,
         compute: Compute = "float32",
     ):
         sizes = [features_in] + [width] * depth
-        self.linears = nnx.List(
-            [Linear(i, o, rngs=rngs, compute=compute) for i, o in itertools.pairwise(sizes)]
-        )
+        self.linears = nnx.List([Linear(i, o, draws=draws, compute=compute) for i, o in itertools.pairwise(sizes)])
         self.norms = nnx.List([LayerNorm(width) for _ in range(depth)])
-        self.skip = Linear(features_in, width, rngs=rngs, compute=compute)
+        self.skip = Linear(features_in, width, draws=draws, compute=compute)
         self.skip_norm = LayerNorm(width)
-        self.out = None if features_out is None else Linear(width, features_out, rngs=rngs, compute=compute)
+        self.out = None if features_out is None else Linear(width, features_out, draws=draws, compute=compute)
 
     def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
         return self.after_first(self.linears[0](x), self.skip(x))

@@ -25,12 +25,11 @@ def case(request, parity_dir):
     config = golden.denoiser_config(parity_dir, kind)
     inputs = golden.load(parity_dir, "train_inputs.npz")
     expected = golden.load(parity_dir, f"train_{kind}.npz")
-    params_of_all = convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config)
+    leaves = flatten(convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config))
     network, schedule = denoiser(config), cosine_schedule()
     names = [f"s{k}" for k in range(golden.scenes(inputs))]
     clean, noise, given = (
-        golden.pair(inputs, names, *keys)
-        for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
+        golden.pair(inputs, names, *keys) for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
     )
     masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
     step = jnp.asarray(inputs["t"])
@@ -40,8 +39,8 @@ def case(request, parity_dir):
     rules = denoiser_rules(config)
     wanted = {rules[key][0] for key in stored}
 
-    def loss(chosen, label, dropped, agent_weight):
-        params = unflatten({**flatten(params_of_all), **chosen})
+    def loss(chosen, others, label, dropped, agent_weight):
+        params = unflatten({**others, **chosen})
         cache = None
         if features is not None:
             cache = network.apply(params, features, dropped, method="encode_condition")
@@ -68,9 +67,10 @@ def case(request, parity_dir):
     }
     # One program for all variants; only the stored gradients are computed.
     evaluate = golden.jit(jax.value_and_grad(loss, has_aux=True))
-    chosen = {path: leaf for path, leaf in flatten(params_of_all).items() if path in wanted}
+    chosen = {path: leaf for path, leaf in leaves.items() if path in wanted}
+    others = {path: leaf for path, leaf in leaves.items() if path not in wanted}
     results = {
-        name: evaluate(chosen, *arguments)
+        name: evaluate(chosen, others, *arguments)
         for name, arguments in variants.items()
         if f"{name}/mean/total" in expected
     }

@@ -40,6 +40,7 @@ def stand_ins(monkeypatch):
     monkeypatch.setattr(report, "load", lambda folder: model)
     monkeypatch.setattr(report, "load_manifest", lambda folder: {"domains": ["womd"]})
     monkeypatch.setattr(report, "read_tiles", lambda folder, model, split: tiles[split])
+    monkeypatch.setattr(report, "jittered_tiles", lambda folder, model, rng, count: tiles["train"])
     monkeypatch.setattr(report, "reconstruct", lambda model, scenes: scenes)
     monkeypatch.setattr(report, "sample_many", sample_many)
     return types.SimpleNamespace(model=model, tiles=tiles, asked=asked)
@@ -62,7 +63,10 @@ def test_numbers_and_files(stand_ins, tmp_path, capsys):
     assert novelty["samples"]["lane_distance_m"]["value"] == 3.5 and novelty["samples"]["M"]["value"] == 0
     assert novelty["real validation"]["lane_distance_m"]["value"] == pytest.approx(2.5)
     assert novelty["real validation"]["lane_distance_p50_m"]["low"] is None
-    assert novelty["samples"]["nearer_than_real_p05"]["value"] == 0
+    assert novelty["samples"]["aligned_lane_distance_m"]["value"] == pytest.approx(0, abs=1e-3)
+    assert novelty["copies"]["lane_distance_m"]["value"] == 0 and novelty["copies"]["M"]["value"] == 1
+    assert set(novelty) == {"samples", "real validation", "copies"}
+    assert 0 <= novelty["samples"]["nearer_than_real_p05"]["value"] <= 1
     placed = sections["lane_conditioned"]
     assert placed["real"]["M"]["value"] == placed["real"]["vehicle_PxR"]["value"] == 1
     assert placed["random placement"]["M"]["scenes"] == 30 and placed["random placement"]["M"]["clusters"] == 3

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from scjax import geometry
+from scjax.metrics.alignment import LARGEST_SHIFT, LARGEST_TURN, moved, register
 from scjax.metrics.novelty import DIRECTION, lane_distance, lane_points, nearest_tiles
 from scjax.scene import pad, permute
 from tests.metrics.worlds import agent, crossing, eval_tiles, lane, scene
@@ -48,7 +50,7 @@ def test_scenes_without_lanes():
     bare = scene(EGO)
     assert lane_distance(bare, bare) == 0 and lane_distance(bare, road()) == np.inf
     found = list(nearest_tiles([bare, road(0.5)], [road(), bare]))
-    assert [near.tile for near in found] == [1, 0] and [near.lane_distance for near in found] == [0, 0.5]
+    assert [near.tile for near, _ in found] == [1, 0] and [near.lane_distance for near, _ in found] == [0, 0.5]
     with pytest.raises(ValueError, match="bank is empty"):
         next(nearest_tiles([bare], []))
 
@@ -56,8 +58,32 @@ def test_scenes_without_lanes():
 def test_the_match_is_with_the_nearest_tile():
     near = scene([*EGO, agent(9, 0)], [lane((-20, 0), (20, 0))])
     far = scene([*EGO, agent(5, 0)], [lane((0, 9), (9, 9))])
-    (found,) = nearest_tiles(scene([*EGO, agent(9.5, 0), agent(5, 0)], [lane((-20, 1), (20, 1))]), [far, near])
+    ((found, _),) = nearest_tiles(scene([*EGO, agent(9.5, 0), agent(5, 0)], [lane((-20, 1), (20, 1))]), [far, near])
     assert found.tile == 1 and found.match["recall_1m"] == (1, 1) and found.match["precision_1m"] == (1, 2)
+
+
+def turned(made, pose):
+    """The scene moved by x, y [m] and yaw [rad]."""
+    return geometry.move(made, np.array(pose, np.float32)).to_numpy()
+
+
+def test_a_moved_copy_is_found_by_alignment():
+    rng = np.random.default_rng(0)
+    bank = [crossing(), road(1)]
+    bank += [scene(EGO, [lane(*rng.uniform(-32, 32, (2, 2))) for _ in range(3)]) for _ in range(30)]
+    for pose in ((1.5, -2, 0.15), (-2, 1, -0.17), (0, 0, 0)):
+        ((plain, aligned),) = nearest_tiles(turned(crossing(), pose), bank)
+        assert aligned.tile == 0 and aligned.lane_distance < 0.05
+        np.testing.assert_allclose(moved(moved(np.zeros((1, 2)), np.array(pose)), aligned.pose), 0, atol=0.05)
+        assert aligned.match["recall_1m"] == (3, 3)
+        assert pose == (0, 0, 0) or plain.lane_distance > 0.5
+
+
+def test_alignment_stays_within_its_limits():
+    made = crossing()
+    points, target = lane_points(made), lane_points(turned(made, (9, 9, 0.6)))
+    pose = register(points, target, np.zeros(3), 20)
+    assert np.hypot(*pose[:2]) <= LARGEST_SHIFT + 1e-9 and abs(pose[2]) <= LARGEST_TURN + 1e-9
 
 
 def test_search_finds_what_brute_force_finds():
@@ -67,16 +93,17 @@ def test_search_finds_what_brute_force_finds():
         return scene(EGO, [lane(*rng.uniform(-32, 32, (2, 2))) for _ in range(rng.integers(1, 5))])
 
     bank, queries = [tile() for _ in range(40)], [tile() for _ in range(10)]
-    for query, found in zip(queries, nearest_tiles(queries, bank), strict=True):
+    for query, (found, aligned) in zip(queries, nearest_tiles(queries, bank), strict=True):
         exact = [lane_distance(query, other) for other in bank]
         assert found.tile == np.argmin(exact) and found.lane_distance == min(exact)
+        assert aligned.lane_distance <= found.lane_distance
 
 
 def test_golden_tiles_find_themselves(eval_dir):
     bank = eval_tiles(eval_dir, "real_train", only=list(range(0, 1239, 4)))
     found = list(nearest_tiles(bank[::60], bank))
-    assert [near.lane_distance for near in found] == [0.0] * len(found)  # several tiles may hold the same lanes
+    assert [near.lane_distance for near, _ in found] == [0.0] * len(found)  # several tiles may hold the same lanes
     peers = eval_tiles(eval_dir, "peer_vehicle", only=[0, 100, 200])
-    for peer, near in zip(peers, nearest_tiles(peers, bank), strict=True):
+    for peer, (near, _) in zip(peers, nearest_tiles(peers, bank), strict=True):
         assert 0 < near.lane_distance < 10
         assert near.lane_distance == lane_distance(peer, bank[near.tile])

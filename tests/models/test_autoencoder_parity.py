@@ -182,7 +182,7 @@ def test_attention_layer_parity(parity_dir, config, params, kind):
     else:
         sizes, edge_width = (config.agent_width, config.agent_heads, config.agent_ff), None
         layer = params["decoder"]["blocks"][1]["agent_agent"]
-    network = functional(lambda rngs: GraphAttention(*sizes, rngs=rngs, edge_width=edge_width, compute="float32"))
+    network = functional(lambda draws: GraphAttention(*sizes, draws=draws, edge_width=edge_width, compute="float32"))
 
     @jax.jit
     def run(layer, x, mask, r):

@@ -46,7 +46,9 @@ def case(request, parity_dir):
             cache = network.apply(params, features, dropped, trace=trace, method="encode_condition")
         return network.apply(params, z, t, label, masks, cache=cache, trace=trace), trace
 
-    return {"run": functools.partial(run, params), "expected": expected, "inputs": inputs, "names": names, "config": config, "kind": kind}
+    return {
+        "run": functools.partial(run, params), "expected": expected, "inputs": inputs, "names": names, "kind": kind,
+    }  # fmt: skip
 
 
 def test_denoiser_parity(case):

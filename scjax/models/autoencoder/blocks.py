@@ -18,6 +18,7 @@ from scjax.models.autoencoder.chunks import over_rows
 from scjax.models.autoencoder.edges import EPS, DenseEdges, Edges, centred, pair_rstd
 from scjax.models.nodes import Nodes
 from scjax.nn.attention import attend, split_heads, weights
+from scjax.nn.initial import Draws
 from scjax.nn.layers import LayerNorm, Linear, ResidualMLP
 from scjax.nn.precision import Compute, matmul
 
@@ -48,10 +49,10 @@ class GraphAttention(nnx.Module):
     """Gated attention and a feed-forward layer, both normed before and after; edges add to keys and values."""
 
     def __init__(
-        self, width: int, heads: int, ff: int, *, rngs: nnx.Rngs, edge_width: int | None = None, compute: Compute
+        self, width: int, heads: int, ff: int, *, draws: Draws, edge_width: int | None = None, compute: Compute
     ):
         def linear(features_in: int, features_out: int, bias: bool = True) -> Linear:
-            return Linear(features_in, features_out, rngs=rngs, bias=bias, compute=compute)
+            return Linear(features_in, features_out, draws=draws, bias=bias, compute=compute)
 
         self.norm = LayerNorm(width)
         self.query, self.key, self.value = linear(width, width), linear(width, width, bias=False), linear(width, width)
@@ -123,9 +124,9 @@ class GraphAttention(nnx.Module):
 class EdgeUpdate(nnx.Module):
     """c_ij <- MLP([n_ij; c_ij]) with n_ij = MLP([e_i; e_j]), destination i first. No residual."""
 
-    def __init__(self, node_width: int, edge_width: int, *, rngs: nnx.Rngs, compute: Compute):
-        self.nodes = ResidualMLP(2 * node_width, edge_width, rngs=rngs, compute=compute)
-        self.edges = ResidualMLP(2 * edge_width, edge_width, rngs=rngs, compute=compute)
+    def __init__(self, node_width: int, edge_width: int, *, draws: Draws, compute: Compute):
+        self.nodes = ResidualMLP(2 * node_width, edge_width, draws=draws, compute=compute)
+        self.edges = ResidualMLP(2 * edge_width, edge_width, draws=draws, compute=compute)
 
     def __call__(
         self,
@@ -150,13 +151,15 @@ class EdgeUpdate(nnx.Module):
             first_own, skip_own, own = rows
             edges = kind(own, *scene)
             hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], first_own, first_other))
-            hidden = _norm(self.nodes.norms[1], matmul(hidden, second[0], "float32") + second[1][None, None, None])
+            hidden = _norm(self.nodes.norms[1], matmul(hidden, second[0], "float32") + second[1][None])
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
             first, skip = (
-                matmul(n, kernel[:width], "float32") + edges.project(kernel[width:]) + bias[None, None, None]
+                matmul(n, kernel[:width], "float32")
+                + edges.project(kernel[width:]).reshape(-1, width)
+                + bias[None]
                 for kernel, bias in entries
             )
-            values = _after_first(self.edges, first, skip)
+            values = _after_first(self.edges, first, skip).reshape(*own.shape[:2], -1, width)
             return values if then is None else then(values)
 
         kind, (own, *scene) = type(edges), edges
@@ -172,16 +175,16 @@ class FactorisedBlock(nnx.Module):
         agent: tuple[int, int, int],
         edge_width: int,
         *,
-        rngs: nnx.Rngs,
+        draws: Draws,
         compute: Compute,
         update_edges: bool = True,
     ):
         """``lane`` and ``agent`` are (width, heads, feed-forward width)."""
-        self.lane_lane = GraphAttention(*lane, rngs=rngs, edge_width=edge_width, compute=compute)
-        self.down = Linear(lane[0], agent[0], rngs=rngs, compute=compute)
-        self.lane_agent = GraphAttention(*agent, rngs=rngs, compute=compute)
-        self.agent_agent = GraphAttention(*agent, rngs=rngs, compute=compute)
-        self.edge_update = EdgeUpdate(agent[0], edge_width, rngs=rngs, compute=compute) if update_edges else None
+        self.lane_lane = GraphAttention(*lane, draws=draws, edge_width=edge_width, compute=compute)
+        self.down = Linear(lane[0], agent[0], draws=draws, compute=compute)
+        self.lane_agent = GraphAttention(*agent, draws=draws, compute=compute)
+        self.agent_agent = GraphAttention(*agent, draws=draws, compute=compute)
+        self.edge_update = EdgeUpdate(agent[0], edge_width, draws=draws, compute=compute) if update_edges else None
 
     def __call__(
         self,
@@ -209,7 +212,9 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
     """``head`` on edge values, in the form that is cheap for many rows."""
 
     def apply(values: Float[Array, "b l l c"]) -> Float[Array, "b l l k"]:
-        return _after_first(head, _centred_linear(head.linears[0], values), _centred_linear(head.skip, values))
+        flat = values.reshape(-1, values.shape[-1])
+        out = _after_first(head, _centred_linear(head.linears[0], flat), _centred_linear(head.skip, flat))
+        return out.reshape(*values.shape[:-1], -1)
 
     return apply
 
@@ -228,13 +233,13 @@ def _centred_kernel(linear: Linear) -> tuple[Array, Array]:
 
 def _centred_linear(linear: Linear, x: Array) -> Array:
     kernel, bias = _centred_kernel(linear)
-    return matmul(x, kernel, "float32") + bias[None, None, None]
+    return matmul(x, kernel, "float32") + bias[None]
 
 
 def _norm(norm: LayerNorm, x: Array) -> Array:
     """LN of mean-free x [B, L, L, C]."""
     rstd = jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + EPS)
-    return x * rstd * norm.scale[...][None, None, None] + norm.bias[...][None, None, None]
+    return x * rstd * norm.scale[...][None] + norm.bias[...][None]
 
 
 def _after_first(mlp: ResidualMLP, first: Array, skip: Array) -> Array:
@@ -256,6 +261,6 @@ def _pair_products(linear: Linear, e: Float[Array, "b l d"]) -> tuple[Array, Arr
 
 def _pair_norm(norm: LayerNorm, destination: Array, source: Array) -> Array:
     """LN of destination_i + source_j, [B, L, L, C]."""
-    rstd = pair_rstd(destination, source)[..., None]
-    scale, offset = norm.scale[...][None, None], norm.bias[...][None, None, None]
-    return ((destination * scale)[:, :, None] + (source * scale)[:, None]) * rstd + offset
+    rstd = pair_rstd(destination, source).reshape(-1, 1)
+    both = (destination[:, :, None] + source[:, None]).reshape(-1, destination.shape[-1])
+    return both * rstd * norm.scale[...][None] + norm.bias[...][None]

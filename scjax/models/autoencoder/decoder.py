@@ -12,6 +12,7 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges
 from scjax.models.autoencoder.outputs import Decoded
 from scjax.models.nodes import Nodes
+from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, ResidualMLP
 from scjax.nn.precision import matmul
 
@@ -19,8 +20,8 @@ from scjax.nn.precision import matmul
 class Decoder(nnx.Module):
     """Two factorised blocks over all pairs of the scene, then one head per quantity."""
 
-    def __init__(self, config: AutoencoderConfig, *, rngs: nnx.Rngs):
-        c, options = config, {"rngs": rngs, "compute": config.compute}
+    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
+        c, options = config, {"draws": draws, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = Linear(c.lane_latent, c.lane_width, **options)
         self.agent_in = Linear(c.agent_latent, c.agent_width, **options)

@@ -12,6 +12,7 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, TypedEdges
 from scjax.models.autoencoder.outputs import Posterior
 from scjax.models.nodes import Nodes
+from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, ResidualMLP
 from scjax.representation import Tokens
 
@@ -19,8 +20,8 @@ from scjax.representation import Tokens
 class Encoder(nnx.Module):
     """Two factorised blocks over lanes, agents and lane pairs; a query token counts what lies behind the partition."""
 
-    def __init__(self, config: AutoencoderConfig, *, rngs: nnx.Rngs):
-        c, options = config, {"rngs": rngs, "compute": config.compute}
+    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
+        c, options = config, {"draws": draws, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = ResidualMLP(c.lane_inputs, c.lane_width, **options)
         self.agent_in = ResidualMLP(c.agent_inputs, c.agent_width, **options)
@@ -32,7 +33,7 @@ class Encoder(nnx.Module):
                 for i in range(c.encoder_blocks)
             ]
         )
-        self.query = nnx.Param(nnx.initializers.xavier_uniform()(rngs.params(), (1, c.lane_width), jnp.float32))
+        self.query = nnx.Param(draws.xavier((1, c.lane_width)))
         self.query_attention = GraphAttention(*lane, **options)
         self.lane_mean, self.lane_logvar = (Linear(c.lane_width, c.lane_latent, **options) for _ in range(2))
         self.agent_mean, self.agent_logvar = (Linear(c.agent_width, c.agent_latent, **options) for _ in range(2))

@@ -13,15 +13,16 @@ from scjax.models.autoencoder.encoder import Encoder
 from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, functional
+from scjax.nn.initial import Draws
 from scjax.representation import Tokens
 
 
 class Autoencoder(nnx.Module):
     """Encoder and decoder; all methods work on batches [B] and never mix scenes."""
 
-    def __init__(self, config: AutoencoderConfig, *, rngs: nnx.Rngs):
-        self.encoder = Encoder(config, rngs=rngs)
-        self.decoder = Decoder(config, rngs=rngs)
+    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
+        self.encoder = Encoder(config, draws=draws)
+        self.decoder = Decoder(config, draws=draws)
 
     def encode(self, tokens: Tokens) -> Posterior:
         """The posterior of each scene's latents."""
@@ -48,7 +49,7 @@ class Autoencoder(nnx.Module):
 
 def autoencoder(config: AutoencoderConfig) -> Functional:
     """``init(key) -> params`` and ``apply(params, *args, method="encode" | "decode" | "reconstruct" | "trace")``."""
-    return functional(lambda rngs: Autoencoder(config, rngs=rngs))
+    return functional(lambda draws: Autoencoder(config, draws=draws))
 
 
 def noise_like(key: jax.Array, tokens: Tokens, config: AutoencoderConfig) -> Nodes:

@@ -1,4 +1,4 @@
-"""Sizes and named options of the denoiser; the ``official`` preset is the released architecture (official-spec §0, §4)."""
+"""Sizes and named options of the denoiser; ``official`` is the released architecture (official-spec §0, §4)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class TextCondition:
 
 @dataclasses.dataclass(frozen=True)
 class ImageCondition:
-    """DINO features [channels, *grid] and a depth map, averaged over ``patch`` x ``patch`` cells (official-spec §4.8)."""
+    """DINO features [channels, *grid] and a depth map, averaged over ``patch`` x ``patch`` cells (spec §4.8)."""
 
     channels: int = 384
     grid: tuple[int, int] = (14, 14)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +17,14 @@ from jaxtyping import Array, Bool, Float
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.embed import image_table
 from scjax.models.nodes import Nodes
+from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear
+from scjax.pytree import pytree
 
-_normal = nnx.initializers.normal(0.02)
+_STD = 0.02  # of tables and of the time and text MLPs
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class TextFeatures:
     """Token features of a frozen text encoder; ``mask`` is True at real tokens."""
 
@@ -31,7 +32,7 @@ class TextFeatures:
     mask: Bool[Array | np.ndarray, "b n"]
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class ImageFeatures:
     """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalise_depth``)."""
 
@@ -45,10 +46,10 @@ ConditionFeatures = TextFeatures | ImageFeatures
 class TextContext(nnx.Module):
     """One two-layer MLP a kind; no positions."""
 
-    def __init__(self, config: DenoiserConfig, condition: TextCondition, *, rngs: nnx.Rngs):
+    def __init__(self, config: DenoiserConfig, condition: TextCondition, *, draws: Draws):
         def mlp(width):
             sizes = [(condition.width, width), (width, width)]
-            return nnx.List([Linear(i, o, rngs=rngs, compute=config.compute, init=_normal) for i, o in sizes])
+            return nnx.List([Linear(i, o, draws=draws, compute=config.compute, std=_STD) for i, o in sizes])
 
         self.agents, self.lanes = mlp(config.agent_width), mlp(config.lane_width)
 
@@ -65,10 +66,10 @@ class TextContext(nnx.Module):
 class ImageContext(nnx.Module):
     """Image tokens, then depth tokens, both with the code of their cell; agents read a narrower copy."""
 
-    def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, rngs: nnx.Rngs):
-        self.dino = Linear(condition.channels, config.lane_width, rngs=rngs, compute=config.compute)
-        self.depth = Linear(1, config.lane_width, rngs=rngs, compute=config.compute)
-        self.agents = Linear(config.lane_width, config.agent_width, rngs=rngs, compute=config.compute)
+    def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, draws: Draws):
+        self.dino = Linear(condition.channels, config.lane_width, draws=draws, compute=config.compute)
+        self.depth = Linear(1, config.lane_width, draws=draws, compute=config.compute)
+        self.agents = Linear(config.lane_width, config.agent_width, draws=draws, compute=config.compute)
         self.grid, self.patch = condition.grid, condition.patch
 
     def __call__(

@@ -20,8 +20,8 @@ def position_table(first: int, rows: int, width: int) -> Float[np.ndarray, "rows
 @functools.cache
 def image_table(rows: int, columns: int, width: int) -> Float[np.ndarray, "cells width"]:
     """Row-major cells; the first half of the width codes the column, the second half the row; float64."""
-    row, column = np.divmod(np.arange(rows * columns), columns)
-    return np.concatenate([_codes(column.astype(np.float64), width // 2), _codes(row.astype(np.float64), width // 2)], 1)
+    row, column = np.divmod(np.arange(rows * columns, dtype=np.float64), columns)
+    return np.concatenate([_codes(column, width // 2), _codes(row, width // 2)], 1)
 
 
 def time_code(t: Int[Array, " b"], dtype) -> Float[Array, "b code"]:

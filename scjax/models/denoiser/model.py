@@ -17,9 +17,10 @@ from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.stage import Head, Stage
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, functional
+from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, ResidualMLP
 
-_normal = nnx.initializers.normal(0.02)
+_STD = 0.02  # of tables and of the time and text MLPs
 
 
 def denoiser(config: DenoiserConfig) -> Functional:
@@ -27,23 +28,23 @@ def denoiser(config: DenoiserConfig) -> Functional:
 
     ``apply(..., method="encode_condition")`` and ``method="modulation"`` run these methods.
     """
-    return functional(lambda rngs: Denoiser(config, rngs=rngs))
+    return functional(lambda draws: Denoiser(config, draws=draws))
 
 
 class Block(nnx.Module):
     """The four stages, with projections between the two widths."""
 
-    def __init__(self, config: DenoiserConfig, *, rngs: nnx.Rngs):
+    def __init__(self, config: DenoiserConfig, *, draws: Draws):
         def stage(width, heads):
             return Stage(
-                width, heads, rngs=rngs, mlp_ratio=config.mlp_ratio, compute=config.compute,
+                width, heads, draws=draws, mlp_ratio=config.mlp_ratio, compute=config.compute,
                 cross_adaln_init=config.cross_adaln_init,
                 latent_tokens=None if config.condition is None else config.latent_tokens,
             )  # fmt: skip
 
         lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
-        self.agents_up = Linear(agent[0], lane[0], rngs=rngs, compute=config.compute)
-        self.lanes_down = Linear(lane[0], agent[0], rngs=rngs, compute=config.compute)
+        self.agents_up = Linear(agent[0], lane[0], draws=draws, compute=config.compute)
+        self.lanes_down = Linear(lane[0], agent[0], draws=draws, compute=config.compute)
         self.a2l = stage(*lane)
         self.l2l = nnx.List([stage(*lane) for _ in range(config.l2l_stages)])
         self.l2a = stage(*agent)
@@ -98,29 +99,29 @@ class Block(nnx.Module):
 class Denoiser(nnx.Module):
     """z_t -> noise estimate; see ``__call__``."""
 
-    def __init__(self, config: DenoiserConfig, *, rngs: nnx.Rngs):
+    def __init__(self, config: DenoiserConfig, *, draws: Draws):
         def table(rows, width):
-            return nnx.Param(_normal(rngs.params(), (rows, width), jnp.float32))
+            return nnx.Param(draws.normal((rows, width), _STD))
 
         lane, agent, compute = config.lane_width, config.agent_width, config.compute
-        self.lane_embedder = ResidualMLP(config.lane_latent, lane, rngs=rngs, compute=compute)
-        self.agent_embedder = ResidualMLP(config.agent_latent, agent, rngs=rngs, compute=compute)
-        self.time_in = Linear(TIME_CODE, lane, rngs=rngs, compute=compute, init=_normal)
-        self.time_out = Linear(lane, lane, rngs=rngs, compute=compute, init=_normal)
+        self.lane_embedder = ResidualMLP(config.lane_latent, lane, draws=draws, compute=compute)
+        self.agent_embedder = ResidualMLP(config.agent_latent, agent, draws=draws, compute=compute)
+        self.time_in = Linear(TIME_CODE, lane, draws=draws, compute=compute, std=_STD)
+        self.time_out = Linear(lane, lane, draws=draws, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
         self.lane_counts = table(config.max_lanes + 1, lane)
         self.agent_counts = table(config.max_agents + 1, lane)
-        self.narrow = Linear(lane, agent, rngs=rngs, compute=compute)
-        self.blocks = nnx.List([Block(config, rngs=rngs) for _ in range(config.blocks)])
-        self.lane_head = Head(lane, config.lane_latent, rngs=rngs, compute=compute)
-        self.agent_head = Head(agent, config.agent_latent, rngs=rngs, compute=compute)
+        self.narrow = Linear(lane, agent, draws=draws, compute=compute)
+        self.blocks = nnx.List([Block(config, draws=draws) for _ in range(config.blocks)])
+        self.lane_head = Head(lane, config.lane_latent, draws=draws, compute=compute)
+        self.agent_head = Head(agent, config.agent_latent, draws=draws, compute=compute)
         self.lane_given = nnx.Param(jnp.zeros(lane)) if config.given_embedding else None
         self.agent_given = nnx.Param(jnp.zeros(agent)) if config.given_embedding else None
         context = None
         if isinstance(config.condition, TextCondition):
-            context = TextContext(config, config.condition, rngs=rngs)
+            context = TextContext(config, config.condition, draws=draws)
         elif isinstance(config.condition, ImageCondition):
-            context = ImageContext(config, config.condition, rngs=rngs)
+            context = ImageContext(config, config.condition, draws=draws)
         self.context = context
         self.config = config
 

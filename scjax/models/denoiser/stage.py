@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import chex
 import jax
 import jax.numpy as jnp
 from flax import nnx
@@ -15,14 +14,15 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
 from scjax.nn.control.cross_global import ContextCache, CrossGlobal
+from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, standardise
 from scjax.nn.precision import Compute
+from scjax.pytree import pytree
 
-_zeros = nnx.initializers.zeros_init()
-_xavier = nnx.initializers.xavier_uniform()
+_ZERO = 0.0  # standard deviation of what starts at zero (adaLN-Zero)
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class StageModulation:
     """AdaLN chunks of a stage.
 
@@ -45,22 +45,22 @@ class Stage(nnx.Module):
         width: int,
         heads: int,
         *,
-        rngs: nnx.Rngs,
+        draws: Draws,
         mlp_ratio: int = 4,
         latent_tokens: int | None = None,
         cross_adaln_init: Literal["zero", "xavier"] = "zero",
         compute: Compute = "float32",
     ):
-        def linear(features_in, features_out, init=_xavier):
-            return Linear(features_in, features_out, rngs=rngs, compute=compute, init=init)
+        def linear(features_in, features_out, std=None):
+            return Linear(features_in, features_out, draws=draws, compute=compute, std=std)
 
-        self.adaln = linear(width, 6 * width, _zeros)
+        self.adaln = linear(width, 6 * width, _ZERO)
         self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
         self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
         cross_adaln = cross = None
         if latent_tokens is not None:
-            cross_adaln = linear(width, 3 * width, _zeros if cross_adaln_init == "zero" else _xavier)
-            cross = CrossGlobal(width, heads, rngs=rngs, latent_tokens=latent_tokens, compute=compute)
+            cross_adaln = linear(width, 3 * width, _ZERO if cross_adaln_init == "zero" else None)
+            cross = CrossGlobal(width, heads, draws=draws, latent_tokens=latent_tokens, compute=compute)
         self.cross_adaln, self.cross = cross_adaln, cross
         self.heads = heads
 
@@ -113,9 +113,9 @@ class Stage(nnx.Module):
 class Head(nnx.Module):
     """Modulated plain layer norm and a linear map to the noise estimate; zero at first."""
 
-    def __init__(self, width: int, features_out: int, *, rngs: nnx.Rngs, compute: Compute = "float32"):
-        self.adaln = Linear(width, 2 * width, rngs=rngs, compute=compute, init=_zeros)
-        self.linear = Linear(width, features_out, rngs=rngs, compute=compute, init=_zeros)
+    def __init__(self, width: int, features_out: int, *, draws: Draws, compute: Compute = "float32"):
+        self.adaln = Linear(width, 2 * width, draws=draws, compute=compute, std=_ZERO)
+        self.linear = Linear(width, features_out, draws=draws, compute=compute, std=_ZERO)
 
     def modulation(self, to: Float[Array, "b d"]) -> Float[Array, "b 2 d"]:
         """Shift and scale from the conditioning vector (after SiLU)."""

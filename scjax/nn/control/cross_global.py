@@ -1,22 +1,23 @@
 """Cross-global attention: scene tokens read a dense context directly and through a few learned latents.
 
-Eq. of the paper's §3 as the release computes it (official-spec §4.5; attention-variants §4.10). Two phases: what depends
-on the context alone is encoded once a scene and reused in every denoising step.
+As the release computes it (official-spec §4.5; attention-variants §4.10). Two phases: what depends on the context alone
+is encoded once a scene and reused in every denoising step.
 """
 
 from __future__ import annotations
 
-import chex
 import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
+from scjax.nn.initial import Draws
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.nn.precision import Compute
+from scjax.pytree import pytree
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class ContextCache:
     """Keys and values of the context [B, m, d] and of the latents that summarise it [B, latents, d]."""
 
@@ -30,17 +31,15 @@ class ContextCache:
 class CrossGlobal(nnx.Module):
     """y = W_o Attn(Q, K, V) + tanh(gate) W_lo Attn(Q, K2, V2), with K2, V2 from latents that attended to K, V."""
 
-    def __init__(
-        self, width: int, heads: int, *, rngs: nnx.Rngs, latent_tokens: int = 32, compute: Compute = "float32"
-    ):
+    def __init__(self, width: int, heads: int, *, draws: Draws, latent_tokens: int = 32, compute: Compute = "float32"):
         def linear():
-            return Linear(width, width, rngs=rngs, compute=compute)
+            return Linear(width, width, draws=draws, compute=compute)
 
         self.q, self.k, self.v, self.out = linear(), linear(), linear(), linear()
         self.latent_q, self.latent_k, self.latent_v, self.latent_out = linear(), linear(), linear(), linear()
         self.q_norm, self.k_norm = LayerNorm(width), LayerNorm(width)
         self.latent_q_norm, self.latent_norm, self.latent_k_norm = LayerNorm(width), LayerNorm(width), LayerNorm(width)
-        self.latents = nnx.Param(nnx.initializers.normal(0.02)(rngs.params(), (latent_tokens, width), jnp.float32))
+        self.latents = nnx.Param(draws.normal((latent_tokens, width), 0.02))
         self.gate = nnx.Param(jnp.zeros(1))
         self.heads = heads
 
@@ -60,9 +59,7 @@ class CrossGlobal(nnx.Module):
             trace |= {"K2": latent_key, "V2": latent_value}
         return ContextCache(key=key, value=value, mask=mask, latent_key=latent_key, latent_value=latent_value)
 
-    def attend(
-        self, x: Float[Array, "b n d"], cache: ContextCache, trace: dict | None = None
-    ) -> Float[Array, "b n d"]:
+    def attend(self, x: Float[Array, "b n d"], cache: ContextCache, trace: dict | None = None) -> Float[Array, "b n d"]:
         """What the scene tokens read; exactly zero in scenes without any valid context token."""
         query = self.q_norm(self.q(x))
         full = attend(query, cache.key, cache.value, cache.mask[:, None], self.heads)

@@ -1,0 +1,85 @@
+"""The converter on the golden weights: sizes inferred, both networks in one model, everything else refused."""
+
+import json
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from scjax.convert.__main__ import main
+from scjax.convert.official import convert_checkpoint, read_state
+from scjax.model import load
+
+
+@pytest.fixture(scope="module")
+def weights(parity_dir, tmp_path_factory):
+    """Golden weights as safetensors files."""
+    folder = tmp_path_factory.mktemp("weights")
+    for name in ("ae", "uncond", "text", "image"):
+        if not (parity_dir / f"{name}_weights.npz").exists():
+            pytest.skip(f"this parity set has no {name}_weights.npz")
+        with np.load(parity_dir / f"{name}_weights.npz") as file:
+            arrays = {key: np.ascontiguousarray(file[key]) for key in file}
+        safetensors.numpy.save_file(arrays, folder / f"{name}.safetensors")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sizes(parity_dir):
+    return json.loads((parity_dir / "config.json").read_text())
+
+
+def heads(sizes, name):
+    return [str(sizes[name][f"{kind}_heads"]) for kind in ("lane", "agent")]
+
+
+def test_two_files_into_one_model(weights, sizes, tmp_path, capsys):
+    out = tmp_path / "model"
+    main(["official", str(weights / "ae.safetensors"), str(out), "--heads", *heads(sizes, "autoencoder")])
+    main(["official", str(weights / "text.safetensors"), str(out), "--heads", *heads(sizes, "denoiser")])
+    assert "denoiser" in capsys.readouterr().out
+    model = load(out)
+    assert model.autoencoder_config.lane_width == sizes["autoencoder"]["lane_width"]
+    assert model.denoiser_config.condition.width == sizes["denoiser"]["text"]["width"]
+    state = read_state(weights / "ae.safetensors")
+    assert np.array_equal(model.autoencoder["encoder"]["lane_mean"]["kernel"], state["encoder.lane_mu.weight"].T)
+
+
+def test_wrappers_and_both_networks_in_one_file(weights, tmp_path):
+    joined = {f"diff_model.autoencoder.{key}": value for key, value in read_state(weights / "ae.safetensors").items()}
+    joined |= {f"diff_model.{key}": value for key, value in read_state(weights / "uncond.safetensors").items()}
+    safetensors.numpy.save_file(joined, tmp_path / "joined.safetensors")
+    model = convert_checkpoint(tmp_path / "joined.safetensors")
+    assert model.autoencoder is not None and model.denoiser is not None
+
+
+@pytest.mark.parametrize("name", ["uncond", "image"])
+def test_other_conditions(weights, name):
+    model = convert_checkpoint(weights / f"{name}.safetensors")
+    assert (model.denoiser_config.condition is None) == (name == "uncond")
+
+
+def test_misfits_are_listed_and_nothing_is_written(weights, tmp_path):
+    state = read_state(weights / "ae.safetensors")
+    state["surprise"] = np.zeros(2, np.float32)
+    state["decoder.agent_mlp.bias"] = np.zeros(3, np.float32)
+    del state["encoder.lane_mu.bias"]
+    safetensors.numpy.save_file(state, tmp_path / "bad.safetensors")
+    with pytest.raises(SystemExit) as stop:
+        main(["official", str(tmp_path / "bad.safetensors"), str(tmp_path / "out")])
+    text = str(stop.value)
+    assert "unexpected: surprise" in text
+    assert "missing: encoder.lane_mu.bias" in text
+    assert "misshapen: decoder.agent_mlp.bias" in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_files_that_are_no_checkpoints(tmp_path):
+    with pytest.raises(ValueError, match="no such file"):
+        read_state(tmp_path / "none.safetensors")
+    (tmp_path / "cut.safetensors").write_bytes(b"\x10\x00")
+    with pytest.raises(ValueError, match="no whole safetensors"):
+        read_state(tmp_path / "cut.safetensors")
+    safetensors.numpy.save_file({"x": np.zeros(1, np.float32)}, tmp_path / "other.safetensors")
+    with pytest.raises(ValueError, match="neither an autoencoder"):
+        convert_checkpoint(tmp_path / "other.safetensors")

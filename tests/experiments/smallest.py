@@ -1,0 +1,23 @@
+"""Both stages at the smallest size that still runs every part: --config=tests/experiments/smallest.py:autoencoder"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from experiments.configs import autoencoder, denoiser
+from tests.worlds import AUTOENCODER, DENOISER
+
+
+def get_config(stage: str = "autoencoder"):
+    """Nine steps, a checkpoint every third."""
+    config = {"autoencoder": autoencoder, "denoiser": denoiser}[stage].get_config("tiny")
+    sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}[stage]
+    config.model = dataclasses.asdict(sizes)
+    config.batch.batch_size = 2
+    config.batch.buckets = ((61, 100),)
+    config.steps = 9
+    config.optimiser.warmup = 2
+    config.log_every = config.checkpoint_every = 3
+    config.evaluate_every = config.picture_every = 9
+    config.tensorboard = False
+    return config

@@ -1,0 +1,170 @@
+"""Training as users meet it: both stages end to end, resumed after every kind of interruption, faults told plainly."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import pytest
+
+import scjax
+from experiments import sample
+from experiments.train import train
+from scjax.scene_io import load_npz
+from tests.experiments.smallest import get_config
+from tests.worlds import make_records
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = "tests/experiments/smallest.py:autoencoder"
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    return make_records(tmp_path_factory.mktemp("world"), scenes=4)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(records, tmp_path_factory):
+    """Folder of an autoencoder run from start to end."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    config = get_config("autoencoder")
+    config.records = str(records)
+    train(config, folder)
+    return folder
+
+
+def start(workdir, records, *flags, limit=None) -> subprocess.Popen:
+    """``python -m experiments.train`` of the smallest autoencoder in a process of its own."""
+
+    def restrict():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    command = [sys.executable, "-m", "experiments.train", f"--config={CONFIG}", f"--workdir={workdir}"]
+    return subprocess.Popen(
+        [*command, f"--config.records={records}", *flags], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, preexec_fn=restrict if limit else None, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+
+
+def weights(folder: Path) -> bytes:
+    return (folder / "model" / "weights.safetensors").read_bytes()
+
+
+def wait_for(path: Path, process: subprocess.Popen, seconds: float = 240) -> None:
+    end = time.monotonic() + seconds
+    while not path.exists():
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < end, f"{path} did not appear"
+        time.sleep(0.05)
+
+
+def test_a_run_leaves_metrics_pictures_and_a_model(undisturbed):
+    lines = [json.loads(line) for line in (undisturbed / "metrics.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines if line["scope"] == "train"] == [3, 6, 9]
+    assert {"loss", "gradient_norm", "scenes_per_second"} <= lines[0].keys()
+    assert any(line["scope"] == "val" and line["lane_point_m"] > 0 for line in lines)
+    assert list((undisturbed / "pictures").glob("*.png"))
+    assert scjax.load(undisturbed / "model").autoencoder is not None
+
+
+def test_killed_at_any_moment_it_ends_bit_identical(undisturbed, records, tmp_path):
+    process = start(tmp_path, records)
+    wait_for(tmp_path / "checkpoints" / "step_3", process)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    again = start(tmp_path, records)
+    text = again.communicate()[0]
+    assert again.returncode == 0, text
+    assert "continuing" in text
+    assert weights(tmp_path) == weights(undisturbed)
+
+
+def test_sigterm_saves_and_the_same_command_continues(undisturbed, records, tmp_path):
+    process = start(tmp_path, records)
+    wait_for(tmp_path / "metrics.jsonl", process)
+    time.sleep(1)
+    process.send_signal(signal.SIGTERM)
+    text = process.communicate()[0]
+    assert process.returncode == 0, text
+    assert "the same command continues" in text and not (tmp_path / "model").exists()
+    config = get_config("autoencoder")
+    config.records = str(records)
+    train(config, tmp_path)
+    assert weights(tmp_path) == weights(undisturbed)
+
+
+def test_a_full_disk_names_the_cause_and_keeps_the_last_checkpoint(undisturbed, records, tmp_path):
+    first = start(tmp_path, records, "--config.steps=3", "--config.evaluate_every=99", "--config.picture_every=99")
+    assert first.wait() == 0, first.communicate()[0]
+    full = start(tmp_path, records, limit=2000)
+    text = full.communicate()[0]
+    assert full.returncode == 1, text
+    assert "Traceback" not in text and "experiments.train:" in text
+    config = get_config("autoencoder")
+    config.records = str(records)
+    train(config, tmp_path)
+    assert weights(tmp_path) == weights(undisturbed)
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(records, tmp_path):
+    config = get_config("autoencoder")
+    config.records = str(records)
+    config.optimiser.learning_rate = 1e30
+    with pytest.raises(FloatingPointError, match=r"loss of step \d+ is not finite.*(last good|no) checkpoint"):
+        train(config, tmp_path)
+
+
+def test_another_model_in_the_same_folder_is_refused(undisturbed, records):
+    config = get_config("autoencoder")
+    config.records = str(records)
+    config.model.lane_ff = 16
+    with pytest.raises(ValueError, match=r"config\.model \(lane_ff differ\)"):
+        train(config, undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("flag", "message"),
+    [
+        ("--config.modl.lane_width=8", "model"),
+        ("--config.steps=many", "steps"),
+        ("--config.records=/nowhere", "manifest.json"),
+        ("--config.batch.batch_size=0", "batch_size"),
+    ],
+)
+def test_mistakes_on_the_command_line(records, tmp_path, flag, message):
+    process = start(tmp_path, records, flag)
+    text = process.communicate()[0]
+    assert process.returncode != 0
+    assert message in text.splitlines()[-1], text
+    assert not (tmp_path / "checkpoints").exists()
+
+
+def test_denoiser_on_the_autoencoder_then_samples(undisturbed, records, tmp_path):
+    config = get_config("denoiser")
+    config.records = str(records)
+    config.autoencoder = str(undisturbed / "model")
+    train(config, tmp_path / "denoiser")
+    sample.main([f"--model={tmp_path}/denoiser/model", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
+    scenes = load_npz(tmp_path / "samples" / "scenes.npz")
+    assert scenes.batch_shape == (2,)
+    assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit, match="unknown"):
+        sample.main([f"--model={tmp_path}/denoiser/model", f"--out={tmp_path}/x", "--domain", "mars"])
+
+
+def test_a_resumed_step_is_the_same_step(records, tmp_path):
+    """The stage itself: two calls on equal states and batches give bit-equal parameters."""
+    from experiments import autoencoder_stage
+    from scjax.data.pipeline import PipelineConfig, training_batches
+
+    config = get_config("autoencoder")
+    config.records = str(records)
+    stage = autoencoder_stage.build(config)
+    batch = next(training_batches(records, stage.representation, PipelineConfig(batch_size=2, buckets=((61, 100),))))
+    first, second = (stage.step(stage.init(jax.random.key(0)), batch)[0].params for _ in range(2))
+    assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), first, second))

@@ -1,0 +1,220 @@
+"""What must hold of any denoiser: padding, batch and garbage never matter, null conditions, sizes, options."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.models.denoiser import config as configs
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.denoiser.context import ImageFeatures, TextFeatures
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import count
+from tests import golden
+
+SMALLEST = {
+    "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
+    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "latent_tokens": 3, "given_embedding": True,
+}  # fmt: skip
+TEXT = TextCondition(width=6)
+SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes
+ROWS = (6, 8)
+
+
+@functools.cache
+def _network(condition=TEXT):
+    return denoiser(DenoiserConfig(condition=condition, **SMALLEST))
+
+
+@functools.cache
+def _params(condition=TEXT):
+    """All parameters random, so that no branch is inactive."""
+    params = _network(condition).init(jax.random.key(0))
+    leaves, tree = jax.tree.flatten(params)
+    noise = [0.2 * np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
+    return jax.tree.unflatten(tree, [jnp.asarray(x + y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
+
+
+def _scenes():
+    """(z, t, label, masks, given, features) of the three scenes in one batch, padding zero."""
+    rng = np.random.default_rng(0)
+    masks = Nodes(
+        agents=np.arange(ROWS[0])[None] < np.array(SIZES)[:, :1],
+        lanes=np.arange(ROWS[1])[None] < np.array(SIZES)[:, 1:],
+    )
+    widths = Nodes(agents=3, lanes=5)
+    z = jax.tree.map(
+        lambda mask, width: np.where(mask[..., None], rng.normal(size=(*mask.shape, width)), 0), masks, widths
+    )
+    given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.4), masks)
+    read = np.arange(7)[None] < np.array([3, 7, 5])[:, None]
+    features = TextFeatures(tokens=np.where(read[..., None], rng.normal(size=(3, 7, 6)), 0), mask=read)
+    return z, np.array([3, 99, 40]), np.array([0, 5, 12]), masks, given, features
+
+
+def _loss_of_first(params, z, t, label, masks, given, features, dropped):
+    """A function of the first scene of the batch only."""
+    network = _network()
+    cache = network.apply(params, features, dropped, method="encode_condition")
+    eps = network.apply(params, z, t, label, masks, given, cache)
+    first = jax.tree.map(lambda x, mask: jnp.where(mask[0][:, None], jnp.sin(3 * x[0]), 0).sum(), eps, masks)
+    return first.agents + first.lanes, eps
+
+
+_evaluate = golden.jit(_loss_of_first)
+_gradient = golden.jit(jax.value_and_grad(_loss_of_first, (0, 1), has_aux=True))
+
+
+@golden.jit
+def _unconditional(params, z, t, label, masks, given):
+    return _network(None).apply(params, z, t, label, masks, given)
+
+
+@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-10), (False, 1e-5)])
+def test_padding_batch_and_garbage_never_matter(x64, tolerance):
+    """The first scene alone and unpadded, against in a batch whose padding and dropped conditions are garbage."""
+    with jax.enable_x64(x64):
+        dtype = jnp.float64 if x64 else jnp.float32
+        cast = lambda tree: jax.tree.map(  # noqa: E731
+            lambda x: jnp.asarray(x, dtype) if np.issubdtype(x.dtype, np.floating) else jnp.asarray(x), tree
+        )
+        z, t, label, masks, given, features = _scenes()
+        params, (agents, lanes), read = cast(jax.device_get(_params())), SIZES[0], 3
+
+        def cut(pair):
+            return Nodes(agents=pair.agents[:1, :agents], lanes=pair.lanes[:1, :lanes])
+
+        short = features.replace(tokens=features.tokens[:1, :read], mask=features.mask[:1, :read])
+        alone = cast((cut(z), t[:1], label[:1], cut(masks), cut(given), short, np.zeros(1, bool)))
+        (_, eps), (of_params, of_z) = _gradient(params, *alone)
+
+        for garbage in (np.nan, 1e30):
+            spoilt = jax.tree.map(lambda x, mask, g=garbage: np.where(mask[..., None], x, g), z, masks)
+            dropped = np.array([False, False, True])
+            valid = features.mask & ~dropped[:, None]
+            tokens = np.where(valid[..., None], features.tokens, garbage)
+            batch = cast((spoilt, t, label, masks, given, features.replace(tokens=tokens), dropped))
+            (_, many), (many_of_params, many_of_z) = _gradient(params, *batch)
+            close = functools.partial(np.testing.assert_allclose, rtol=tolerance, atol=tolerance)
+            jax.tree.map(close, cut(many), eps)
+            jax.tree.map(close, cut(many_of_z), of_z)
+            jax.tree.map(close, many_of_params, of_params)
+            assert all(leaf.dtype == dtype for leaf in jax.tree.leaves((many, many_of_params)))
+            for leaf, mask in zip(jax.tree.leaves(many), jax.tree.leaves(masks), strict=True):
+                assert not np.any(np.asarray(leaf)[~mask])
+            assert not any(np.any(np.asarray(leaf)[1:]) for leaf in jax.tree.leaves(many_of_z))
+
+
+def test_dropped_or_empty_condition_is_unconditional():
+    z, t, label, masks, given, features = _cast(_scenes())
+    shared = {name: leaf for name, leaf in _params().items() if name != "context"}
+    shared["blocks"] = {i: {n: _without_cross(n, s) for n, s in b.items()} for i, b in shared["blocks"].items()}
+    expected = _unconditional(shared, z, t, label, masks, given)
+    empty = features.replace(mask=jnp.zeros_like(features.mask))
+    for case, dropped in ((features, jnp.ones(3, bool)), (empty, jnp.zeros(3, bool))):
+        _, eps = _evaluate(_params(), z, t, label, masks, given, case, dropped)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6), eps, expected)
+
+
+def _without_cross(name, stage):
+    if name == "l2l":
+        return {i: _without_cross("", each) for i, each in stage.items()}
+    return {part: leaf for part, leaf in stage.items() if not part.startswith("cross")}
+
+
+def _cast(tree):
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if np.issubdtype(x.dtype, np.floating) else None), tree)
+
+
+def test_fresh_network_ignores_its_condition_and_estimates_zero():
+    params = _network().init(jax.random.key(1))
+    z, t, label, masks, given, features = _cast(_scenes())
+    _, eps = _evaluate(params, z, t, label, masks, given, features, jnp.zeros(3, bool))
+    assert not any(np.any(leaf) for leaf in jax.tree.leaves(eps))
+    crossed = [params["blocks"][0][name]["cross_adaln"] for name in ("a2l", "l2a", "a2a")]
+    assert not any(np.any(leaf) for leaf in jax.tree.leaves(crossed))
+    assert not np.any(params["blocks"][0]["a2l"]["cross"]["gate"])
+
+
+def test_precomputed_modulation_changes_nothing():
+    z, t, label, masks, given, _ = _cast(_scenes())
+    network, params = _network(None), _params(None)
+
+    @golden.jit
+    def through(params, z, t, label, masks, given):
+        counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
+        modulation = network.apply(params, t, label, counts, method="modulation")
+        return network.apply(params, z, 0 * t, 0 * label, masks, given, modulation=modulation)
+
+    arguments = params, z, t, label, masks, given
+    jax.tree.map(
+        functools.partial(np.testing.assert_allclose, rtol=1e-6, atol=1e-6),
+        through(*arguments),
+        _unconditional(*arguments),
+    )
+
+
+def test_position_counts_valid_tokens_only():
+    """Holes in the mask: a token's code is its rank among the valid ones."""
+    z, t, label, masks, given, _ = _cast(_scenes())
+    spread = np.array([0, 2, 3, 5, 7])  # the five lanes of the first scene among eight rows
+    holes = masks.replace(lanes=masks.lanes.at[0].set(False).at[0, spread].set(True))
+    move = lambda x: jnp.zeros_like(x).at[1:].set(x[1:]).at[0, spread].set(x[0, :5])  # noqa: E731
+    direct = _unconditional(_params(None), z, t, label, masks, given)
+    moved = _unconditional(
+        _params(None), z.replace(lanes=move(z.lanes)), t, label, holes, given.replace(lanes=move(given.lanes))
+    )
+    np.testing.assert_allclose(moved.lanes[0, spread], direct.lanes[0, :5], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(moved.agents, direct.agents, rtol=1e-5, atol=1e-6)
+
+
+def test_given_tokens_are_marked():
+    z, t, label, masks, given, _ = _cast(_scenes())
+    nothing = jax.tree.map(jnp.zeros_like, given)
+    marked, unmarked = (_unconditional(_params(None), z, t, label, masks, flags) for flags in (given, nothing))
+    assert all(np.abs(x - y).max() > 1e-3 for x, y in zip(*map(jax.tree.leaves, (marked, unmarked)), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("condition", "parameters"), [(None, 345_145_890), (TextCondition(), 556_719_658), (ImageCondition(), 544_015_402)]
+)
+def test_official_parameter_counts(condition, parameters):
+    """As the release counts: its fixed position tables included."""
+    config = configs.official(condition)
+    abstract = jax.eval_shape(denoiser(config).init, jax.random.key(0))
+    assert config.position_table_size == 236_032 + 401_408 * isinstance(condition, ImageCondition)
+    assert count(abstract) + config.position_table_size == parameters
+
+
+@pytest.mark.parametrize("preset", ["base", "small", "tiny"])
+def test_presets_are_valid(preset):
+    config = getattr(configs, preset)(TEXT, domains=3)
+    assert config.null_label == 9 and config.given_embedding
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lane_heads": 3}, "multiple of lane_heads"),
+        ({"blocks": 0}, "positive integer"),
+        ({"agent_width": 7, "agent_heads": 1}, "even"),
+    ],
+)
+def test_impossible_configs_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        DenoiserConfig(**{**SMALLEST, **change})
+
+
+def test_conditions_of_another_kind_are_refused():
+    image = ImageFeatures(dino=jnp.zeros((1, 2, 3, 3)), depth=jnp.zeros((1, 8, 8)))
+    text = TextFeatures(tokens=jnp.zeros((1, 2, 6)), mask=jnp.ones((1, 2), bool))
+    nobody = jnp.zeros(1, bool)
+    with pytest.raises(ValueError, match="unconditional"):
+        _network(None).apply(_network(None).init(jax.random.key(0)), text, nobody, method="encode_condition")
+    with pytest.raises(ValueError, match="TextCondition"):
+        _network().apply(_params(), image, nobody, method="encode_condition")

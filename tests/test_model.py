@@ -1,0 +1,73 @@
+"""A model folder: complete round trip, refused when damaged or newer, never half-written."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import scjax
+from scjax.model import load, save
+from scjax.models.denoiser.config import ImageCondition, TextCondition
+from scjax.nn.functional import flatten
+from tests.worlds import tiny_model
+
+
+@pytest.mark.parametrize("condition", [None, TextCondition(width=6), ImageCondition(channels=3, grid=(2, 2))])
+def test_round_trip(tmp_path, condition):
+    model = tiny_model(condition)
+    again = load(save(model, tmp_path / "model"))
+    assert again.denoiser_config == model.denoiser_config
+    assert again.autoencoder_config == model.autoencoder_config
+    assert again.representation == model.representation
+    assert again.domains == model.domains
+    assert again.latents == model.latents
+    for name in ("autoencoder", "denoiser"):
+        ours, theirs = flatten(getattr(model, name)), flatten(getattr(again, name))
+        assert ours.keys() == theirs.keys()
+        assert all(np.array_equal(ours[path], theirs[path]) for path in ours)
+    assert np.array_equal(again.counts, model.counts)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]
+
+
+def test_saving_replaces_the_whole_folder(tmp_path):
+    folder = save(tiny_model(), tmp_path / "model")
+    (folder / "stray").write_text("x")
+    save(tiny_model(), folder)
+    assert sorted(path.name for path in folder.iterdir()) == ["model.json", "weights.safetensors"]
+
+
+def test_a_failed_save_leaves_the_old_model(tmp_path, monkeypatch):
+    folder = save(tiny_model(), tmp_path / "model")
+    before = (folder / "weights.safetensors").read_bytes()
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("safetensors.numpy.save_file", full)
+    with pytest.raises(OSError, match="No space"):
+        save(tiny_model(), folder)
+    assert (folder / "weights.safetensors").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]
+
+
+def test_damage_is_named(tmp_path):
+    with pytest.raises(ValueError, match="no model folder"):
+        load(tmp_path)
+    folder = save(tiny_model(), tmp_path / "model")
+    weights = folder / "weights.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-100])
+    with pytest.raises(ValueError, match="damaged"):
+        load(folder)
+    description = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps({**description, "format": 99}))
+    save(tiny_model(), folder)
+    (folder / "model.json").write_text(json.dumps({**description, "format": 99}))
+    with pytest.raises(ValueError, match="format 99"):
+        load(folder)
+
+
+def test_public_api_is_what_the_docstring_shows():
+    assert {"Scene", "Condition", "load", "sample"} <= set(scjax.__all__)
+    with pytest.raises(ValueError, match=r"experiments\.train"):
+        scjax.sample(jax.random.key(0))
