@@ -65,8 +65,7 @@ class Checkpoints:
           ValueError: if it was written by a newer format or under another config.
         """
         step = self.latest
-        metadata = self._manager.metadata(step)
-        written = (self._manager.metadata().custom_metadata or {}).get("format", FORMAT) if metadata else FORMAT
+        written = (self._manager.metadata().custom_metadata or {}).get("format", FORMAT)
         if written > FORMAT:
             raise ValueError(
                 f"{self._folder} was written by checkpoint format {written}, this code reads up to {FORMAT}: "

@@ -92,7 +92,7 @@ def novelty_rows(populations: dict[str, Tiles], bank: Sequence[Scene], real: str
 
     lane_distance_m: mean distance to the tile with the nearest lanes, and its 5th and 50th percentile; M, P: match of
     the scene's agents with that tile's; aligned_...: the same when the scene may move a little to fit the tile, as
-    training moves tiles; nearer_than_real_p05: share of scenes nearer, aligned, than the nearest 5 % of held-back tiles.
+    training moves tiles; nearer_than_real_p05: share of scenes nearer, aligned, than the nearest 5 % of real ones.
     """
     nearest = {
         name: list(nearest_tiles(_bar(tiles.scenes, f"novelty of {name}"), bank)) for name, tiles in populations.items()

@@ -54,7 +54,7 @@ def apply_gradients(
     params = optax.apply_updates(state.params, updates)
     step = state.step + 1
     ema = update_ema(state.ema, params, step, ema_decay)
-    norms = {"gradient_norm": optax.global_norm(gradients), "update_norm": optax.global_norm(updates)}
+    norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
     return TrainState(step=step, params=params, ema=ema, optimiser=moments), norms
 
 

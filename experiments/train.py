@@ -8,10 +8,12 @@ trained model for scjax.load.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -56,12 +58,7 @@ def train(config, workdir: Path) -> None:
     )  # fmt: skip
     state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))
 
-    # --- signals end the run after the step under way
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: stop.append(received))
-
-    with Checkpoints(workdir / "checkpoints", resolved) as checkpoints:
+    with stop_signals() as stop, Checkpoints(workdir / "checkpoints", resolved) as checkpoints:
         # --- resume
         step = 0
         if checkpoints.latest is not None:
@@ -107,6 +104,21 @@ def train(config, workdir: Path) -> None:
                 return
         folder = save(stage.export(state, resolved), workdir / "model")
         print(f"trained model: {folder}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[list[int]]:
+    """Within it, SIGINT and SIGTERM only fill the list: the run ends after the step under way."""
+    stop: list[int] = []
+    before = {
+        number: signal.signal(number, lambda received, _frame: stop.append(received))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _check(step: int, metrics: dict, checkpoints: Checkpoints) -> None:

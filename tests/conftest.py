@@ -12,6 +12,14 @@ from absl import flags
 flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Most of the suite's time is XLA compiling the same programs: workers and child processes share a cache."""
+    folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax"))))  # pyright: ignore
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
 _SHARED = Path(os.environ.get("SCJAX_SHARED", Path(__file__).resolve().parents[1] / ".." / "shared")).resolve()
 
 

@@ -16,7 +16,8 @@ from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.nodes import Nodes
 
 # The networks are tiny and their programs large: most of a test's time is spent in the compiler.
-jit = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+_QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+jit = functools.partial(jax.jit, compiler_options=_QUICK)
 
 
 def load(folder: Path, name: str) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from pathlib import Path
 
 import jax
@@ -33,6 +34,7 @@ def make_records(folder: Path, scenes: int = 6) -> Path:
     return folder / "records"
 
 
+@functools.cache
 def tiny_model(condition=None, **changes) -> Model:
     """Random parameters; the count table knows two domains."""
     config = dataclasses.replace(DENOISER, condition=condition, **changes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from scjax.nn.functional import Path, flatten, unflatten
@@ -65,7 +66,7 @@ def convert(
         if value.shape != wanted:
             problems.append(f"misshapen: {key} is {value.shape}, this network wants {wanted}")
         else:
-            found[path] = transform.forward(value).astype(leaves[path].dtype)
+            found[path] = jnp.asarray(transform.forward(value), leaves[path].dtype)
     for alias in sorted(aliases.keys() & state.keys()):
         if aliases[alias] in state and not np.array_equal(state[alias], state[aliases[alias]]):
             problems.append(f"{alias} should repeat {aliases[alias]}, but their values differ")

@@ -20,12 +20,12 @@ def join(conditional: T, unconditional: T) -> T:
     return jax.tree.map(lambda c, u: jnp.concatenate([c, u]), conditional, unconditional)
 
 
-def guided(denoise_both: Denoise, weight: float | Float[Array, " b"]) -> Denoise:
+def guided(denoise_both: Denoise, weight: float | Float[Array, "*b"]) -> Denoise:
     """eps_u + w (eps_c - eps_u); w = 1 is the conditional estimate, 4 the official choice.
 
     Args:
       denoise_both: estimate of a batch of 2 B whose first half is conditional (see ``join``).
-      weight: w, or one a scene.
+      weight: w, or one a scene [B].
     """
 
     def denoise(z: Nodes, t: Int[Array, " b"]) -> Nodes:

@@ -93,8 +93,8 @@ def training_loss(
     key: Array,
     *,
     null_label: int,
-    label_dropout: float = 0.1,
-    condition_dropout: float = 0.1,
+    label_dropout: float | Float[Array, ""] = 0.1,
+    condition_dropout: float | Float[Array, ""] = 0.1,
     count_given: bool = False,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.

@@ -14,7 +14,7 @@ def moved(points: Float[np.ndarray, "points columns"], pose: Pose) -> Float64[np
     """Points (x, y, and then any number of plane vectors, two columns each) turned by yaw, then shifted."""
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     turn = np.array([[cos, sin], [-sin, cos]])
-    turned = (np.asarray(points, np.float64).reshape(len(points), -1, 2) @ turn).reshape(points.shape)
+    turned = (np.asarray(points, np.float64).reshape(len(points), points.shape[1] // 2, 2) @ turn).reshape(points.shape)
     turned[:, :2] += pose[:2]
     return turned
 

@@ -83,7 +83,8 @@ def test_numbers_and_files(stand_ins, tmp_path, capsys):
     )
 
 
-def test_requests(stand_ins, tmp_path):
+def test_requests(stand_ins, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "picture", lambda *_: None)
     run(tmp_path, "--lane-tiles=2")
     free, given = stand_ins.asked[:7], stand_ins.asked[7:]
     assert len(given) == 2
@@ -93,7 +94,8 @@ def test_requests(stand_ins, tmp_path):
         assert (condition.num_lanes, condition.num_agents) == (2, 3)
 
 
-def test_an_autoencoder_alone_is_reported_too(stand_ins, tmp_path):
+def test_an_autoencoder_alone_is_reported_too(stand_ins, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "picture", lambda *_: None)
     stand_ins.model.denoiser = None
     assert set(run(tmp_path)["sections"]) == {"reconstruction", "realism"}
     assert not stand_ins.asked
@@ -115,6 +117,7 @@ def test_a_diverged_model_is_named(stand_ins, tmp_path, monkeypatch):
     bad = road(0.0)
     bad.agents[1, 0] = np.nan
     monkeypatch.setattr(report, "sample_many", lambda key, conditions, **_: [bad for _ in conditions])
+    monkeypatch.setattr(report, "picture", lambda *_: None)
     with pytest.raises(SystemExit, match="7 of 7 samples are no valid scenes"):
         run(tmp_path)
     saved = json.loads((tmp_path / "report.json").read_text())

@@ -74,7 +74,9 @@ def test_a_moved_copy_is_found_by_alignment():
     for pose in ((1.5, -2, 0.15), (-2, 1, -0.17), (0, 0, 0)):
         ((plain, aligned),) = nearest_tiles(turned(crossing(), pose), bank)
         assert aligned.tile == 0 and aligned.lane_distance < 0.05
-        np.testing.assert_allclose(moved(moved(np.zeros((1, 2)), np.array(pose)), aligned.pose), 0, atol=0.05)
+        np.testing.assert_allclose(
+            moved(moved(np.zeros((1, 2)), np.array(pose, np.float64)), aligned.pose), 0, atol=0.05
+        )
         assert aligned.match["recall_1m"] == (3, 3)
         assert pose == (0, 0, 0) or plain.lane_distance > 0.5
 

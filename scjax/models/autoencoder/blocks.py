@@ -211,7 +211,7 @@ class FactorisedBlock(nnx.Module):
 def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
     """``head`` on edge values, in the form that is cheap for many rows."""
 
-    def apply(values: Float[Array, "b l l c"]) -> Float[Array, "b l l k"]:
+    def apply(values: Float[Array, "b i j c"]) -> Float[Array, "b i j k"]:
         flat = values.reshape(-1, values.shape[-1])
         out = _after_first(head, _centred_linear(head.linears[0], flat), _centred_linear(head.skip, flat))
         return out.reshape(*values.shape[:-1], -1)

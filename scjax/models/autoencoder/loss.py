@@ -56,7 +56,7 @@ def loss(
         mean over all pairs, nearly all of which are unrelated.
     """
     options = {"official_lane_count": official_lane_count, "balanced_links": balanced_links}
-    tokens = jax.tree.map(jnp.asarray, tokens)
+    decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     terms = per_scene(decoded, posterior, tokens, weights, **options)
     counted = _counted(tokens, official_lane_count)
     miss = jnp.abs(posterior.lane_count_logits.argmax(-1) - lanes_after(tokens))
@@ -77,7 +77,7 @@ def per_scene(
     balanced_links: bool = False,
 ) -> dict[str, Float[Array, " b"]]:
     """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
-    tokens = jax.tree.map(jnp.asarray, tokens)
+    decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
     pairs = lane_mask[:, :, None] & lane_mask[:, None]
     agent_known = tokens.agent_known & agent_mask[..., None]

@@ -85,7 +85,10 @@ class Stage(nnx.Module):
         cache: ContextCache | None = None,
         trace: dict | None = None,
     ) -> Float[Array, "b n d"]:
-        """Updates x, which reads ``source`` (None: itself) where ``source_mask``, and the condition in ``cache``."""
+        """Updates x, which reads ``source`` (None: itself) where ``source_mask``, and the condition in ``cache``.
+
+        A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
+        """
         shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _rows(modulation.to)
         hidden = modulate(x, shift, scale)
         read = hidden
@@ -98,10 +101,11 @@ class Stage(nnx.Module):
             trace["attn"] = mixed
         if cache is not None:
             assert self.cross is not None and modulation.cross is not None
-            shift, scale, gate = _rows(modulation.cross)
-            hidden = modulate(x, shift, scale)
+            told = len(cache.mask)  # the scenes that have a condition come first
+            shift, scale, gate = _rows(modulation.cross[:told])
+            hidden = modulate(x[:told], shift, scale)
             crossed = self.cross.attend(hidden, cache)
-            x = x + gate * crossed
+            x = jnp.concatenate([x[:told] + gate * crossed, x[told:]])
             if trace is not None:
                 trace |= {"cross_in": hidden, "cross": crossed}
         update = self.down(jax.nn.gelu(self.up(modulate(x, mlp_shift, mlp_scale)), approximate=True))

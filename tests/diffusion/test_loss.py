@@ -1,0 +1,99 @@
+"""The training loss: what it ignores, and what its random choices do."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.diffusion.loss import LatentBatch, diffusion_loss, training_loss
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.models.denoiser.config import DenoiserConfig, TextCondition
+from scjax.models.denoiser.context import TextFeatures
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from tests import golden
+
+CONFIG = DenoiserConfig(
+    lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
+    max_lanes=9, max_agents=7, latent_tokens=2, condition=TextCondition(width=4), given_embedding=True,
+)  # fmt: skip
+NETWORK = denoiser(CONFIG)
+SCHEDULE = cosine_schedule()
+
+
+@functools.cache
+def _params():
+    params = NETWORK.init(jax.random.key(0))
+    leaves, tree = jax.tree.flatten(params)
+    draws = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
+    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, draws, strict=True)])
+
+
+def _batch(garbage=0.0):
+    rng = np.random.default_rng(0)
+    masks = Nodes(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
+    latents = jax.tree.map(
+        lambda mask, width: np.where(mask[..., None], rng.normal(size=(*mask.shape, width)), garbage),
+        masks,
+        Nodes(agents=3, lanes=5),
+    )
+    given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.3), masks)
+    read = np.arange(3)[None] < np.array([[3], [2]])
+    tokens = np.where(read[..., None], rng.normal(size=(2, 3, 4)), garbage).astype(np.float32)
+    batch = LatentBatch(
+        latents=latents, masks=masks, given=given, label=np.array([1, 7]),
+        condition=TextFeatures(tokens=tokens, mask=read), has_condition=np.array([True, True]),
+        agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
+    )  # fmt: skip
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
+
+
+@golden.jit
+def _evaluate(params, batch, key, label_dropout, condition_dropout):
+    loss = functools.partial(
+        training_loss, NETWORK, schedule=SCHEDULE, batch=batch, key=key, null_label=CONFIG.null_label,
+        label_dropout=label_dropout, condition_dropout=condition_dropout,
+    )  # fmt: skip
+    return jax.value_and_grad(loss, has_aux=True)(params)
+
+
+@pytest.mark.parametrize("garbage", [np.nan, 1e30])
+def test_padding_never_matters(garbage):
+    clean = _evaluate(_params(), _batch(), jax.random.key(3), 0.1, 0.1)
+    spoilt = _evaluate(_params(), _batch(garbage), jax.random.key(3), 0.1, 0.1)
+    jax.tree.map(np.testing.assert_array_equal, clean, spoilt)
+
+
+def test_both_dropouts_act():
+    key, batch = jax.random.key(3), _batch()
+    value = lambda *rates: float(_evaluate(_params(), batch, key, *rates)[0][0])  # noqa: E731
+    assert value(0.0, 0.0) != value(1.0, 0.0) != value(1.0, 1.0)
+    null = batch.replace(label=jnp.full_like(batch.label, CONFIG.null_label))
+    assert float(_evaluate(_params(), null, key, 0.0, 0.0)[0][0]) == value(1.0, 0.0)
+    without = batch.replace(has_condition=jnp.zeros_like(batch.has_condition))
+    assert float(_evaluate(_params(), without, key, 0.0, 0.0)[0][0]) == value(0.0, 1.0)
+
+
+def test_every_draw_follows_the_key():
+    one, again, other = (_evaluate(_params(), _batch(), jax.random.key(i), 0.5, 0.5)[0][0] for i in (1, 1, 2))
+    assert one == again != other
+
+
+def test_agent_weights_choose_the_agents_that_count():
+    batch = _batch()
+    some = jnp.zeros_like(batch.agent_weight).at[:, 0].set(1)
+    nothing = jax.tree.map(jnp.zeros_like, batch.given)
+    noise = jax.tree.map(jnp.ones_like, batch.latents)
+
+    def denoise(z, t):
+        return z.replace(agents=z.agents.at[:, 0].set(3.0), lanes=jnp.ones_like(z.lanes))
+
+    loss, terms = diffusion_loss(
+        denoise, SCHEDULE, batch.latents, noise, jnp.array([10, 20]), batch.masks, nothing, agent_weight=some
+    )
+    np.testing.assert_allclose(terms["agent"], 2.0)
+    np.testing.assert_allclose(loss, 2.0)

@@ -1,0 +1,94 @@
+"""The cheap forms of pair features and the blockwise work on them equal the plain computation."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.models.autoencoder import chunks
+from scjax.models.autoencoder.blocks import EdgeUpdate, GraphAttention
+from scjax.models.autoencoder.chunks import over_rows
+from scjax.models.autoencoder.edges import DenseEdges, PairEdges, TypedEdges
+from scjax.nn.functional import functional
+
+B, L, C, H = 2, 5, 6, 3
+
+
+def normal(seed: int, *shape: int) -> jax.Array:
+    return jax.random.normal(jax.random.key(seed), shape)
+
+
+def forms():
+    types = jax.random.randint(jax.random.key(9), (B, L, L), 0, 4)
+    return [TypedEdges(types, normal(1, B, 4, C) + 1), PairEdges(normal(2, B, L, C) + 1, normal(3, B, L, C))]
+
+
+@pytest.mark.parametrize("edges", forms(), ids=["typed", "pair"])
+def test_closed_forms_equal_dense_edges(edges):
+    dense = DenseEdges(edges.dense())
+    u, p, w = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L)), normal(6, C, 7)
+    for name, given in (("scores", u), ("gather", p), ("project", w)):
+        found, wanted = (getattr(form, name)(given) for form in (edges, dense))
+        np.testing.assert_allclose(found.reshape(wanted.shape), wanted, 1e-5, 2e-5, err_msg=name)
+
+
+def test_dense_edges_by_definition():
+    values = normal(7, B, L, L, C) + 2
+    z = (values - values.mean(-1, keepdims=True)) / jnp.sqrt(values.var(-1, keepdims=True) + 1e-5)
+    u, p = normal(4, B, L, H, C), normal(5, B, L, H, L)
+    np.testing.assert_allclose(DenseEdges(values).scores(u), jnp.einsum("bijc,bihc->bihj", z, u), 1e-4, 1e-4)
+    np.testing.assert_allclose(DenseEdges(values).gather(p), jnp.einsum("bijc,bihj->bihc", z, p), 1e-4, 1e-4)
+
+
+@pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])
+def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
+    monkeypatch.setattr(chunks, "_PAIRS_ON_CPU", pairs)
+    shared, rows, weight = (
+        {"x": normal(1, B, L, C)},
+        (normal(2, B, L, C), jnp.arange(B * L).reshape(B, L)),
+        normal(3, C),
+    )
+    real = jnp.arange(L)[None] < jnp.array([[5], [2]])
+
+    def work(weight):
+        def function(shared, rows):
+            values, number = rows
+            pairs = jnp.tanh(values[:, :, None] * shared["x"][:, None] * weight[None, None, None])
+            return pairs.sum(2) * number[..., None], pairs.max(2)
+
+        return function
+
+    def total(weight, shared, rows, blockwise: bool):
+        function = work(weight)
+        out = over_rows(function, shared, rows, real, L) if blockwise else function(shared, rows)
+        out = jax.tree.map(lambda x: jnp.where(real[..., None], x, 0), out)
+        return (out[0] * jnp.cos(out[0])).sum() + out[1].sum(), out
+
+    def run(blockwise: bool):
+        def function(weight, shared, values):
+            return total(weight, shared, (values, rows[1]), blockwise)
+
+        return jax.jit(jax.value_and_grad(function, (0, 1, 2), has_aux=True))(weight, shared, rows[0])
+
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4, 1e-4), run(True), run(False))
+
+
+def test_layers_do_not_depend_on_the_size_of_blocks(monkeypatch):
+    attention = functional(lambda draws: GraphAttention(8, 2, 8, draws=draws, edge_width=C, compute="float32"))
+    update = functional(lambda draws: EdgeUpdate(8, C, draws=draws, compute="float32"))
+    params = attention.init(jax.random.key(0)), update.init(jax.random.key(1))
+    x, values, mask = normal(1, B, L, 8), normal(2, B, L, L, C), jax.random.bernoulli(jax.random.key(3), 0.6, (B, L, L))
+
+    def run():
+        def total(params, x, values):
+            attended = attention.apply(params[0], x, mask, edges=DenseEdges(values))
+            updated = update.apply(params[1], x, DenseEdges(values), jnp.ones((B, L), bool))
+            return (jnp.sin(attended).sum() + jnp.sin(updated).sum()), (attended, updated)
+
+        return jax.jit(jax.value_and_grad(total, (0, 1, 2), has_aux=True))(params, x, values)
+
+    whole = run()
+    monkeypatch.setattr(chunks, "_PAIRS_ON_CPU", 2 * L)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4, 1e-5), run(), whole)
