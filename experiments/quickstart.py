@@ -37,12 +37,12 @@ def main(arguments: list[str] | None = None) -> None:
     for stage, config in (("autoencoder", autoencoder.get_config("tiny")), ("denoiser", denoiser.get_config("tiny"))):
         told(f"training the {stage}")
         config.records = str(args.out / "records")
+        config.batch.buckets = ((24, 40),)  # procedural scenes are small: one program to compile
         if stage == "denoiser":
             config.autoencoder = str(args.out / "autoencoder" / "model")
         if args.smoke:
             config.steps = config.log_every = config.evaluate_every = config.picture_every = 4
             config.optimiser.warmup = 1
-            config.batch.buckets = ((61, 100),)
         train(config, args.out / stage)
 
     told("sampling")
