@@ -71,18 +71,16 @@ class Checkpoints:
                 f"{self._folder} was written by checkpoint format {written}, this code reads up to {FORMAT}: "
                 "update scjax or choose another --workdir"
             )
-        target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-        loaded = self._manager.restore(
-            step,
-            args=ocp.args.Composite(
-                state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore(), config=ocp.args.JsonRestore()
-            ),
-        )
-        theirs, ours = (json.loads(json.dumps(c))["model"] for c in (loaded["config"], self._config))
+        described = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
+        theirs, ours = (json.loads(json.dumps(c))["model"] for c in (described["config"], self._config))
         if theirs != ours:
             changed = sorted(key for key in {*theirs, *ours} if theirs.get(key) != ours.get(key))
             raise ValueError(
                 f"{self._folder} holds a run with another config.model ({', '.join(changed)} differ): "
                 "give its values, or another --workdir"
             )
+        target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
+        loaded = self._manager.restore(
+            step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
+        )
         return loaded["state"], loaded["data"]

@@ -87,39 +87,37 @@ def placement_row(reference: Sequence[Scene], generated: Tiles) -> Row:
     return found | {name: number for name, number in realism_row(generated, "placements").items() if name in kept}
 
 
-def novelty_rows(populations: dict[str, Tiles], bank: Sequence[Scene], real: str) -> dict[str, Row]:
-    """Nearest training tiles of every population, beside those of the held-back tiles ``populations[real]``.
+def novelty_rows(populations: dict[str, Tiles], bank: Sequence[Scene]) -> dict[str, Row]:
+    """Nearest training tiles of every population.
 
     lane_distance_m: mean distance to the tile with the nearest lanes, and its 5th and 50th percentile; M, P: match of
-    the scene's agents with that tile's; aligned_...: the same when the scene may move a little to fit the tile, as
-    training moves tiles; nearer_than_real_p05: share of scenes nearer, aligned, than the nearest 5 % of real ones.
+    the scene's agents with that tile's; copied: share of scenes whose agents mostly are that tile's; aligned_...: the
+    same when the scene may move a little to fit the tile, as training moves tiles.
     """
-    nearest = {
-        name: list(nearest_tiles(_bar(tiles.scenes, f"novelty of {name}"), bank)) for name, tiles in populations.items()
-    }
-    threshold = float(np.quantile([aligned.lane_distance for _, aligned in nearest[real]], 0.05))
-    rows = {}
-    for name, found in nearest.items():
-        clusters, rows[name] = populations[name].clusters, {}
+    rows: dict[str, Row] = {}
+    for name, tiles in populations.items():
+        found = list(nearest_tiles(_bar(tiles.scenes, f"novelty of {name}"), bank))
+        rows[name] = {}
         for prefix, ones in (("", [plain for plain, _ in found]), ("aligned_", [aligned for _, aligned in found])):
-            numbers = row([_novelty_ratios(one, threshold) for one in ones], clusters, placement.summarise)
-            kept = {key: numbers[key] for key in ("lane_distance_m", "M", "P")}
+            numbers = row([_novelty_ratios(one) for one in ones], tiles.clusters, placement.summarise)
+            kept = {key: numbers[key] for key in ("lane_distance_m", "M", "P", "copied")}
             for share in (0.05, 0.5):
                 value = float(np.quantile([one.lane_distance for one in ones], share))
                 key = f"lane_distance_p{round(100 * share):02d}_m"
-                kept[key] = Number(value, math.nan, math.nan, None, len(ones), len(set(clusters)))
-            if prefix:
-                rows[name]["nearer_than_real_p05"] = numbers["nearer"]
+                kept[key] = Number(value, math.nan, math.nan, None, len(ones), len(set(tiles.clusters)))
             rows[name] |= {f"{prefix}{key}": number for key, number in kept.items()}
     return rows
 
 
-def _novelty_ratios(near: Nearest, threshold: float) -> Ratios:
+def _novelty_ratios(near: Nearest) -> Ratios:
+    """Also whether agents agree: F1 of the match, averaged over the thresholds, above 1/2; scenes of agents only."""
+    agents = near.match["recall_1m"][1] + near.match["precision_1m"][1]
+    agreement = np.mean([2 * near.match[f"recall_{m:g}m"][0] for m in placement.THRESHOLDS]) / max(agents, 1.0)
     finite = math.isfinite(near.lane_distance)
     return {
         **near.match,
         "lane_distance_m": (near.lane_distance, 1.0) if finite else (0.0, 0.0),
-        "nearer": (float(near.lane_distance < threshold), 1.0),
+        "copied": (float(agreement > 0.5), float(agents > 0)),
     }
 
 

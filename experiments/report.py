@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     # --- novelty
     copies = jittered_tiles(args.records, model, rng, min(len(val.scenes), len(train.scenes)))
     populations = {"samples": samples, "real validation": val, "copies": copies}
-    files.section("novelty", novelty_rows(populations, train.scenes, "real validation"))
+    files.section("novelty", novelty_rows(populations, train.scenes))
     return files.report
 
 

@@ -25,9 +25,10 @@ NOTES = {
     "vehicles alone. Lane angle and off heading (more than 45 degrees): of vehicles on a lane, to the nearest segment.",
     "novelty": "Nearest training tile by lanes: symmetric mean Chamfer distance of lane points every 2 m, direction "
     "included (opposite directions are 4 m apart), in the ego frames; aligned: the scene may move by up to 4 m and 15 "
-    "degrees onto the tile, since training moves tiles too. M, P: match of the scene's agents with that tile's. "
-    "Copies: training tiles moved as training moves them, what a model that only memorises would score. Scenes as new "
-    "as held-back tiles score like those; their nearer_than_real_p05 is 5 %.",
+    "degrees onto the tile, since training moves tiles too. M, P: match of the scene's agents with that tile's; "
+    "copied: share of scenes where most agents match (F1 over 1/2). The column copies holds training tiles moved as "
+    "training moves them, what a model that only memorises would score; scenes as new as held-back tiles score like "
+    "those. Lane distance alone does not tell: plain straight roads are near to each other everywhere.",
     "lane_conditioned": "Traffic on the lanes of real validation tiles at their number of agents. M (match rate), P, "
     "PxR: mean over 1, 2, 3 m, ego excluded. Random placement knows the true number of vehicles, places nothing else, "
     f"and is drawn {RANDOM_DRAWS} times a tile; the independent sample has the tile's counts and lanes of its own.",

@@ -36,7 +36,8 @@ STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage}
 
 
 def main(_) -> None:
-    logging.set_verbosity(logging.WARNING)  # orbax reports every file it touches
+    # orbax reports every file that it touches, and logs with a traceback what it then raises.
+    logging.set_verbosity(logging.FATAL)
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:

@@ -1,8 +1,8 @@
 """scjax: text- and image-controlled generation of vectorized driving scenes, in JAX.
 
-    model = scjax.load("runs/denoiser/model")
-    scenes = scjax.sample(jax.random.key(0), scjax.Condition(num_agents=12), model=model, n=4)
-    scjax.viz.grid(scenes, path="scenes.png")
+model = scjax.load("runs/denoiser/model")
+scenes = scjax.sample(jax.random.key(0), scjax.Condition(num_agents=12), model=model, n=4)
+scjax.viz.grid(scenes, path="scenes.png")
 """
 
 from scjax.condition import Condition

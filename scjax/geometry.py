@@ -40,9 +40,7 @@ def se2_rotate(yaw: Values, vectors: Float[AnyArray, "... 2"]) -> Float[Array, "
     return jnp.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
 
-def se2_compose(
-    outer: Float[AnyArray, "*b 3"], inner: Float[AnyArray, "*b 3"]
-) -> Float[Array, "*b 3"]:
+def se2_compose(outer: Float[AnyArray, "*b 3"], inner: Float[AnyArray, "*b 3"]) -> Float[Array, "*b 3"]:
     """The pose ``inner``, given in the frame ``outer``, in the parent of ``outer``."""
     outer, inner = jnp.asarray(outer), jnp.asarray(inner)
     return jnp.concatenate([se2_apply(outer, inner[..., :2]), wrap_angle(outer[..., 2:] + inner[..., 2:])], -1)
@@ -120,9 +118,7 @@ def move(scene: Scene, pose: Float[AnyArray, "*b 3"]) -> Scene:
 
 
 @jax.jit
-def move_se3(
-    scene: Scene, rotation: Float[AnyArray, "*b 3 3"], translation: Float[AnyArray, "*b 3"]
-) -> Scene:
+def move_se3(scene: Scene, rotation: Float[AnyArray, "*b 3 3"], translation: Float[AnyArray, "*b 3"]) -> Scene:
     """As ``move`` for a spatial frame. Boxes stay upright: a heading is the ground direction of the turned box axis.
 
     Where z is not known its fill takes part as if it were true; ``*_known`` is passed on as it is.

@@ -134,6 +134,6 @@ def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
         return None
     condition = fields["condition"]
     if condition is not None:
-        kind = ImageCondition if "channels" in condition else TextCondition
+        kind: Any = ImageCondition if "channels" in condition else TextCondition
         condition = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in condition.items()})
     return DenoiserConfig(**{**fields, "condition": condition})

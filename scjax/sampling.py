@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from scjax.condition import Condition
 from scjax.data.ordering import arrange
-from scjax.diffusion.guidance import guided, join
+from scjax.diffusion.guidance import Denoise, guided, join
 from scjax.diffusion.sampler import sample as sample_latents
 from scjax.diffusion.schedule import cosine_schedule, respaced
 from scjax.model import Model
@@ -23,7 +23,7 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
-from scjax.nn.functional import Params
+from scjax.nn.functional import Functional, Params
 from scjax.representation import Representation, Tokens
 from scjax.scene import Scene, empty, pad, permute, stack, unpadded
 
@@ -100,10 +100,18 @@ def sample_many(
 
 
 def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
-    """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order."""
+    """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order.
+
+    The scenes must be of the model's types (``model.representation.select``), so that twins match by index.
+
+    Raises:
+      ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
+    """
+    if model.autoencoder is None or model.autoencoder_config is None:
+        raise ValueError("this model has no autoencoder: train that stage (or convert its checkpoint) first")
     program = _reconstruction(model.representation, model.autoencoder_config)
     results: dict[int, Scene] = {}
-    chosen = [model.representation.select(scene.to_numpy()) for scene in scenes]
+    chosen = [scene.to_numpy() for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
     for i, scene in enumerate(chosen):
         groups.setdefault(_bucket(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(i)
@@ -238,9 +246,10 @@ def _program(
         if features is not None:
             cache = network.apply(params, features, dropped, method="encode_condition")
 
-        def denoise(z, t):
+        def plain(z: Nodes, t: Array) -> Nodes:
             return network.apply(params, z, t, label, masks, given, cache)
 
+        denoise: Denoise = plain
         if two_branches:
             null = None if features is None else network.apply(params, features, ~dropped, method="encode_condition")
             labels = join(label, jnp.full_like(label, config.null_label))
@@ -271,7 +280,9 @@ def _reconstruction(representation: Representation, config: AutoencoderConfig) -
     return run
 
 
-def decode(coder, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain) -> Scene:
+def decode(
+    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain
+) -> Scene:
     """Latents [B, tokens, latent] -> scenes in metres [B]."""
     decoded = coder.apply(params, latents, masks, method="decode")
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
@@ -284,7 +295,10 @@ def decode(coder, params: Params, representation: Representation, latents: Nodes
 
 
 def _bucket(agents: int, lanes: int) -> tuple[int, int]:
-    return next(bucket for bucket in BUCKETS if agents <= bucket[0] and lanes <= bucket[1])
+    for bucket in BUCKETS:
+        if agents <= bucket[0] and lanes <= bucket[1]:
+            return bucket
+    raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
 
 
 def _with_denoiser(model: Model | None) -> Model:

@@ -101,12 +101,12 @@ class Scene:
         return tuple(self.agent_mask.shape[:-1])
 
     @property
-    def num_agents(self) -> Array | np.ndarray:
+    def num_agents(self) -> Array | np.ndarray | np.integer:
         """Real agents, [*b], ego included."""
         return self.agent_mask.sum(-1)
 
     @property
-    def num_lanes(self) -> Array | np.ndarray:
+    def num_lanes(self) -> Array | np.ndarray | np.integer:
         """Real lanes, [*b]."""
         return self.lane_mask.sum(-1)
 

@@ -20,6 +20,7 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
+
 _SHARED = Path(os.environ.get("SCJAX_SHARED", Path(__file__).resolve().parents[1] / ".." / "shared")).resolve()
 
 

@@ -55,4 +55,3 @@ def _stirred(params):
     """Every leaf random: fresh adaLN and output layers are zero, and a network of zeros would hide mistakes."""
     rng = np.random.default_rng(0)
     return jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape).astype(np.float32), params)
-

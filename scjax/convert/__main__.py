@@ -30,7 +30,9 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     try:
         into = load(args.out) if args.out.exists() else None
-        heads = None if args.heads is None else dict.fromkeys(("autoencoder", "denoiser"), tuple(args.heads))
+        heads = (
+            None if args.heads is None else dict.fromkeys(("autoencoder", "denoiser"), (args.heads[0], args.heads[1]))
+        )
         model = convert_checkpoint(args.checkpoint, into=into, heads=heads)
         save(model, args.out)
     except (ValueError, OSError) as error:

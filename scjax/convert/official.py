@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import safetensors
@@ -33,7 +34,7 @@ _ANCHORS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1
 
 
 def convert_checkpoint(
-    path: str | Path, *, into: Model | None = None, heads: Mapping[str, tuple[int, int]] | None = None
+    path: str | Path, *, into: Model | None = None, heads: Mapping[Any, tuple[int, int]] | None = None
 ) -> Model:
     """The networks found in ``path``, as a model, or added to the model ``into``.
 
@@ -76,7 +77,7 @@ def read_state(path: str | Path) -> State:
         except safetensors.SafetensorError as error:
             raise ValueError(f"{path} is no whole safetensors file ({error}): download it again") from error
     try:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ValueError(
             f"{path} is a PyTorch file, and torch is not installed: pip install 'scjax[convert]', "
@@ -124,7 +125,7 @@ def _shape(state: State, key: str) -> tuple[int, ...]:
     return state[key].shape
 
 
-def _autoencoder(state: State, heads: Mapping[str, tuple[int, int]] | None) -> dict:
+def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict:
     lane_in, agent_in = (_shape(state, f"encoder.{kind}_mlp.linears.0.weight") for kind in ("lane", "agent"))
     edge = _shape(state, "encoder.lane_conn_mlp.linears.0.weight")
     first = "encoder.encoder_transformer_blocks.0"
@@ -153,7 +154,7 @@ def _autoencoder(state: State, heads: Mapping[str, tuple[int, int]] | None) -> d
     return {"autoencoder": from_official(state, config), "autoencoder_config": config}
 
 
-def _denoiser(state: State, heads: Mapping[str, tuple[int, int]] | None) -> dict:
+def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict:
     lane, agent = (_shape(state, f"model.{kind}_embedder.linear1.weight") for kind in ("lane", "agent"))
     condition = None
     if "model.text_embedding_lanes.0.weight" in state:

@@ -130,7 +130,7 @@ def find_files(source: str | Path) -> list[str]:
 
 
 def split_of(domain: str, cluster: str, percent: float) -> str:
-    """"train" or "val" for a location cluster, for ever the same."""
+    """ "train" or "val" for a location cluster, for ever the same."""
     digest = hashlib.sha256(f"{domain}/{cluster}".encode()).digest()
     return "val" if int.from_bytes(digest[:8], "big") < percent / 100 * 2**64 else "train"
 

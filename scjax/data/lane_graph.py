@@ -53,9 +53,7 @@ def build_graph(raw: RawScene) -> LaneGraph:
         raise ValueError(f"{raw.path}: no lane with two distinct points that cars may use: leave this file out")
     joins = _given_joins([lane for lane, _ in lanes]) if raw.topology_given else _near_joins([p for _, p in lanes])
     chains, edges = compact(len(lanes), joins)
-    points = [
-        np.concatenate([lanes[chain[0]][1], *(lanes[member][1][1:] for member in chain[1:])]) for chain in chains
-    ]
+    points = [np.concatenate([lanes[chain[0]][1], *(lanes[member][1][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(p) for p in points])])
     stacked = np.concatenate(points)
     unknown = np.add.reduceat(np.isnan(stacked[:, 2]), offsets[:-1]) > 0

@@ -11,7 +11,7 @@ import concurrent.futures
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import grain
 import numpy as np
@@ -140,7 +140,7 @@ def training_batches(
         return shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
 
     examples = stream.random_map(augment)
-    return Batches(examples.__getitem__, config, processes=processes)
+    return Batches(lambda index: cast(Scene, examples[index]), config, processes=processes)
 
 
 def validation_scenes(

@@ -25,7 +25,7 @@ _KEPT_LEAST = 200
 _TURNS = (0.0, np.deg2rad(8.0), -np.deg2rad(8.0))  # of the scene in the first pass
 _ALIGNED = 64  # tiles to which the scene is aligned
 _FAR = np.float32(1e12)  # square metres
-# Multiply-adds up to which OpenBLAS stays on the calling thread: on a busy machine its threads made this 6 times slower.
+# Multiply-adds up to which OpenBLAS stays on the calling thread: on a busy machine its threads are 6 times slower.
 _UNTHREADED = 200_000
 _FINALISTS = 4  # tiles left over by the second pass, in float32; their distances are computed in float64
 

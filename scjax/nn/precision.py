@@ -7,7 +7,6 @@ transposed, so the transposed operand is really laid out before the product.
 
 from __future__ import annotations
 
-import functools
 from typing import Literal
 
 import jax
@@ -22,7 +21,7 @@ def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) ->
     """``x @ w``. ``bfloat16`` rounds both operands and accumulates in float32, forward and backward."""
     if compute == "float32":
         return x @ w
-    flat = _mixed(x.reshape(-1, x.shape[-1]), w)
+    flat: Array = _mixed(x.reshape(-1, x.shape[-1]), w)
     return flat.reshape(*x.shape[:-1], w.shape[-1])
 
 
@@ -34,7 +33,7 @@ def _transposed(a: Float[Array, "m n"]) -> Float[Array, "n m"]:
     return with_layout_constraint(a.astype(jnp.bfloat16).T, Layout((0, 1)))
 
 
-@functools.partial(jax.custom_vjp)
+@jax.custom_vjp
 def _mixed(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
     return _product(x, w)
 

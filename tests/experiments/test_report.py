@@ -66,7 +66,8 @@ def test_numbers_and_files(stand_ins, tmp_path, capsys):
     assert novelty["samples"]["aligned_lane_distance_m"]["value"] == pytest.approx(0, abs=1e-3)
     assert novelty["copies"]["lane_distance_m"]["value"] == 0 and novelty["copies"]["M"]["value"] == 1
     assert set(novelty) == {"samples", "real validation", "copies"}
-    assert 0 <= novelty["samples"]["nearer_than_real_p05"]["value"] <= 1
+    assert novelty["copies"]["copied"]["value"] == 1 and novelty["samples"]["copied"]["value"] == 0
+    assert novelty["samples"]["aligned_copied"]["value"] == 1  # 3.5 m aside
     placed = sections["lane_conditioned"]
     assert placed["real"]["M"]["value"] == placed["real"]["vehicle_PxR"]["value"] == 1
     assert placed["random placement"]["M"]["scenes"] == 30 and placed["random placement"]["M"]["clusters"] == 3

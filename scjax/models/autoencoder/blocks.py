@@ -154,9 +154,7 @@ class EdgeUpdate(nnx.Module):
             hidden = _norm(self.nodes.norms[1], matmul(hidden, second[0], "float32") + second[1][None])
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
             first, skip = (
-                matmul(n, kernel[:width], "float32")
-                + edges.project(kernel[width:]).reshape(-1, width)
-                + bias[None]
+                matmul(n, kernel[:width], "float32") + edges.project(kernel[width:]).reshape(-1, width) + bias[None]
                 for kernel, bias in entries
             )
             values = _after_first(self.edges, first, skip).reshape(*own.shape[:2], -1, width)

@@ -1,4 +1,4 @@
-"""Scene -> posterior over one latent per agent and lane, and over the number of lanes behind x = 0 (official-spec §2.2)."""
+"""Scene -> posterior over the latents of its nodes, and over the number of lanes behind x = 0 (official-spec §2.2)."""
 
 from __future__ import annotations
 

@@ -10,11 +10,11 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
 from scjax.representation import Tokens
-from scjax.scene import Layout
+from scjax.scene import AnyArray, Layout
 
 __all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]
 
@@ -46,7 +46,7 @@ def loss(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
-) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+) -> tuple[Float[AnyArray, ""], dict[str, Float[AnyArray, ""]]]:
     """The mean total over scenes, and the mean of every term for the log.
 
     Args:
@@ -75,7 +75,7 @@ def per_scene(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
-) -> dict[str, Float[Array, " b"]]:
+) -> dict[str, Float[AnyArray, " b"]]:
     """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
@@ -106,13 +106,13 @@ def per_scene(
     return terms | {"total": jnp.asarray(total)}
 
 
-def lanes_after(tokens: Tokens) -> Int[Array, " b"]:
+def lanes_after(tokens: Tokens) -> Int[AnyArray, " b"]:
     """Lanes behind the partition (x > 0) of PARTITIONED scenes; 0 in others."""
     after = (tokens.lane_mask & ~tokens.lane_before).sum(-1)
     return jnp.where(tokens.layout == Layout.PARTITIONED, after, 0)
 
 
-def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[Array, " b"]]:
+def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[AnyArray, " b"]]:
     """Reconstruction errors of each scene, in unit coordinates.
 
     Returns:
@@ -152,23 +152,23 @@ def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[Array, " b"]]:
     return result
 
 
-def _counted(tokens: Tokens, official: bool) -> Bool[Array, " b"]:
+def _counted(tokens: Tokens, official: bool) -> Bool[AnyArray, " b"]:
     layout = tokens.layout
     return layout != Layout.CENTRED if official else layout == Layout.PARTITIONED
 
 
-def _length(difference: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
+def _length(difference: Float[AnyArray, "*b 2"]) -> Float[AnyArray, "*b"]:
     return jnp.sqrt(jnp.square(difference).sum(-1))
 
 
-def _distance(found: Array, wanted: Array, known: Array) -> Array:
+def _distance(found: AnyArray, wanted: AnyArray, known: AnyArray) -> AnyArray:
     """|found - wanted|, zero (gradient too) where unknown."""
     return jnp.abs(jnp.where(known, found - jnp.where(known, wanted, 0.0), 0.0))
 
 
 def _cross_entropy(
-    logits: Float[Array, "*b k"], classes: Int[Array, "*b"], mask: Bool[Array, "*b"]
-) -> Float[Array, "*b"]:
+    logits: Float[AnyArray, "*b k"], classes: Int[AnyArray, "*b"], mask: Bool[AnyArray, "*b"]
+) -> Float[AnyArray, "*b"]:
     """In at least float32; zero where masked."""
     logits = logits.astype(jnp.promote_types(logits.dtype, jnp.float32))
     # A product with one-hots, not a lookup: the gradient of a lookup is a serial scatter on a CPU.
@@ -176,7 +176,7 @@ def _cross_entropy(
     return jnp.where(mask, jax.nn.logsumexp(logits, -1) - picked, 0.0)
 
 
-def _link_entropy(logits: Array, links: Array, pairs: Array, balanced: bool) -> Float[Array, " b"]:
+def _link_entropy(logits: AnyArray, links: AnyArray, pairs: AnyArray, balanced: bool) -> Float[AnyArray, " b"]:
     entropy = _cross_entropy(logits, links, pairs)
     if not balanced:
         return _scene_mean(entropy, pairs)
@@ -187,23 +187,23 @@ def _link_entropy(logits: Array, links: Array, pairs: Array, balanced: bool) -> 
 
 
 def _scene_kl(
-    mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"], mask: Bool[Array, "b n"]
-) -> Float[Array, " b"]:
+    mean: Float[AnyArray, "b n d"], logvar: Float[AnyArray, "b n d"], mask: Bool[AnyArray, "b n"]
+) -> Float[AnyArray, " b"]:
     divergence = -0.5 * (1 + logvar - jnp.square(mean) - jnp.exp(logvar)).mean(-1)
     return _scene_mean(divergence, mask)
 
 
-def _scene_mean(values: Float[Array, "b ..."], mask: Bool[Array, "b ..."]) -> Float[Array, " b"]:
+def _scene_mean(values: Float[AnyArray, "b ..."], mask: Bool[AnyArray, "b ..."]) -> Float[AnyArray, " b"]:
     """Mean over the masked elements of each scene; 0 where there are none."""
     batch = values.shape[0]
     return _mean_of(values.reshape(batch, -1), mask.reshape(batch, -1))
 
 
-def _mean_of(values: Float[Array, "b n"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:
+def _mean_of(values: Float[AnyArray, "b n"], mask: Bool[AnyArray, "b n"]) -> Float[AnyArray, " b"]:
     # Counted as integers: float32 ones of a large scene would round.
     number = jnp.maximum(mask.sum(-1), 1).astype(values.dtype)
     return jnp.where(mask, values, 0.0).sum(-1) / number
 
 
-def _mean(values: Float[Array, " b"], mask: Bool[Array, " b"]) -> Float[Array, ""]:
+def _mean(values: Float[AnyArray, " b"], mask: Bool[AnyArray, " b"]) -> Float[AnyArray, ""]:
     return _mean_of(values[None], mask[None])[0]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import chex
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from scjax.models.nodes import Nodes
+from scjax.pytree import pytree
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Posterior:
     """Diagonal Gaussians over the latents; rows of padding are zero.
 
@@ -24,7 +24,7 @@ class Posterior:
     lane_count_logits: Float[Array | np.ndarray, "b classes"]
 
 
-@chex.dataclass(frozen=True, mappable_dataclass=False)
+@pytree
 class Decoded:
     """Raw outputs of the decoder, in unit coordinates; rows of padding are zero. Types are the logits' argmax.
 

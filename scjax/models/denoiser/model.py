@@ -194,8 +194,8 @@ class Denoiser(nnx.Module):
           label: ``config.domains * layout + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].
           given: True at tokens that are given (clean); used by ``given_embedding`` only.
-          cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch belongs
-            to its first scenes (unless ``attend_padding``, the null branch of guidance needs none).
+          cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch
+            belongs to its first scenes (unless ``attend_padding``, the null branch of guidance needs none).
           modulation: from ``modulation``, if it was precomputed (then ``t`` and ``label`` are ignored).
           trace: filled with intermediate results (named as in the golden vectors) where a dict is given.
         """
