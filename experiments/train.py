@@ -133,5 +133,13 @@ def _check(step: int, metrics: dict, checkpoints: Checkpoints) -> None:
         )
 
 
+def parse(arguments: list[str]) -> list[str]:
+    """Flags; a mistyped field is answered in one line, with the suggestion of ml_collections."""
+    try:
+        return app.parse_flags_with_usage(arguments)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        sys.exit(f"experiments.train: {error.args[0] if error.args else error}")
+
+
 if __name__ == "__main__":
-    app.run(main)
+    app.run(main, flags_parser=parse)

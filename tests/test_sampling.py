@@ -116,7 +116,7 @@ def test_bad_requests(model, condition, message):
     ("fields", "message"),
     [
         ({"num_lanes": 0}, "num_lanes"),
-        ({"num_agents": 2.5}, "num_agents"),
+        ({"num_agents": -3}, "num_agents"),
         ({"tokens": np.zeros(3)}, "rank 1"),
         ({"known": example_scene().replace(**{k: v[None] for k, v in example_scene().to_dict().items()})}, "single"),
     ],
