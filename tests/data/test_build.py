@@ -1,5 +1,4 @@
 import json
-import os
 
 import numpy as np
 import pytest
@@ -241,10 +240,11 @@ def test_interrupted(source, tmp_path, monkeypatch, capsys):
     assert "run the same command again" in capsys.readouterr().err
 
 
-def test_help_reads_well(capsys):
+def test_help_reads_well(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "130")
     with pytest.raises(SystemExit):
         main(["build", "--help"])
     text = capsys.readouterr().out
     for word in ("--workers", "--train-spacing", "--split-percent", "exit codes", "default 16.0"):
         assert word in text
-    assert max(map(len, text.splitlines())) <= int(os.environ.get("COLUMNS", 130))
+    assert max(map(len, text.splitlines())) <= 130
