@@ -38,7 +38,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.model = dataclasses.asdict(getattr(sizes, variant)())
     config.batch = {
         "batch_size": batch_size,
-        "buckets": ((12, 16), (16, 28), (32, 48), (61, 100)),  # (agent, lane) slots
+        "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
         "layouts": (1.0, 1.0, 1.0) if official else (3.0, 1.0, 1.0),  # centred, partitioned, forward
         "jitter_position": 0.0 if official else 2.0,  # m
         "jitter_heading": 0.0 if official else 10.0,  # degrees
