@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, apply_gradients, initial, pipeline_config
+from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
 from scjax import representation as presets
 from scjax.data.build import load_manifest
 from scjax.data.pipeline import training_batches, validation_scenes
@@ -35,21 +35,14 @@ def build(config) -> Stage:
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, representation)
-    seed = config.seed
 
     def init(key: jax.Array) -> TrainState:
         return initial(network.init(key), optimiser)
 
-    def objective(params, tokens, key):
+    def objective(params, scenes, key):
+        tokens = representation.tokens(scenes)
         posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, model), method="reconstruct")
         return loss(decoded, posterior, tokens, weights, **options)
-
-    def step(state: TrainState, batch):
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
-        tokens = representation.tokens(batch)
-        (value, terms), gradients = jax.value_and_grad(objective, has_aux=True)(state.params, tokens, key)
-        state, norms = apply_gradients(state, gradients, optimiser, config.ema_decay)
-        return state, {"loss": value, **terms, **norms}
 
     def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
         return Model(
@@ -73,7 +66,8 @@ def build(config) -> Stage:
         grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "reconstruction"))
 
     def export(state: TrainState, resolved: dict) -> Model:
-        sampled = jax.jit(lambda tokens, key: reparameterise(key, network.apply(state.ema, tokens, method="encode")))
+        params = jax.device_get(state.ema)
+        sampled = jax.jit(lambda tokens, key: reparameterise(key, network.apply(params, tokens, method="encode")))
         stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
@@ -84,4 +78,7 @@ def build(config) -> Stage:
         notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
         return as_model(state, statistics(latents, masks), notes)
 
-    return Stage(representation, init, jax.jit(step, donate_argnums=0), evaluate, pictures, export)
+    step = training_step(
+        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+    )
+    return Stage(representation, init, step, evaluate, pictures, export)

@@ -10,7 +10,7 @@ import numpy as np
 
 import scjax
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, apply_gradients, initial
+from experiments.state import Stage, TrainState, initial, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.pipeline import validation_scenes
@@ -50,7 +50,6 @@ def build(config) -> Stage:
     loss = config.loss
     validation = validation_scenes(config.records, representation)
     bucket = config.batch.buckets[-1]
-    seed = config.seed
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
 
@@ -69,19 +68,12 @@ def build(config) -> Stage:
             label=model.domains * tokens.layout + tokens.domain,
         )  # fmt: skip
 
-    def objective(params, batch: LatentBatch, key):
+    def objective(params, scenes, key):
+        batch, key = latent_batch(scenes, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
             network, params, schedule, batch, key, null_label=model.null_label, label_dropout=loss.label_dropout,
             condition_dropout=loss.condition_dropout, count_given=loss.count_given,
         )  # fmt: skip
-
-    def step(state: TrainState, scenes):
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
-        batch = latent_batch(scenes, jax.random.fold_in(key, 0))
-        evaluate = jax.value_and_grad(objective, has_aux=True)
-        (value, terms), gradients = evaluate(state.params, batch, jax.random.fold_in(key, 1))
-        state, norms = apply_gradients(state, gradients, optimiser, config.ema_decay)
-        return state, {"loss": value, **terms, **norms}
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:
         return dataclasses.replace(
@@ -91,15 +83,15 @@ def build(config) -> Stage:
 
     @jax.jit
     def validation_loss(params, scenes, key):
-        return objective(params, latent_batch(scenes, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1))[1]
+        return objective(params, scenes, key)[1]
 
     def evaluate(state: TrainState) -> dict[str, float]:
-        size, totals = config.batch.batch_size, []
+        size, totals, params = config.batch.batch_size, [], jax.device_get(state.ema)
         for draw in range(_VALIDATION_DRAWS):
             for start in range(0, len(validation) - len(validation) % size or len(validation), size):
                 scenes = stack([pad(scene, *bucket) for scene in validation[start : start + size]])
                 key = jax.random.fold_in(jax.random.key(2), draw * len(validation) + start)
-                totals.append(jax.device_get(validation_loss(state.ema, scenes, key)))
+                totals.append(jax.device_get(validation_loss(params, scenes, key)))
         return {name: float(np.mean([terms[name] for terms in totals])) for name in totals[0]}
 
     def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
@@ -116,7 +108,10 @@ def build(config) -> Stage:
         notes = {"stage": "denoiser", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
         return as_model(state, {**notes, "autoencoder": frozen.notes})
 
-    return Stage(representation, init, jax.jit(step, donate_argnums=0), evaluate, pictures, export)
+    step = training_step(
+        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+    )
+    return Stage(representation, init, step, evaluate, pictures, export)
 
 
 def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:

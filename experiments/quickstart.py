@@ -12,6 +12,7 @@ from pathlib import Path
 
 from experiments import sample
 from experiments.configs import autoencoder, denoiser
+from experiments.state import use_every_core
 from experiments.train import train
 from scjax.data.build import build
 from scjax.data.procedural import write_scenes
@@ -25,6 +26,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/quickstart"), help="folder for everything it makes")
     parser.add_argument("--smoke", action="store_true", help="a handful of steps, to see that everything runs")
     args = parser.parse_args(arguments)
+    use_every_core()
     start = time.perf_counter()
 
     def told(text: str) -> None:

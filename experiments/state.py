@@ -1,13 +1,17 @@
-"""What a training step carries from one step to the next."""
+"""What a training step carries from one step to the next, and the step itself."""
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
+from jax.sharding import NamedSharding, PartitionSpec
 
 from experiments.reporting import Reporter
 from scjax.data.pipeline import PipelineConfig
@@ -17,6 +21,8 @@ from scjax.nn.functional import Params
 from scjax.pytree import pytree
 from scjax.representation import Representation
 from scjax.scene import Scene
+
+Objective = Callable[[Params, Scene, jax.Array], tuple[jax.Array, dict[str, jax.Array]]]
 
 
 @pytree
@@ -30,7 +36,7 @@ class TrainState:
 
 
 class Stage(NamedTuple):
-    """One training stage as functions over a ``TrainState``; ``step`` is jitted and donates its state."""
+    """One training stage as functions over a ``TrainState``; ``step`` is a ``training_step``."""
 
     representation: Representation
     init: Callable[[jax.Array], TrainState]
@@ -46,16 +52,59 @@ def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainSta
     return TrainState(step=jnp.zeros((), jnp.int32), params=params, ema=ema, optimiser=optimiser.init(params))
 
 
-def apply_gradients(
-    state: TrainState, gradients: Params, optimiser: optax.GradientTransformation, ema_decay: float
-) -> tuple[TrainState, dict[str, jax.Array]]:
-    """One optimiser and EMA update, and the norms worth watching."""
-    updates, moments = optimiser.update(gradients, state.optimiser, state.params)
-    params = optax.apply_updates(state.params, updates)
-    step = state.step + 1
-    ema = update_ema(state.ema, params, step, ema_decay)
-    norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
-    return TrainState(step=step, params=params, ema=ema, optimiser=moments), norms
+def training_step(
+    objective: Objective, optimiser: optax.GradientTransformation, *, ema_decay: float, seed: int, batch_size: int
+) -> Callable[[TrainState, Scene], tuple[TrainState, dict[str, jax.Array]]]:
+    """A step of the whole batch over all devices: each takes a share of the scenes, the gradients are averaged.
+
+    Args:
+      objective: (params, scenes, key) -> (loss, terms), means over the scenes; draws its randomness from the key.
+      batch_size: scenes a step over all processes; as many devices are used as divide it.
+
+    Returns:
+      (state, scenes of this process) -> (new state, metrics); the given state is donated.
+    """
+    devices = jax.devices()
+    if jax.process_count() == 1:
+        devices = devices[: math.gcd(batch_size, len(devices))]
+    mesh = jax.sharding.Mesh(np.asarray(devices), ("data",))
+    whole, shared = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec("data"))
+
+    def share(params: Params, scenes: Scene, key: jax.Array):
+        key = jax.random.fold_in(key, jax.lax.axis_index("data"))
+        return jax.lax.pmean(jax.value_and_grad(objective, has_aux=True)(params, scenes, key), "data")
+
+    gradients_of = jax.shard_map(
+        share, mesh=mesh, in_specs=(PartitionSpec(), PartitionSpec("data"), PartitionSpec()),
+        out_specs=PartitionSpec(), check_vma=False,
+    )  # fmt: skip
+
+    def step(state: TrainState, scenes: Scene):
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
+        (loss, terms), gradients = gradients_of(state.params, scenes, key)
+        updates, moments = optimiser.update(gradients, state.optimiser, state.params)
+        params = optax.apply_updates(state.params, updates)
+        ema = update_ema(state.ema, params, state.step + 1, ema_decay)
+        norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
+        new = TrainState(step=state.step + 1, params=params, ema=ema, optimiser=moments)
+        return new, {"loss": loss, **terms, **norms}
+
+    program = jax.jit(step, donate_argnums=0, out_shardings=whole)
+
+    def run(state: TrainState, scenes: Scene):
+        scenes = jax.tree.map(lambda x: jax.make_array_from_process_local_data(shared, np.asarray(x)), scenes)
+        return program(jax.device_put(state, whole), scenes)
+
+    return run
+
+
+def use_every_core() -> None:
+    """Lets JAX see each core of a CPU as a device; call it before JAX computes anything.
+
+    Small operations split over cores wait for each other: two devices that work on half a batch each train the
+    autoencoder 1.5 times as fast as one device with two threads (measured, benchmarks/README.md).
+    """
+    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
 
 
 def pipeline_config(batch: dict[str, Any], **changes: Any) -> PipelineConfig:

@@ -24,7 +24,7 @@ from ml_collections import config_flags
 from experiments import autoencoder_stage, denoiser_stage
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
-from experiments.state import pipeline_config
+from experiments.state import pipeline_config, use_every_core
 from scjax.data.pipeline import training_batches
 from scjax.model import save
 
@@ -38,6 +38,7 @@ STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage}
 def main(_) -> None:
     # orbax reports every file that it touches, and logs with a traceback what it then raises.
     logging.set_verbosity(logging.FATAL)
+    use_every_core()
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:
@@ -93,6 +94,8 @@ def train(config, workdir: Path) -> None:
                 if step % config.checkpoint_every == 0:
                     _check(step, metrics, checkpoints)
                     checkpoints.save(step, state, batches.state())
+                if step in config.export_at:
+                    save(stage.export(state, resolved), workdir / f"model-{step}")
                 if step % config.log_every == 0:
                     window, scenes = time.perf_counter(), 0
 
