@@ -18,24 +18,25 @@ def autoencoder_forward(config: AutoencoderConfig, lanes: int, agents: int) -> f
         tokens = targets * (5 * width**2 + 2 * width * ff) + sources * 2 * width**2
         return tokens + (0 if targets == sources else targets * width**2) + 2 * targets * sources * width
 
-    def block(update: bool) -> float:
+    def block(update: bool, dense: bool) -> float:
         lane_lane = attention(wide, config.lane_ff, lanes, lanes) + 2 * lanes * wide * edge
         lane_lane += 2 * pairs * config.lane_heads * edge
         agents_part = attention(narrow, config.agent_ff, agents, lanes)
         agents_part += attention(narrow, config.agent_ff, agents, agents)
-        edges = 4 * lanes * narrow * edge + 6 * pairs * edge**2 if update else 0
+        # Edges that come in as a table or as sums of node terms are projected before they are pairs.
+        edges = 4 * lanes * narrow * edge + (6 if dense else 4) * pairs * edge**2 if update else 0
         return lane_lane + lanes * wide * narrow + agents_part + edges
 
     def mlp(inputs: int, width: int, depth: int, outputs: int = 0) -> float:
         return 2 * inputs * width + (depth - 1) * width**2 + width * outputs
 
     encoder = lanes * mlp(config.lane_inputs, wide, 2) + agents * mlp(config.agent_inputs, narrow, 2)
-    encoder += sum(block(update=i < config.encoder_blocks - 1) for i in range(config.encoder_blocks))
+    encoder += sum(block(update=i < config.encoder_blocks - 1, dense=i > 0) for i in range(config.encoder_blocks))
     encoder += config.encoder_blocks * attention(wide, config.lane_ff, 1, lanes)
     encoder += 2 * (lanes * wide * config.lane_latent + agents * narrow * config.agent_latent)
     decoder = lanes * config.lane_latent * wide + agents * config.agent_latent * narrow
     decoder += lanes * (wide * edge + 2 * edge**2)
-    decoder += config.decoder_blocks * block(update=True)
+    decoder += sum(block(update=True, dense=i > 0) for i in range(config.decoder_blocks))
     decoder += agents * (mlp(narrow, narrow, 3, config.columns) + mlp(narrow, narrow, 2, config.agent_types))
     decoder += lanes * mlp(wide, wide, 3, config.points * config.point_dims)
     decoder += lanes * mlp(wide, wide, 2, config.lane_types) + pairs * mlp(edge, edge, 2, config.link_types)

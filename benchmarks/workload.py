@@ -15,7 +15,7 @@ import numpy as np
 
 from scjax.scene import Layout, Link, Scene, empty, stack
 
-BUCKETS = ((36, 36), (36, 52), (61, 68), (61, 84), (61, 100))  # (agent, lane) slots
+BUCKETS = ((61, 44), (61, 64), (61, 80), (61, 100))  # (agent, lane) slots
 
 
 def counts(scenes: int = 64) -> list[tuple[int, int]]:
@@ -40,12 +40,16 @@ def random_scene(rng: np.random.Generator, lanes: int, agents: int, slots: tuple
 
 
 def batches(batch_size: int, scenes: int = 64) -> list[Scene]:
-    """The workload in batches of ``batch_size`` real scenes, sorted by size so that a batch fits a small bucket."""
+    """The workload in batches of ``batch_size`` real scenes, sorted by size so that a batch fits a small bucket.
+
+    Within a batch small and large scenes take turns, so that every device's share is about the same work.
+    """
     rng = np.random.default_rng(1)
     ordered = sorted(counts(scenes))
     result = []
     for start in range(0, scenes, batch_size):
         part = ordered[start : start + batch_size]
+        part = part[::2] + part[1::2]
         slots = bucket(max(lanes for lanes, _ in part), max(agents for _, agents in part))
         result.append(stack([random_scene(rng, lanes, agents, slots) for lanes, agents in part]))
     return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -53,18 +53,25 @@ def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainSta
 
 
 def training_step(
-    objective: Objective, optimiser: optax.GradientTransformation, *, ema_decay: float, seed: int, batch_size: int
+    objective: Objective,
+    optimiser: optax.GradientTransformation,
+    *,
+    ema_decay: float,
+    seed: int,
+    batch_size: int,
+    devices: Sequence[jax.Device] | None = None,
 ) -> Callable[[TrainState, Scene], tuple[TrainState, dict[str, jax.Array]]]:
     """A step of the whole batch over all devices: each takes a share of the scenes, the gradients are averaged.
 
     Args:
       objective: (params, scenes, key) -> (loss, terms), means over the scenes; draws its randomness from the key.
       batch_size: scenes a step over all processes; as many devices are used as divide it.
+      devices: defaults to all. Their number decides which random numbers a scene gets.
 
     Returns:
       (state, scenes of this process) -> (new state, metrics); the given state is donated.
     """
-    devices = jax.devices()
+    devices = jax.devices() if devices is None else devices
     if jax.process_count() == 1:
         devices = devices[: math.gcd(batch_size, len(devices))]
     mesh = jax.sharding.Mesh(np.asarray(devices), ("data",))
@@ -104,7 +111,9 @@ def use_every_core() -> None:
     Small operations split over cores wait for each other: two devices that work on half a batch each train the
     autoencoder 1.5 times as fast as one device with two threads (measured, benchmarks/README.md).
     """
-    jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if jax.config.jax_num_cpu_devices in (-1, None):  # otherwise the user has chosen: JAX_NUM_CPU_DEVICES
+        jax.config.update("jax_num_cpu_devices", cores)
 
 
 def pipeline_config(batch: dict[str, Any], **changes: Any) -> PipelineConfig:

@@ -11,6 +11,7 @@ from absl import flags
 
 flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as experiments.train does
 
 
 def pytest_configure(config: pytest.Config) -> None:
