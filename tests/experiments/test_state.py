@@ -1,5 +1,6 @@
 """One step over several devices is the step of the whole batch."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,3 +41,14 @@ def test_devices_that_do_not_divide_the_batch_are_left_out():
     state, _ = run((jax.devices() * 3)[:3])
     alone, _ = run(jax.devices()[:1])
     jax.tree.map(np.testing.assert_array_equal, state, alone)
+
+
+def test_every_shape_of_a_batch_is_traced_once():
+    """One program a bucket, however many steps are run."""
+    optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
+    traced = chex.assert_max_traces(objective, n=2)
+    step = training_step(traced, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=jax.devices()[:1])
+    state = initial({"kernel": jnp.ones((3, 2))}, optimiser)
+    for rows in (4, 8, 4, 8, 4):
+        state, _ = step(state, np.ones((rows, 3), np.float32))
+    assert state.step == 5

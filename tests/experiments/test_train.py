@@ -19,7 +19,6 @@ from tests.experiments.smallest import get_config
 from tests.worlds import make_records
 
 ROOT = Path(__file__).resolve().parents[2]
-CONFIG = "tests/experiments/smallest.py:autoencoder"
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +36,20 @@ def undisturbed(records, tmp_path_factory):
     return folder
 
 
-def start(workdir, records, *flags, limit=None) -> subprocess.Popen:
-    """``python -m experiments.train`` of the smallest autoencoder in a process of its own."""
+@pytest.fixture(scope="module")
+def undisturbed_denoiser(undisturbed, records, tmp_path_factory):
+    """Folder of a denoiser run from start to end."""
+    folder = tmp_path_factory.mktemp("undisturbed_denoiser")
+    config = get_config("denoiser")
+    config.records, config.autoencoder = str(records), str(undisturbed / "model")
+    train(config, folder)
+    return folder
 
-    command = [sys.executable, "-m", "experiments.train", f"--config={CONFIG}", f"--workdir={workdir}"]
+
+def start(workdir, records, *flags, stage="autoencoder", limit=None) -> subprocess.Popen:
+    """``python -m experiments.train`` of the smallest stage in a process of its own."""
+    config = f"tests/experiments/smallest.py:{stage}"
+    command = [sys.executable, "-m", "experiments.train", f"--config={config}", f"--workdir={workdir}"]
     if limit:  # no file may grow beyond so many KiB
         command = ["bash", "-c", f'ulimit -f {limit}; exec "$@"', "-", *command]
     return subprocess.Popen(
@@ -70,16 +79,19 @@ def test_a_run_leaves_metrics_pictures_and_a_model(undisturbed):
     assert scjax.load(undisturbed / "model").autoencoder is not None
 
 
-def test_killed_at_any_moment_it_ends_bit_identical(undisturbed, records, tmp_path):
-    process = start(tmp_path, records)
+@pytest.mark.parametrize("stage", ["autoencoder", "denoiser"])
+def test_killed_at_any_moment_it_ends_bit_identical(stage, undisturbed, records, tmp_path, request):
+    whole = undisturbed if stage == "autoencoder" else request.getfixturevalue("undisturbed_denoiser")
+    flags = [] if stage == "autoencoder" else [f"--config.autoencoder={undisturbed}/model"]
+    process = start(tmp_path, records, *flags, stage=stage)
     wait_for(tmp_path / "checkpoints" / "step_3", process)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    again = start(tmp_path, records)
+    again = start(tmp_path, records, *flags, stage=stage)
     text = again.communicate()[0]
     assert again.returncode == 0, text
     assert "continuing" in text
-    assert weights(tmp_path) == weights(undisturbed)
+    assert weights(tmp_path) == weights(whole)
 
 
 def test_sigterm_saves_and_the_same_command_continues(undisturbed, records, tmp_path):
@@ -144,17 +156,22 @@ def test_mistakes_on_the_command_line(records, tmp_path, flag, message):
     assert not (tmp_path / "checkpoints").exists()
 
 
-def test_denoiser_on_the_autoencoder_then_samples(undisturbed, records, tmp_path):
-    config = get_config("denoiser")
-    config.records = str(records)
-    config.autoencoder = str(undisturbed / "model")
-    train(config, tmp_path / "denoiser")
-    sample.main([f"--model={tmp_path}/denoiser/model", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
+def test_denoiser_on_the_autoencoder_then_samples(undisturbed_denoiser, tmp_path):
+    model = undisturbed_denoiser / "model"
+    sample.main([f"--model={model}", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
     scenes = load_npz(tmp_path / "samples" / "scenes.npz")
     assert scenes.batch_shape == (2,)
     assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
     with pytest.raises(SystemExit, match="unknown"):
-        sample.main([f"--model={tmp_path}/denoiser/model", f"--out={tmp_path}/x", "--domain", "mars"])
+        sample.main([f"--model={model}", f"--out={tmp_path}/x", "--domain", "mars"])
+
+
+def test_models_of_chosen_steps_are_kept(records, tmp_path):
+    config = get_config("autoencoder")
+    config.records, config.export_at = str(records), (3,)
+    train(config, tmp_path)
+    assert scjax.load(tmp_path / "model-3").notes["steps"] == 3
+    assert scjax.load(tmp_path / "model").notes["steps"] == 9
 
 
 def test_a_resumed_step_is_the_same_step(records, tmp_path):

@@ -114,10 +114,10 @@ def small(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **c
 
 
 def tiny(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
-    """For tests."""
+    """Minutes on a laptop, for a first look."""
     sizes = {
-        "lane_width": 32, "lane_heads": 4, "lane_ff": 64, "agent_width": 16, "agent_heads": 4, "agent_ff": 32,
-        "edge_width": 8, "point_dims": 3, "known_inputs": True,
+        "lane_width": 96, "lane_heads": 4, "lane_ff": 192, "agent_width": 64, "agent_heads": 4, "agent_ff": 128,
+        "edge_width": 16, "point_dims": 3, "known_inputs": True,
     }  # fmt: skip
     return _config(sizes, lane_types, agent_types, link_types, changes)
 
