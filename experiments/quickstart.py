@@ -40,10 +40,11 @@ def main(arguments: list[str] | None = None) -> None:
         told(f"training the {stage}")
         config.records = str(args.out / "records")
         config.batch.buckets = ((24, 40),)  # procedural scenes are small: one program to compile
+        config.evaluate_every = config.picture_every = 0  # they would compile more programs than the training does
         if stage == "denoiser":
             config.autoencoder = str(args.out / "autoencoder" / "model")
         if args.smoke:
-            config.steps = config.log_every = config.evaluate_every = config.picture_every = 4
+            config.steps = config.log_every = 4
             config.optimiser.warmup = 1
         train(config, args.out / stage)
 

@@ -87,9 +87,9 @@ def train(config, workdir: Path) -> None:
                     values = jax.device_get(metrics)
                     rate = scenes / (time.perf_counter() - window)
                     reporter.scalars(step, {**values, "scenes_per_second": rate})
-                if step % config.evaluate_every == 0 or step == config.steps:
+                if due(step, config.evaluate_every, config.steps):
                     reporter.scalars(step, stage.evaluate(state), scope="val")
-                if step % config.picture_every == 0 or step == config.steps:
+                if due(step, config.picture_every, config.steps):
                     stage.pictures(state, step, reporter)
                 if step % config.checkpoint_every == 0:
                     _check(step, metrics, checkpoints)
@@ -108,6 +108,11 @@ def train(config, workdir: Path) -> None:
                 return
         folder = save(stage.export(state, resolved), workdir / "model")
         print(f"trained model: {folder}", file=sys.stderr)
+
+
+def due(step: int, every: int, last: int) -> bool:
+    """Every so many steps and at the end; 0 means never."""
+    return every > 0 and (step % every == 0 or step == last)
 
 
 @contextlib.contextmanager

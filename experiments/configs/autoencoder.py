@@ -20,7 +20,7 @@ from scjax.models.autoencoder.loss import OFFICIAL_WEIGHTS
 
 VARIANTS = {
     #            batch  steps    learning rate
-    "tiny": (16, 600, 2e-3),
+    "tiny": (16, 800, 2e-3),
     "small": (32, 30_000, 1e-3),
     "base": (64, 200_000, 3e-4),
     "official": (128, 357_450, 1e-4),
@@ -66,7 +66,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 10, 1)
-    config.picture_every = max(steps // 5, 1)
+    config.picture_every = max(steps // 5, 1)  # 0: never, as above
     config.checkpoint_every = max(min(steps // 10, 1000), 1)
     config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
     config.tensorboard = True

@@ -16,7 +16,7 @@ from scjax.models.denoiser import config as sizes
 
 VARIANTS = {
     #            batch  steps    learning rate  EMA decay
-    "tiny": (16, 1_500, 1e-3, 0.99),
+    "tiny": (16, 1_000, 2e-3, 0.995),
     "small": (32, 60_000, 5e-4, 0.9995),
     "base": (64, 200_000, 2e-4, 0.9999),
     "official": (256, 500_000, 5e-5, 0.9999),
@@ -62,7 +62,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)
-    config.picture_every = max(steps // 5, 1)
+    config.picture_every = max(steps // 5, 1)  # 0: never, as above
     config.checkpoint_every = max(min(steps // 10, 1000), 1)
     config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
     config.tensorboard = True

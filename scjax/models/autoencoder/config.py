@@ -117,7 +117,7 @@ def tiny(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **ch
     """Minutes on a laptop, for a first look."""
     sizes = {
         "lane_width": 96, "lane_heads": 4, "lane_ff": 192, "agent_width": 64, "agent_heads": 4, "agent_ff": 128,
-        "edge_width": 16, "point_dims": 3, "known_inputs": True,
+        "edge_width": 16, "point_dims": 3, "known_inputs": True, "encoder_blocks": 1, "decoder_blocks": 1,
     }  # fmt: skip
     return _config(sizes, lane_types, agent_types, link_types, changes)
 
