@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks import flops, workload
-from experiments.state import initial, training_step, use_every_core
+from experiments.state import initial, training_step
 from scjax import representation as presets
+from scjax.devices import use_every_core
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.schedule import cosine_schedule

@@ -67,12 +67,16 @@ def build(config) -> Stage:
 
     def export(state: TrainState, resolved: dict) -> Model:
         params = jax.device_get(state.ema)
-        sampled = jax.jit(lambda tokens, key: reparameterise(key, network.apply(params, tokens, method="encode")))
+
+        @jax.jit
+        def sampled(params, tokens, key):
+            return reparameterise(key, network.apply(params, tokens, method="encode"))
+
         stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
             tokens = representation.tokens(next(stream))
-            draw = sampled(tokens, jax.random.fold_in(jax.random.key(1), i))
+            draw = sampled(params, tokens, jax.random.fold_in(jax.random.key(1), i))
             latents.append(jax.tree.map(np.asarray, draw))
             masks.append(Nodes(agents=np.asarray(tokens.agent_mask), lanes=np.asarray(tokens.lane_mask)))
         notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from experiments import sample
 from experiments.configs import autoencoder, denoiser
-from experiments.state import use_every_core
 from experiments.train import train
 from scjax.data.build import build
 from scjax.data.procedural import write_scenes
+from scjax.devices import use_every_core
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -32,6 +32,7 @@ from scjax.condition import Condition
 from scjax.data import records
 from scjax.data.build import load_manifest
 from scjax.data.pipeline import PipelineConfig, validation_scenes
+from scjax.devices import use_every_core
 from scjax.metrics.placement import random_lane_aligned, vehicle_pool
 from scjax.model import Model, load
 from scjax.sampling import reconstruct, sample_many
@@ -55,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, help="diffusion steps (default: all of training)")
     parser.add_argument("--guidance", type=float, help="guidance weight; 1 is none")
     args = parser.parse_args(arguments)
+    use_every_core()
     for name in ("samples", "lane_tiles"):
         if getattr(args, name) < 1:
             parser.error(f"--{name.replace('_', '-')} must be at least 1, not {getattr(args, name)}")

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 import scjax
+from scjax.devices import use_every_core
 from scjax.scene import Layout
 from scjax.scene_io import load_npz, save_json, save_npz
 from scjax.viz import grid
@@ -37,6 +38,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, help="diffusion steps (default: all of training)")
     parser.add_argument("--guidance", type=float, help="guidance weight; 1 is none")
     args = parser.parse_args(arguments)
+    use_every_core()
     try:
         scenes = run(args)
     except (ValueError, OSError) as error:

@@ -24,8 +24,9 @@ from ml_collections import config_flags
 from experiments import autoencoder_stage, denoiser_stage
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
-from experiments.state import pipeline_config, use_every_core
+from experiments.state import pipeline_config
 from scjax.data.pipeline import training_batches
+from scjax.devices import use_every_core
 from scjax.model import save
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)

@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from scjax.condition import Condition
 from scjax.data.ordering import arrange
+from scjax.devices import spread
 from scjax.diffusion.guidance import Denoise, guided, join
 from scjax.diffusion.sampler import sample as sample_latents
 from scjax.diffusion.schedule import cosine_schedule, respaced
@@ -232,7 +233,6 @@ def _program(
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = respaced(cosine_schedule(), steps)
 
-    @jax.jit
     def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features) -> Scene:
         label = config.domains * layout + domain
         given = values = None
@@ -251,9 +251,10 @@ def _program(
 
         denoise: Denoise = plain
         if two_branches:
-            null = None if features is None else network.apply(params, features, ~dropped, method="encode_condition")
             labels = join(label, jnp.full_like(label, config.null_label))
-            twice, both, caches = join(masks, masks), join(given, given), join(cache, null)
+            twice, both, caches = join(masks, masks), join(given, given), cache
+            if features is not None and config.attend_padding:  # else nothing can be read from "no condition"
+                caches = join(cache, network.apply(params, features, ~dropped, method="encode_condition"))
             denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
         latents = sample_latents(
             denoise, schedule, keys, masks, given=given, values=values,
@@ -263,21 +264,20 @@ def _program(
         latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
         return decode(coder, ae, representation, latents, masks, layout, domain)
 
-    return run
+    return jax.jit(spread(run, shared=5))
 
 
 @functools.lru_cache(maxsize=8)
 def _reconstruction(representation: Representation, config: AutoencoderConfig) -> Program:
     coder = autoencoder(config)
 
-    @jax.jit
     def run(params: Params, scenes: Scene) -> Scene:
         tokens: Tokens = representation.tokens(scenes)
         posterior = coder.apply(params, tokens, method="encode")
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
 
-    return run
+    return jax.jit(spread(run, shared=1))
 
 
 def decode(
