@@ -20,7 +20,7 @@ from scjax.models.autoencoder.loss import OFFICIAL_WEIGHTS
 
 VARIANTS = {
     #            batch  steps    learning rate
-    "tiny": (16, 800, 2e-3),
+    "tiny": (16, 700, 2e-3),
     "small": (32, 30_000, 1e-3),
     "base": (64, 200_000, 3e-4),
     "official": (128, 357_450, 1e-4),

@@ -16,7 +16,7 @@ from scjax.models.denoiser import config as sizes
 
 VARIANTS = {
     #            batch  steps    learning rate  EMA decay
-    "tiny": (16, 1_000, 2e-3, 0.995),
+    "tiny": (16, 900, 2e-3, 0.995),
     "small": (32, 60_000, 5e-4, 0.9995),
     "base": (64, 200_000, 2e-4, 0.9999),
     "official": (256, 500_000, 5e-5, 0.9999),
