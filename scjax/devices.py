@@ -22,12 +22,12 @@ def use_every_core() -> None:
     (benchmarks/README.md has the measured gain).
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if jax.config.jax_num_cpu_devices in (-1, None):  # otherwise the user has chosen: JAX_NUM_CPU_DEVICES
+    if jax.config.values["jax_num_cpu_devices"] in (-1, None):  # otherwise the user has chosen: JAX_NUM_CPU_DEVICES
         with contextlib.suppress(RuntimeError):
             jax.config.update("jax_num_cpu_devices", cores)
 
 
-def scene_mesh(scenes: int, devices: Sequence[jax.Device] | None = None) -> Mesh:
+def scene_mesh(scenes: int, devices: Sequence[jax.Device] | None = None) -> Mesh:  # pyright: ignore[reportInvalidTypeForm]
     """As many of the devices (default: all) as divide the number of scenes."""
     devices = jax.devices() if devices is None else devices
     if jax.process_count() == 1:
