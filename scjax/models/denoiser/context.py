@@ -18,7 +18,7 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.embed import image_table
 from scjax.models.nodes import Nodes
 from scjax.nn.initial import Draws
-from scjax.nn.layers import Linear
+from scjax.nn.layers import Linear, together
 from scjax.pytree import pytree
 
 _STD = 0.02  # of tables and of the time and text MLPs
@@ -59,7 +59,12 @@ class TextContext(nnx.Module):
         """Context tokens a kind, and which of them carry anything. ``absent`` features may hold garbage."""
         valid = jnp.asarray(features.mask) & ~absent[:, None]
         tokens = jnp.where(valid[..., None], jnp.asarray(features.tokens), 0)
-        agents, lanes = (mlp[1](jax.nn.gelu(mlp[0](tokens), approximate=True)) for mlp in (self.agents, self.lanes))
+        # The features are the largest array of a training step.
+        first = together([self.agents[0], self.lanes[0]], tokens)
+        agents, lanes = (
+            mlp[1](jax.nn.gelu(hidden, approximate=True))
+            for mlp, hidden in zip((self.agents, self.lanes), first, strict=True)
+        )
         return Nodes(agents=agents, lanes=lanes), valid
 
 

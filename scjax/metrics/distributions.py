@@ -1,0 +1,174 @@
+"""Lane graphs and vehicles as distributions, generated against real: the tables of Scenario Dreamer and ScenarioControl.
+
+A scene contributes moments, histograms and counts (``scene_sums``); sums over scenes are all that the table needs.
+Definitions and scalings: metrics.md §1-2. ``compat`` equals the reference to rounding, its choices included; ``strict``
+is independent of the order of lanes, measures to segments instead of points, and overlaps boxes instead of circles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from scjax.metrics.boxes import overlaps
+from scjax.metrics.distances import frechet, histogram, jensen_shannon, mean_and_deviation, moments
+from scjax.metrics.lanes import nearest_segment, segments
+from scjax.metrics.lines import resampled
+from scjax.metrics.pooling import Values, ratio, singles
+from scjax.metrics.topology import (
+    Mode,
+    compact_lanes,
+    degrees,
+    endpoint_gaps,
+    key_points,
+    reach_and_hops,
+    route_length,
+)
+from scjax.scene import AgentType, Scene
+
+Sums = dict[str, np.ndarray]
+"""Name -> what a scene, or many, adds up to: moments [3], histogram [bins] or (numerator, denominator) [2]."""
+
+
+class Quantity(NamedTuple):
+    """A quantity of vehicles: range and bin width of its histogram, and what its divergence is multiplied with."""
+
+    low: float
+    high: float
+    width: float
+    scale: float
+
+
+VEHICLE = {
+    "nearest_dist": Quantity(0, 50, 1, 10),
+    "lat_dev": Quantity(0, 1.5, 0.1, 10),
+    "ang_dev": Quantity(-200, 200, 5, 100),
+    "length": Quantity(0, 25, 0.1, 100),
+    "width": Quantity(0, 5, 0.1, 100),
+    "speed": Quantity(0, 50, 1, 100),
+}
+GRAPH = {"connectivity": 10.0, "density": 1.0, "reach": 1.0, "convenience": 10.0}
+"""Quantities of the lane graph and what their Fréchet distance is multiplied with."""
+
+ON_ROAD = 1.5  # metres from the nearest centreline
+_POINTS = 100  # a lane in the reference's vehicle metrics
+_CIRCLES = 5  # along a box, in the reference's collision test
+_FATTER = np.sqrt(3.8)  # two boxes collide where circles are closer than the sum of the widths over this
+
+
+def scene_sums(scene: Scene, mode: Mode = "strict") -> Sums:
+    """What one scene contributes.
+
+    Returns:
+      connectivity, density, reach, convenience: moments of degrees, number of key points, reach and hops.
+      route_length, endpoint_dist: moments in metres.
+      nearest_dist ... speed: histograms over vehicles, the ego included, where the values are known.
+      collision_rate: vehicles that overlap another, vehicles.
+      scenes, scenes_without_lanes, scenes_without_vehicles: counts [1]. A scene without lanes adds nothing to the lane
+        quantities and leaves its vehicles out of lat_dev and ang_dev.
+    """
+    (scene,) = singles(scene)
+    return {**lane_sums(scene, mode), **vehicle_sums(scene, mode), "scenes": np.ones(1)}
+
+
+def lane_sums(scene: Scene, mode: Mode) -> Sums:
+    """The lane quantities of one scene without padding."""
+    if not len(scene.lane_mask):
+        names = (*GRAPH, "route_length", "endpoint_dist")
+        return {**{name: np.zeros(3) for name in names}, "scenes_without_lanes": np.ones(1)}
+    lanes = compact_lanes(scene)
+    adjacency = key_points(lanes, mode)
+    reach, hops = reach_and_hops(adjacency)
+    found = {
+        "connectivity": degrees(adjacency), "density": np.array([len(adjacency)]), "reach": reach,
+        "convenience": hops, "route_length": np.array([route_length(lanes, mode)]),
+        "endpoint_dist": endpoint_gaps(lanes),
+    }  # fmt: skip
+    return {**{name: moments(values) for name, values in found.items()}, "scenes_without_lanes": np.zeros(1)}
+
+
+def vehicle_sums(scene: Scene, mode: Mode) -> Sums:
+    """The vehicle quantities of one scene without padding."""
+    vehicle = scene.agent_mask & (scene.agent_types == AgentType.VEHICLE) & scene.agent_known[:, [0, 1, 4, 5]].all(-1)
+    agents, known = np.asarray(scene.agents, np.float64)[vehicle], np.asarray(scene.agent_known)[vehicle]
+    boxes = agents[known[:, 6:8].all(-1)]
+    found = dict(zip(("lat_dev", "ang_dev"), _lane_deviations(agents, scene, mode), strict=True))
+    found |= {"nearest_dist": _nearest(agents[:, :2]), "speed": agents[known[:, 3], 3]}
+    found |= {"length": agents[known[:, 6], 6], "width": agents[known[:, 7], 7]}
+    hit = (circles_touch(boxes) if mode == "compat" else overlaps(boxes)).any(-1)
+    return {
+        **{name: histogram(found[name], *quantity[:3]) for name, quantity in VEHICLE.items()},
+        "collision_rate": np.array([hit.sum(), len(boxes)], np.float64),
+        "scenes_without_vehicles": np.array([float(len(agents) == 0)]),
+    }
+
+
+def add(sums: Iterable[Sums]) -> Sums:
+    """Sums over scenes; empty over none."""
+    total: Sums = {}
+    for scene in sums:
+        total = {name: value + total[name] for name, value in scene.items()} if total else dict(scene)
+    return total
+
+
+def table(generated: Sums, real: Sums) -> Values:
+    """The row of the published tables, scaled as they are; NaN where a side has nothing to compare.
+
+    Returns:
+      frechet_<quantity> (``GRAPH``); <quantity>_jsd (``VEHICLE``); of the generated side alone: route_length_mean,
+      route_length_std, endpoint_dist_mean, endpoint_dist_std [m], collision_rate [% of vehicles].
+    """
+    row = {f"frechet_{name}": scale * frechet(generated[name], real[name]) for name, scale in GRAPH.items()}
+    for name, quantity in VEHICLE.items():
+        row[f"{name}_jsd"] = quantity.scale * jensen_shannon(generated[name], real[name])
+    for name in ("route_length", "endpoint_dist"):
+        row[f"{name}_mean"], row[f"{name}_std"] = mean_and_deviation(generated[name])
+    hits, vehicles = generated["collision_rate"]
+    return {**row, "collision_rate": 100 * ratio(float(hits), float(vehicles))}
+
+
+def circles_touch(boxes: Float64[np.ndarray, "boxes 9"]) -> Bool[np.ndarray, "boxes boxes"]:
+    """The reference's collision test: five circles along each box, a little fatter than tangent; not the diagonal."""
+    length, width = boxes[:, 6], boxes[:, 7]
+    along = np.linspace(-length / 2 + width / 2, length / 2 - width / 2, _CIRCLES, axis=-1)
+    heading = np.arctan2(boxes[:, 5], boxes[:, 4])
+    ahead = np.stack([np.cos(heading), np.sin(heading)], -1)
+    centres = boxes[:, None, :2] + along[..., None] * ahead[:, None]
+    apart = np.linalg.norm(centres[:, None, :, None] - centres[None, :, None], axis=-1).min((2, 3), initial=np.inf)
+    touch = apart < (width[:, None] + width[None]) / _FATTER
+    np.fill_diagonal(touch, False)
+    return touch
+
+
+def _nearest(places: np.ndarray) -> np.ndarray:
+    """Distance of each vehicle to the next one; nothing for a vehicle on its own."""
+    if len(places) < 2:
+        return np.zeros(0)
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return apart.min(1)
+
+
+def _lane_deviations(agents: np.ndarray, scene: Scene, mode: Mode) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to the nearest centreline [m] and signed angle to it [degrees], of the vehicles on a road."""
+    if not len(agents) or not len(scene.lane_mask):
+        return np.zeros(0), np.zeros(0)
+    if mode == "strict":
+        distance, lane_heading = nearest_segment(agents[:, :2], segments(scene))
+    else:
+        distance, lane_heading = _nearest_point(agents[:, :2], resampled(compact_lanes(scene).points, _POINTS))
+    on_road = distance <= ON_ROAD
+    turn = (np.arctan2(agents[:, 5], agents[:, 4]) - lane_heading)[on_road]
+    return distance[on_road], np.degrees(np.arctan2(np.sin(turn), np.cos(turn)))
+
+
+def _nearest_point(places: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to the nearest point of any line, and the heading of the segment that ends there (the first's begins)."""
+    square = np.square(places[:, None] - lines.reshape(-1, 2)[None]).sum(-1)
+    best = square.argmin(1)
+    line, point = best // lines.shape[1], np.maximum(best % lines.shape[1], 1)
+    along = lines[line, point] - lines[line, point - 1]
+    return np.sqrt(square[np.arange(len(places)), best]), np.arctan2(along[:, 1], along[:, 0])

@@ -1,0 +1,170 @@
+"""The lane graph as traffic sees it: compact lanes, key points where lanes meet, hops between them, the ego's route.
+
+Two modes. ``compat`` reproduces the reference evaluation (Scenario Dreamer), whose grouping of lane ends into key
+points is no equivalence and whose route takes whichever of several equally short paths it meets first; both depend on
+the order of lanes. ``strict`` is what was meant, and does not (metrics.md §1).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from scjax.data.lane_graph import compact
+from scjax.metrics.lines import lengths, resampled
+from scjax.scene import POINTS_PER_LANE, Link, Scene
+
+Mode = Literal["compat", "strict"]
+
+_HOP = 1e6  # metres: more than any route, so that fewer hops go before fewer metres
+
+
+class Lanes(NamedTuple):
+    """Centrelines in xy and successor pairs (i, j), sorted: lane j follows lane i."""
+
+    points: Float64[np.ndarray, "lanes points 2"]
+    edges: Int[np.ndarray, "edges 2"]
+
+
+def compact_lanes(scene: Scene) -> Lanes:
+    """Lanes of one scene; chains that only follow each other are one lane, resampled to 20 points."""
+    mask = np.asarray(scene.lane_mask)
+    points = np.asarray(scene.lanes, np.float64)[mask][..., :2]
+    joins = np.argwhere(np.asarray(scene.links)[np.ix_(mask, mask)] == Link.PREDECESSOR)
+    chains, edges = compact(len(points), {(int(i), int(j)) for i, j in joins})
+    if len(chains) == len(points):
+        return Lanes(points, joins)
+    merged = [
+        np.concatenate([points[chain[0]], *(points[lane][1:] for lane in chain[1:])])
+        if len(chain) > 1
+        else points[chain[0]]
+        for chain in chains
+    ]
+    same = [line if len(line) == POINTS_PER_LANE else resampled(line[None], POINTS_PER_LANE)[0] for line in merged]
+    return Lanes(np.stack(same), np.unique(edges, axis=0))
+
+
+def key_points(lanes: Lanes, mode: Mode) -> Bool[np.ndarray, "key_points key_points"]:
+    """Adjacency of the key points: lane l leads from the point of its start to the point of its end."""
+    label = _compat_labels(lanes) if mode == "compat" else _strict_labels(lanes)
+    points, index = np.unique(label, return_inverse=True)
+    adjacency = np.zeros((len(points), len(points)), bool)
+    adjacency[index[0::2], index[1::2]] = True
+    return adjacency
+
+
+def degrees(adjacency: Bool[np.ndarray, "n n"]) -> Int[np.ndarray, " n"]:
+    """Lanes in and out of every key point (one that leads back to its own start counts twice)."""
+    return adjacency.sum(0) + adjacency.sum(1)
+
+
+def reach_and_hops(
+    adjacency: Bool[np.ndarray, "n n"],
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " reachable_pairs"]]:
+    """How many other key points each one reaches, and the hops of a shortest path for every such ordered pair."""
+    if not len(adjacency):
+        return np.zeros(0, int), np.zeros(0, int)
+    hops = dijkstra(csr_array(adjacency.astype(np.float64)), unweighted=True)
+    np.fill_diagonal(hops, np.inf)
+    reachable = np.isfinite(hops)
+    return reachable.sum(1), hops[reachable].astype(int)
+
+
+def route_length(lanes: Lanes, mode: Mode) -> float:
+    """Longest way ahead of the ego [m], NaN without lanes.
+
+    From the point of any lane nearest to the origin to the end of that lane and on, by paths of fewest lanes, to every
+    lane that can be reached. Among paths of equally many lanes, ``strict`` takes the shortest, ``compat`` the one that
+    the reference's search meets first.
+    """
+    if not len(lanes.points):
+        return float("nan")
+    distance = np.linalg.norm(lanes.points, axis=-1)
+    ego = int(distance.min(1).argmin())
+    metres = lengths(lanes.points)
+    first = float(lengths(lanes.points[ego : ego + 1, int(distance[ego].argmin()) :])[0])
+    count = len(metres)
+    if mode == "compat":
+        after, before = _neighbours(lanes.edges, count), _neighbours(lanes.edges[:, ::-1], count)
+        paths = (_meeting_path(after, before, ego, goal) for goal in range(count) if goal != ego)
+        return max([first, *(first + float(metres[path[1:]].sum()) for path in paths if path)])
+    weight = csr_array((_HOP + metres[lanes.edges[:, 1]], tuple(lanes.edges.T)), shape=(count, count))
+    way = dijkstra(weight, indices=ego)
+    way = way[np.isfinite(way)]
+    return first + float((way - _HOP * np.floor(way / _HOP)).max())
+
+
+def endpoint_gaps(lanes: Lanes) -> Float64[np.ndarray, " edges"]:
+    """From the end of lane i to the start of lane j, for every successor pair [m]."""
+    i, j = lanes.edges.T
+    return np.linalg.norm(lanes.points[i, -1] - lanes.points[j, 0], axis=-1)
+
+
+def _strict_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
+    """A label for the start (2 l) and the end (2 l + 1) of every lane; ends that any edges tie together share one."""
+    ends = 2 * len(lanes.points)
+    ties = csr_array((np.ones(len(lanes.edges)), (2 * lanes.edges[:, 0] + 1, 2 * lanes.edges[:, 1])), (ends, ends))
+    return connected_components(ties, directed=False)[1]
+
+
+def _compat_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
+    """As ``_strict_labels``, but an edge that ties two groups together adds its two ends to both; the last one wins."""
+    groups: list[set[int]] = []
+    for i, j in lanes.edges.tolist():
+        ends = {2 * i + 1, 2 * j}
+        touched = [group for group in groups if group & ends]
+        for group in touched:
+            group |= ends
+        if not touched:
+            groups.append(ends)
+    label = np.arange(2 * len(lanes.points))
+    for number, group in enumerate(groups):
+        label[list(group)] = len(label) + number
+    return label
+
+
+def _neighbours(edges: np.ndarray, count: int) -> list[list[int]]:
+    found: list[list[int]] = [[] for _ in range(count)]
+    for i, j in sorted(map(tuple, edges.tolist())):
+        found[i].append(j)
+    return found
+
+
+def _meeting_path(after: list[list[int]], before: list[list[int]], start: int, goal: int) -> list[int]:
+    """A path of fewest lanes from ``start`` to another lane, found from both ends at once; empty without any.
+
+    The side with fewer open lanes (in doubt the start's) advances by a whole level, lanes in the order they were met;
+    the search ends at the first lane known to both sides. This decides between equally short paths.
+    """
+    came: dict[int, int] = {start: start}
+    goes: dict[int, int] = {goal: goal}
+    ahead, behind = [start], [goal]
+    while ahead and behind:
+        forward = len(ahead) <= len(behind)
+        level, known, others, steps = (ahead, came, goes, after) if forward else (behind, goes, came, before)
+        fresh = []
+        for lane in level:
+            for following in steps[lane]:
+                if following not in known:
+                    known[following] = lane
+                    fresh.append(following)
+                if following in others:
+                    return _joined(came, goes, following)
+        if forward:
+            ahead = fresh
+        else:
+            behind = fresh
+    return []
+
+
+def _joined(came: dict[int, int], goes: dict[int, int], middle: int) -> list[int]:
+    path = [middle]
+    while came[path[0]] != path[0]:
+        path.insert(0, came[path[0]])
+    while goes[path[-1]] != path[-1]:
+        path.append(goes[path[-1]])
+    return path
