@@ -1,4 +1,4 @@
-"""Lane graphs and vehicles as distributions, generated against real: the tables of Scenario Dreamer and ScenarioControl.
+"""Lane graphs and vehicles as distributions, generated against real: the tables of Scenario Dreamer.
 
 A scene contributes moments, histograms and counts (``scene_sums``); sums over scenes are all that the table needs.
 Definitions and scalings: metrics.md §1-2. ``compat`` equals the reference to rounding, its choices included; ``strict``
@@ -43,12 +43,12 @@ class Quantity(NamedTuple):
 
 
 VEHICLE = {
-    "nearest_dist": Quantity(0, 50, 1, 10),
-    "lat_dev": Quantity(0, 1.5, 0.1, 10),
-    "ang_dev": Quantity(-200, 200, 5, 100),
-    "length": Quantity(0, 25, 0.1, 100),
-    "width": Quantity(0, 5, 0.1, 100),
-    "speed": Quantity(0, 50, 1, 100),
+    "nearest_dist": Quantity(0.0, 50.0, 1.0, 10.0),
+    "lat_dev": Quantity(0.0, 1.5, 0.1, 10.0),
+    "ang_dev": Quantity(-200.0, 200.0, 5.0, 100.0),
+    "length": Quantity(0.0, 25.0, 0.1, 100.0),
+    "width": Quantity(0.0, 5.0, 0.1, 100.0),
+    "speed": Quantity(0.0, 50.0, 1.0, 100.0),
 }
 GRAPH = {"connectivity": 10.0, "density": 1.0, "reach": 1.0, "convenience": 10.0}
 """Quantities of the lane graph and what their Fréchet distance is multiplied with."""
@@ -166,7 +166,7 @@ def _lane_deviations(agents: np.ndarray, scene: Scene, mode: Mode) -> tuple[np.n
 
 
 def _nearest_point(places: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance to the nearest point of any line, and the heading of the segment that ends there (the first's begins)."""
+    """Distance to the nearest point of any line, and the heading of the segment that ends there."""
     square = np.square(places[:, None] - lines.reshape(-1, 2)[None]).sum(-1)
     best = square.argmin(1)
     line, point = best // lines.shape[1], np.maximum(best % lines.shape[1], 1)

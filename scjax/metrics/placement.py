@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 
 from scjax.metrics.lanes import lane_lengths, places, segments
 from scjax.metrics.pooling import Ratios, Values, pool, ratio, singles, values
 from scjax.scene import AgentType, Scene
 
 THRESHOLDS = (1.0, 2.0, 3.0)  # metres
+
+
+Where = Callable[[Float64[np.ndarray, "agents 2"]], Bool[np.ndarray, " agents"]]
+"""Which places [m] take part in a comparison."""
+
+
+def cone(half_angle: float = 50.0, apex: float = 0.0) -> Where:
+    """What a camera at (``apex``, 0) that looks ahead may see: within ``half_angle`` degrees of the x axis."""
+
+    def inside(places: Float64[np.ndarray, "agents 2"]) -> Bool[np.ndarray, " agents"]:
+        ahead = places[:, 0] - apex
+        return (ahead > 0) & (np.abs(np.arctan2(places[:, 1], ahead)) <= np.deg2rad(half_angle))
+
+    return inside
 
 
 def match(
@@ -21,6 +35,7 @@ def match(
     types: Sequence[AgentType] = tuple(AgentType),
     agnostic: bool = False,
     generated_ego: bool = True,
+    where: Where | None = None,
 ) -> Ratios:
     """Matches of one generated scene with one reference (metrics.md §3, the eval set's ``match``).
 
@@ -33,21 +48,20 @@ def match(
       types: classes that take part.
       agnostic: whether agents match across classes.
       generated_ego: False if ``generated`` holds no ego, as scenes of other generators do.
+      where: agents elsewhere, of either side, take no part (``cone`` for scenes made from an image).
 
     Returns:
       "recall_1m" ...: (matches, reference agents); "precision_1m" ...: (matches, generated agents), per threshold.
     """
     (reference,), (generated,) = singles(reference), singles(generated)
-    theirs, their_types = _others(reference, types, True)
-    ours, our_types = _others(generated, types, generated_ego)
-    distance = np.linalg.norm(ours[:, None] - theirs[None], axis=-1)
-    if not agnostic:
-        distance[our_types[:, None] != their_types[None]] = np.inf
+    theirs = placed(reference)[taking_part(reference, types, where=where)]
+    ours = placed(generated)[taking_part(generated, types, ego=generated_ego, where=where)]
+    distance = distances(ours, theirs, agnostic=agnostic)
     ratios: Ratios = {}
     for threshold in THRESHOLDS:
-        hits = float(_greedy(distance, threshold))
-        ratios[f"recall_{threshold:g}m"] = (hits, float(len(theirs)))
-        ratios[f"precision_{threshold:g}m"] = (hits, float(len(ours)))
+        found = float(hits(distance, threshold).sum())
+        ratios[f"recall_{threshold:g}m"] = (found, float(len(theirs)))
+        ratios[f"precision_{threshold:g}m"] = (found, float(len(ours)))
     return ratios
 
 
@@ -116,22 +130,38 @@ def random_lane_aligned(rng: np.random.Generator, scene: Scene, vehicles: Float[
     )
 
 
-def _others(scene: Scene, types: Sequence[AgentType], has_ego: bool) -> tuple[np.ndarray, np.ndarray]:
+def taking_part(
+    scene: Scene, types: Sequence[AgentType] = tuple(AgentType), *, ego: bool = True, where: Where | None = None
+) -> Bool[np.ndarray, " agents"]:
+    """Which agents of one scene without padding are compared; the ego (agent 0, if the scene has one) is not."""
     use = np.isin(scene.agent_types, [int(kind) for kind in types])
-    if has_ego:
+    if ego:
         use[:1] = False
-    return np.asarray(scene.agents, np.float64)[use, :2], np.asarray(scene.agent_types)[use]
+    return use if where is None else use & where(placed(scene)[:, :2])
 
 
-def _greedy(distance: np.ndarray, threshold: float) -> int:
-    """Rows in order take the nearest free column; counts those nearer than ``threshold``."""
+def placed(scene: Scene) -> Float64[np.ndarray, "agents 3"]:
+    """x, y [m] and class of all agents of one scene."""
+    return np.concatenate([scene.agents[:, :2], scene.agent_types[:, None]], 1).astype(np.float64)
+
+
+def distances(
+    ours: Float64[np.ndarray, "ours 3"], theirs: Float64[np.ndarray, "theirs 3"], *, agnostic: bool = False
+) -> Float64[np.ndarray, "ours theirs"]:
+    """Between the centres of ``placed`` agents, infinite across classes unless ``agnostic``."""
+    distance = np.linalg.norm(ours[:, None, :2] - theirs[None, :, :2], axis=-1)
+    return distance if agnostic else np.where(ours[:, None, 2] == theirs[None, :, 2], distance, np.inf)
+
+
+def hits(distance: Float64[np.ndarray, "ours theirs"], threshold: float) -> Bool[np.ndarray, " ours"]:
+    """Rows in order take the nearest free column; which of them are nearer to it than ``threshold``."""
+    found = np.zeros(len(distance), bool)
     if not distance.shape[1]:
-        return 0
+        return found
     free = distance.copy()
-    hits = 0
-    for row in free:
-        column = int(row.argmin())
-        if row[column] < threshold:
-            hits += 1
+    for row, near in enumerate(free):
+        column = int(near.argmin())
+        if near[column] < threshold:
+            found[row] = True
             free[:, column] = np.inf
-    return hits
+    return found

@@ -102,7 +102,7 @@ def test_search_finds_what_brute_force_finds():
 
 
 def test_golden_tiles_find_themselves(eval_dir):
-    bank = eval_tiles(eval_dir, "real_train", only=list(range(0, 1239, 4)))
+    bank = eval_tiles(eval_dir, "train", only=list(range(0, 1239, 4)))
     found = list(nearest_tiles(bank[::60], bank))
     assert [near.lane_distance for near, _ in found] == [0.0] * len(found)  # several tiles may hold the same lanes
     peers = eval_tiles(eval_dir, "peer_vehicle", only=[0, 100, 200])

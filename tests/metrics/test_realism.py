@@ -77,7 +77,7 @@ def test_streaming_equals_batching_and_padding_does_not_count():
 
 
 def test_golden_joints_of_real_tiles_are_closed(eval_dir):
-    result = realism(eval_tiles(eval_dir, "real_train", only=list(range(0, 1239, 40))))
+    result = realism(eval_tiles(eval_dir, "train", only=list(range(0, 1239, 40))))
     assert result["joint_gap_m"] < 1e-4 and result["open_joints"] == 0
     assert result["vehicles_on_lane"] > 0.85
     peers = realism(eval_tiles(eval_dir, "peer_vehicle"))

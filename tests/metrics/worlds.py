@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scjax.scene import AgentType, Link, Scene, empty, validate
 
 CAR = (4.0, 2.0, 1.5)
+_SHARED = Path(os.environ.get("SCJAX_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "eval"
 
 
 def lane(start: tuple[float, float], end: tuple[float, float], z: float = 0.0) -> np.ndarray:
@@ -63,13 +65,19 @@ def crossing() -> Scene:
     )
 
 
+def eval_table(folder: Path, name: str) -> dict[str, np.ndarray]:
+    """The arrays of tiles_real_<name>.npz or tiles_<name>.npz, in ``folder`` or else in the shared folder."""
+    for place in (folder, _SHARED):
+        for path in (place / f"tiles_real_{name}.npz", place / f"tiles_{name}.npz"):
+            if path.is_file():
+                with np.load(path) as data:
+                    return dict(data)
+    pytest.skip(f"tiles of the set {name} are neither in {folder} nor in the shared folder")
+
+
 def eval_tiles(folder: Path, name: str, *, variant: str = "main", only: list[int] | None = None) -> list[Scene]:
     """Tiles of tiles_<name>.npz as scenes, their agents in the given variant (main or all)."""
-    path = folder / f"tiles_{name}.npz"
-    if not path.is_file():
-        pytest.skip(f"{path} is not there")
-    with np.load(path) as data:
-        table = dict(data)
+    table = eval_table(folder, name)
     every = range(len(table["lane_offsets"]) - 1)
     return [_tile(table, tile, f"agent_{variant}") for tile in (every if only is None else only)]
 

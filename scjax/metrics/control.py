@@ -1,0 +1,105 @@
+"""Does a sample follow its condition? Cosine of paired descriptors (CCS), its gain over shuffled pairs (SPG), and the
+agreement of distances between scenes (CSC); metrics.md §4.2.
+
+Sample i was made from a condition that came from reference i. All take standardised descriptors of one level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import numpy as np
+from jaxtyping import Float64, Int
+from scipy.stats import spearmanr
+
+_FEW = 3000  # scenes
+
+Vectors = Float64[np.ndarray, "scenes features"]
+
+
+def ccs(reference: Vectors, sample: Vectors) -> float:
+    """Mean cosine of reference i with sample i."""
+    return float(cosines(reference, sample).mean()) if len(reference) else float("nan")
+
+
+def spg(reference: Vectors, sample: Vectors, shuffles: Int[np.ndarray, "shuffles scenes"]) -> float:
+    """CCS less the mean cosine with shuffled references (``derangements``)."""
+    shuffled = [ccs(reference[shuffle], sample) for shuffle in shuffles]
+    return ccs(reference, sample) - float(np.mean(shuffled)) if shuffled else float("nan")
+
+
+def csc(reference: Vectors, sample: Vectors, pairs: Int[np.ndarray, "pairs 2"], *, ranks: bool = False) -> float:
+    """Correlation, over pairs of scenes, of the distance of the references with the distance of the samples.
+
+    Distance is one less the cosine. Pearson, or Spearman over ``ranks``. NaN where either side does not vary.
+    """
+    ours, theirs = _distances(sample, pairs), _distances(reference, pairs)
+    if len(pairs) < 2 or not ours.std() or not theirs.std():
+        return float("nan")
+    return float(spearmanr(theirs, ours).statistic if ranks else np.corrcoef(theirs, ours)[0, 1])
+
+
+def _distances(vectors: Vectors, pairs: np.ndarray) -> np.ndarray:
+    """One less the cosine. Few scenes: from one product of all with all, whose rounding the golden rank correlations
+    hold (scenes that occur twice make ties that rounding breaks)."""
+    unit = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    i, j = pairs.T
+    return 1 - ((unit @ unit.T)[i, j] if len(unit) <= _FEW else (unit[i] * unit[j]).sum(-1))
+
+
+def cosines(first: Vectors, second: Vectors) -> Float64[np.ndarray, " scenes"]:
+    """Row by row; zero where either vector is zero."""
+    norms = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
+    return (first * second).sum(-1) / np.where(norms > 0, norms, 1.0)
+
+
+def derangements(
+    clusters: Sequence[Hashable], rng: np.random.Generator, count: int = 10
+) -> Int[np.ndarray, "shuffles scenes"]:
+    """Permutations that move every scene to one of another cluster.
+
+    Raises:
+      ValueError: if one cluster holds more than half of the scenes, so that there is none.
+    """
+    label = np.unique(np.array([str(cluster) for cluster in clusters]), return_inverse=True)[1]
+    number = len(label)
+    largest = int(np.bincount(label).max()) if number else 0
+    if not number or 2 * largest > number:
+        raise ValueError(
+            f"{largest} of {number} scenes share a location cluster: shuffling moves each scene to another cluster, "
+            "so none may hold more than half of the scenes"
+        )
+    # Scenes in blocks of their cluster, moved on by at least the largest block, never meet their own.
+    made = np.empty((count, number), int)
+    for row in made:
+        names = rng.permutation(label.max() + 1)
+        order = np.lexsort((rng.random(number), names[label]))
+        row[order] = np.roll(order, int(rng.integers(largest, number - largest + 1)))
+    return _mixed(made, label, rng)
+
+
+def _mixed(shuffles: np.ndarray, label: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Random exchanges that keep every scene away from its cluster: the block shift alone would not be random."""
+    number = len(label)
+    for row in shuffles:
+        for i, j in rng.integers(number, size=(4 * number, 2)):
+            if label[i] != label[row[j]] and label[j] != label[row[i]]:
+                row[i], row[j] = row[j], row[i]
+    return shuffles
+
+
+def scene_pairs(
+    clusters: Sequence[Hashable], rng: np.random.Generator, most: int = 200_000
+) -> Int[np.ndarray, "pairs 2"]:
+    """Pairs i < j of scenes of different clusters: all of them, or ``most`` at random."""
+    label = np.unique(np.array([str(cluster) for cluster in clusters]), return_inverse=True)[1]
+    number = len(label)
+    if number * (number - 1) // 2 <= 4 * most:
+        i, j = np.triu_indices(number, 1)
+        keep = np.flatnonzero(label[i] != label[j])
+        if len(keep) > most:
+            keep = np.sort(rng.choice(keep, most, replace=False))
+        return np.stack([i[keep], j[keep]], 1)
+    drawn = np.sort(rng.integers(number, size=(3 * most, 2)), axis=1)
+    drawn = np.unique(drawn[label[drawn[:, 0]] != label[drawn[:, 1]]], axis=0)
+    return drawn[np.sort(rng.choice(len(drawn), min(most, len(drawn)), replace=False))]
