@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
+import shapely
 
-from scjax.metrics.boxes import overlaps
+from scjax.metrics.boxes import corners, intersection_areas, overlaps
 from scjax.metrics.realism import overlapping_pairs, scene_realism
 from tests.metrics.worlds import agent, eval_tiles
 
@@ -75,3 +76,23 @@ def test_golden_overlaps(eval_dir):
         ratios = scene_realism(tile)
         assert ratios["scenes_any_overlap"][0] == case["flags_scene_any_iou01_iou10_veh"][0]
         assert ratios["scenes_vehicle_overlap"][0] == case["flags_scene_any_iou01_iou10_veh"][3]
+
+
+def test_shared_areas_are_those_of_polygons():
+    rng = np.random.default_rng(0)
+    turns = (0, 90, 180, None)  # parallel outlines are the hard case
+
+    def boxes(count):
+        headings = [rng.choice([t if t is not None else rng.uniform(-180, 180) for t in turns]) for _ in range(count)]
+        return np.stack([agent(*rng.uniform(-2, 2, 2), h, 0, tuple(rng.uniform(0.5, 5, 3))) for h in headings])
+
+    first, second = boxes(2000), boxes(2000)
+    second[:50] = first[:50]  # the same box
+    second[50:100] = first[50:100]  # and a shorter one on top of it
+    second[50:100, 6] *= 0.5
+    meet = np.array([overlaps(np.stack(pair))[0, 1] for pair in zip(first, second, strict=True)])
+    assert 0.5 < meet.mean() < 1 and meet[:100].all()
+    polygons = [shapely.polygons(corners(side[meet])) for side in (first, second)]
+    area = intersection_areas(first[meet], second[meet])
+    np.testing.assert_allclose(area, shapely.area(shapely.intersection(*polygons)), atol=1e-5)
+    np.testing.assert_allclose(area, intersection_areas(second[meet], first[meet]), atol=1e-5)

@@ -1,0 +1,134 @@
+"""Control metrics: what a copy, chance and growing corruption score; shuffles and pairs across clusters."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from scjax.metrics.control import ccs, csc, derangements, scene_pairs, spg
+from scjax.metrics.descriptors import LEVELS, Standard, describe
+from scjax.scene import pad, permute
+from tests.metrics.worlds import agent, crossing, eval_table, eval_tiles, scene
+
+
+@pytest.fixture(scope="module")
+def tiles(eval_dir):
+    """A fifth of the shared tiles, their clusters, and their standardised descriptors."""
+    rows = list(range(0, 1239, 5))
+    scenes = eval_tiles(eval_dir, "train", only=rows)
+    raw = describe(scenes)
+    return scenes, list(eval_table(eval_dir, "train")["tile_cluster"][rows]), Standard.of(raw)
+
+
+def scores(unit, reference, sample, clusters, seed=0):
+    rng = np.random.default_rng(seed)
+    shuffles, pairs = derangements(clusters, rng), scene_pairs(clusters, rng)
+    ours, theirs = unit(describe(sample)), unit(describe(reference))
+    return {
+        level: (ccs(x, y), spg(x, y, shuffles), csc(x, y, pairs))
+        for level in LEVELS
+        for x, y in [(getattr(theirs, level), getattr(ours, level))]
+    }
+
+
+def mixture(rng, scene, other, lanes, agents):
+    """``lanes`` and ``agents``: shares kept of ``scene``, moved by about 1 m; the rest comes from ``other``."""
+
+    def chosen(count, spare, share):
+        keep = np.flatnonzero(rng.random(count) < share)
+        rest = rng.permutation(spare)[: max(count - len(keep), 0)]
+        return keep, rest
+
+    keep, rest = chosen(len(scene.lanes), len(other.lanes), lanes)
+    moved = scene.lanes[keep] + np.append(rng.normal(0, 1, 2), 0)
+    made_lanes = np.concatenate([moved, other.lanes[rest]]).astype(np.float32)
+    keep, rest = chosen(len(scene.agents) - 1, len(other.agents) - 1, agents)
+    boxes = scene.agents[1 + keep].copy()
+    boxes[:, :2] += rng.normal(0, 1, (len(keep), 2))
+    kinds = np.concatenate([scene.agent_types[:1], scene.agent_types[1 + keep], other.agent_types[1 + rest]])
+    count, number = len(kinds), len(made_lanes)
+    return scene.replace(
+        agents=np.concatenate([scene.agents[:1], boxes, other.agents[1 + rest]]), agent_types=kinds,
+        agent_mask=np.ones(count, bool), agent_known=np.ones((count, 9), bool), lanes=made_lanes,
+        lane_mask=np.ones(number, bool), lane_known=np.ones((number, 3), bool), signals=np.zeros(number, np.int32),
+        links=np.zeros((number, number), np.int32),
+    )  # fmt: skip
+
+
+def test_control_grows_as_corruption_shrinks(tiles):
+    scenes, clusters, unit = tiles
+    rng = np.random.default_rng(1)
+    size = np.array([[len(s.lanes), len(s.agents)] for s in scenes])
+    label = np.unique(np.array([str(c) for c in clusters]), return_inverse=True)[1]
+    gap = np.abs(size[:, None] - size[None]).sum(-1) + 1000 * (label[:, None] == label[None])
+    others = [scenes[int(rng.choice(np.argsort(row)[:5]))] for row in gap]
+    ladder = [
+        [mixture(rng, s, o, *shares) for s, o in zip(scenes, others, strict=True)]
+        for shares in ((0.0, 0.0), (0.25, 0.15), (0.4, 0.3), (0.6, 0.45))
+    ]
+    steps = [scores(unit, scenes, made, clusters) for made in [*ladder, scenes]]  # U < C1 < C2 < C3 < copy
+    for level in LEVELS:
+        for k, name in enumerate(("CCS", "SPG", "CSC")):
+            climb = [step[level][k] for step in steps]
+            assert climb == sorted(climb) and len(set(climb)) == 5, (level, name, climb)
+
+
+def test_a_copy_is_fully_controlled_and_chance_is_not(tiles):
+    scenes, clusters, unit = tiles
+    for level, (own, gain, agreement) in scores(unit, scenes, scenes, clusters).items():
+        assert own == pytest.approx(1) and agreement == pytest.approx(1), level
+        assert gain == pytest.approx(0.024 if level == "glob" else 1, abs=0.05)
+    chance = [scenes[i] for i in np.random.default_rng(2).permutation(len(scenes))]
+    for level, (_, gain, agreement) in scores(unit, scenes, chance, clusters).items():
+        assert abs(gain) < 0.12 and abs(agreement) < 0.1, level
+
+
+def test_order_and_padding_do_not_matter():
+    made = crossing()
+    first = describe(made)
+    again = describe(pad(permute(made, np.array([0, 3, 2, 1]), np.array([2, 0, 1])), 9, 9))
+    for level in LEVELS:
+        np.testing.assert_allclose(getattr(first, level), getattr(again, level), atol=1e-6)
+
+
+def test_the_ego_counts_only_where_there_is_none():
+    alone = describe(scene([agent(0, 0, 0, 5)]))
+    assert not alone.agent.any() and describe(scene([agent(0, 0, 0, 5)]), ego=False).agent.any()
+    assert not describe(scene()).lane.any() and np.isfinite(describe(scene()).glob).all()
+
+
+def test_shuffles_never_stay_within_a_cluster():
+    clusters = list("aaaabbbccdefg")
+    for row in derangements(clusters, np.random.default_rng(0), 50):
+        assert sorted(row) == list(range(len(clusters)))
+        assert all(clusters[i] != clusters[j] for i, j in enumerate(row))
+    with pytest.raises(ValueError, match="3 of 4 scenes share a location cluster"):
+        derangements(list("aaab"), np.random.default_rng(0))
+
+
+def test_shuffles_reach_every_place():
+    clusters = [str(k) for k in range(6)]
+    drawn = derangements(clusters, np.random.default_rng(0), 3000)
+    for i in range(6):
+        share = np.bincount(drawn[:, i], minlength=6) / 3000
+        assert share[i] == 0 and np.abs(np.delete(share, i) - 0.2).max() < 0.05
+
+
+def test_pairs_are_across_clusters_and_bounded():
+    clusters = [str(k // 3) for k in range(300)]
+    pairs = scene_pairs(clusters, np.random.default_rng(0))
+    assert len(pairs) == 300 * 299 // 2 - 300 and (pairs[:, 0] < pairs[:, 1]).all()
+    few = scene_pairs([str(k // 3) for k in range(3000)], np.random.default_rng(0), most=5000)
+    assert len(few) == 5000 and (few[:, 0] // 3 != few[:, 1] // 3).all() and len(np.unique(few, axis=0)) == 5000
+
+
+def test_distances_may_be_scaled_and_sets_may_be_empty():
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(30, 5))
+    pairs = scene_pairs([str(k) for k in range(30)], rng)
+    assert csc(x, 7 * x, pairs) == pytest.approx(1)
+    assert math.isnan(csc(x, np.ones_like(x), pairs)) and math.isnan(ccs(x[:0], x[:0]))
+    with pytest.raises(ValueError, match="reference set"):
+        Standard.of(describe([]))
+    assert json.dumps([ccs(x, x), spg(x, x, np.array([np.roll(np.arange(30), 1)]))])
