@@ -10,7 +10,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 _FEW = 3000  # scenes
 
@@ -36,7 +36,9 @@ def csc(reference: Vectors, sample: Vectors, pairs: Int[np.ndarray, "pairs 2"], 
     ours, theirs = _distances(sample, pairs), _distances(reference, pairs)
     if len(pairs) < 2 or not ours.std() or not theirs.std():
         return float("nan")
-    return float(spearmanr(theirs, ours).statistic if ranks else np.corrcoef(theirs, ours)[0, 1])
+    if ranks:
+        ours, theirs = rankdata(ours), rankdata(theirs)
+    return float(np.corrcoef(theirs, ours)[0, 1])
 
 
 def _distances(vectors: Vectors, pairs: np.ndarray) -> np.ndarray:
