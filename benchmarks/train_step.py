@@ -90,7 +90,9 @@ def main(arguments: list[str] | None = None) -> None:
         network, schedule = denoiser(config), cosine_schedule()
 
         def objective(params, batch, key):
-            return training_loss(network, params, schedule, batch, key, null_label=config.null_label)
+            return training_loss(
+                network, params, schedule, batch, key, null_label=config.null_label, prediction=config.prediction
+            )
 
         def useful(lanes, agents):
             return 3 * flops.denoiser_forward(config, lanes, agents, CONTEXT[args.kind])

@@ -71,8 +71,8 @@ def build(config) -> Stage:
     def objective(params, scenes, key):
         batch, key = latent_batch(scenes, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
-            network, params, schedule, batch, key, null_label=model.null_label, label_dropout=loss.label_dropout,
-            condition_dropout=loss.condition_dropout, count_given=loss.count_given,
+            network, params, schedule, batch, key, null_label=model.null_label, prediction=model.prediction,
+            label_dropout=loss.label_dropout, condition_dropout=loss.condition_dropout, count_given=loss.count_given,
         )  # fmt: skip
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:

@@ -257,7 +257,7 @@ def _program(
                 caches = join(cache, network.apply(params, features, ~dropped, method="encode_condition"))
             denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
         latents = sample_latents(
-            denoise, schedule, keys, masks, given=given, values=values,
+            denoise, schedule, keys, masks, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
             most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
         )  # fmt: skip

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import q_sample
+from scjax.diffusion.process import Prediction, q_sample
+from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, Params
@@ -41,12 +42,16 @@ class LatentBatch:
     agent_weight: Float[Array, "b agents"] | None = None
 
 
-def noised(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], given: Nodes) -> tuple[Nodes, Nodes]:
-    """Network input and target: given tokens enter clean and have target 0, the others are noised, target the noise."""
+def noised(
+    schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], given: Nodes,
+    prediction: Prediction = "noise",
+) -> tuple[Nodes, Nodes]:  # fmt: skip
+    """Network input and target: given tokens enter clean and have target 0, the others are noised."""
+    target = target_of(schedule, clean, noise, step, prediction)
     x = jax.tree.map(
         lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), given, clean, q_sample(schedule, clean, noise, step)
     )
-    return x, jax.tree.map(lambda flag, eps: jnp.where(flag[..., None], 0, eps), given, noise)
+    return x, jax.tree.map(lambda flag, wanted: jnp.where(flag[..., None], 0, wanted), given, target)
 
 
 def diffusion_loss(
@@ -58,14 +63,16 @@ def diffusion_loss(
     masks: Nodes,
     given: Nodes,
     *,
+    prediction: Prediction = "noise",
     agent_weight: Float[Array, "b agents"] | None = None,
     count_given: bool = False,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, " b"]]]:
     """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
 
     Args:
-      denoise: (noisy latents, timesteps) -> noise estimate.
+      denoise: (noisy latents, timesteps) -> network output.
       step: schedule index a scene.
+      prediction: what ``denoise`` estimates.
       count_given: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
         noise must be found; a scene in which every token of a kind is given has loss 0 there.
 
@@ -73,7 +80,7 @@ def diffusion_loss(
       loss, and its terms a scene [B]: agent, lane, total.
     """
     clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
-    x, target = noised(schedule, clean, noise, step, given)
+    x, target = noised(schedule, clean, noise, step, given, prediction)
     eps = denoise(x, jnp.asarray(schedule.timesteps)[step])
     counted = masks if count_given else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
     weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, eps)
@@ -93,6 +100,7 @@ def training_loss(
     key: Array,
     *,
     null_label: int,
+    prediction: Prediction = "noise",
     label_dropout: float | Float[Array, ""] = 0.1,
     condition_dropout: float | Float[Array, ""] = 0.1,
     count_given: bool = False,
@@ -121,7 +129,7 @@ def training_loss(
 
     loss, terms = diffusion_loss(
         denoise, schedule, batch.latents, noise, step, batch.masks, batch.given,
-        agent_weight=batch.agent_weight, count_given=count_given,
+        prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given,
     )  # fmt: skip
     return loss, {name: term.mean() for name, term in terms.items()}
 

@@ -5,12 +5,21 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.schedule import Schedule
 from scjax.models.nodes import Nodes
+
+Prediction = Literal["noise", "velocity"]
+"""What a network estimates: the noise (official), or sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022).
+
+At the last times abar_t is about 1e-7 and x_0 hangs on a hair of the noise estimate: a network that has not yet learnt
+to return its input sends the sampler astray in its first step. From the velocity x_0 follows without any division.
+"""
 
 
 def q_sample(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"]) -> Nodes:
@@ -21,6 +30,20 @@ def q_sample(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " 
 def predict_x0(schedule: Schedule, x: Nodes, eps: Nodes, step: Int[Array, " b"]) -> Nodes:
     """sqrt(1 / abar_t) x_t - sqrt(1 / abar_t - 1) eps; not clipped."""
     return _combine(schedule.sqrt_recip_alphas_cumprod, x, -schedule.sqrt_recipm1_alphas_cumprod, eps, step)
+
+
+def target(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], prediction: Prediction) -> Nodes:
+    """What the network is to return for ``q_sample(schedule, clean, noise, step)``."""
+    if prediction == "noise":
+        return noise
+    return _combine(schedule.sqrt_alphas_cumprod, noise, -schedule.sqrt_one_minus_alphas_cumprod, clean, step)
+
+
+def estimate_x0(schedule: Schedule, x: Nodes, output: Nodes, step: Int[Array, " b"], prediction: Prediction) -> Nodes:
+    """x_0 from x_t and what the network returned for it; not clipped."""
+    if prediction == "noise":
+        return predict_x0(schedule, x, output, step)
+    return _combine(schedule.sqrt_alphas_cumprod, x, -schedule.sqrt_one_minus_alphas_cumprod, output, step)
 
 
 def posterior_mean(schedule: Schedule, clean: Nodes, x: Nodes, step: Int[Array, " b"]) -> Nodes:

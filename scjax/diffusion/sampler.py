@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import posterior_mean, posterior_std, predict_x0
+from scjax.diffusion.process import Prediction, estimate_x0, posterior_mean, posterior_std
 from scjax.diffusion.schedule import Schedule
 from scjax.models.nodes import Nodes
 
@@ -57,13 +57,14 @@ def denoise_step(
     step: Int[Array, ""],
     noise: Nodes,
     *,
+    prediction: Prediction = "noise",
     temperature: Nodes = TEMPERATURE,
     clip: float | None = CLIP,
 ) -> Nodes:
     """x_t -> x_{t-1}: posterior mean at the predicted x_0 (not clipped), plus noise, then x clipped to +-clip."""
     steps = jnp.broadcast_to(step, x.agents.shape[:1])
-    eps = denoise(x, jnp.asarray(schedule.timesteps)[steps])
-    mean = posterior_mean(schedule, predict_x0(schedule, x, eps, steps), x, steps)
+    output = denoise(x, jnp.asarray(schedule.timesteps)[steps])
+    mean = posterior_mean(schedule, estimate_x0(schedule, x, output, steps, prediction), x, steps)
     std = posterior_std(schedule, steps)[:, None, None]
     x = jax.tree.map(lambda m, n, scale: m + (scale * std * n).astype(m.dtype), mean, noise, temperature)
     return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
@@ -79,6 +80,7 @@ def sample(
     most: Nodes,
     given: Nodes | None = None,
     values: Nodes | None = None,
+    prediction: Prediction = "noise",
     temperature: Nodes = TEMPERATURE,
     clip: float | None = CLIP,
     dtype=jnp.float32,
@@ -86,13 +88,14 @@ def sample(
     """Latents [B, tokens, latent] a kind, zero at padding; one ``lax.scan`` over the steps of ``schedule``.
 
     Args:
-      denoise: (noisy latents, timesteps [B]) -> noise estimate; guidance is a wrapper of it.
+      denoise: (noisy latents, timesteps [B]) -> network output; guidance is a wrapper of it.
       keys: one typed key a scene [B].
       masks: True at valid tokens [B, tokens] a kind.
       widths: latent numbers a token (config.agent_latent, config.lane_latent).
       most: see ``scene_noise``.
       given, values: tokens that are known and their clean latents: written over the state before the first and after
         every step. Lane-conditioned generation gives all lanes.
+      prediction: what ``denoise`` estimates.
       temperature: scale of the initial and the step noise, a kind.
       clip: bound on the state after every step.
     """
@@ -102,7 +105,7 @@ def sample(
 
     def body(x: Nodes, step: Array) -> tuple[Nodes, None]:
         noise = scene_noise(keys, step, x, most)
-        x = denoise_step(denoise, schedule, x, step, noise, temperature=temperature, clip=clip)
+        x = denoise_step(denoise, schedule, x, step, noise, prediction=prediction, temperature=temperature, clip=clip)
         return clamp(x, given, values), None
 
     x, _ = jax.lax.scan(body, clamp(start, given, values), jnp.arange(schedule.steps - 1, -1, -1))

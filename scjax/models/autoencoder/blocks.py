@@ -15,11 +15,11 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.models.autoencoder.chunks import over_rows
-from scjax.models.autoencoder.edges import EPS, DenseEdges, Edges, centred, pair_rstd
+from scjax.models.autoencoder.edges import DenseEdges, Edges, pair_rstd
 from scjax.models.nodes import Nodes
 from scjax.nn.attention import attend, split_heads, weights
 from scjax.nn.initial import Draws
-from scjax.nn.layers import LayerNorm, Linear, ResidualMLP
+from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, centred
 from scjax.nn.precision import Compute, matmul
 
 Trace = dict[str, Any] | None

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-EPS = 1e-5
+from scjax.nn.layers import EPS, centred
 
 
 class TypedEdges(NamedTuple):
@@ -106,11 +106,6 @@ class DenseEdges(NamedTuple):
 
 
 Edges = TypedEdges | PairEdges | DenseEdges
-
-
-def centred(x: Float[Array, "*b c"]) -> Float[Array, "*b c"]:
-    """Mean-free over the last axis."""
-    return x - x.mean(-1, keepdims=True)
 
 
 def pair_rstd(destination: Float[Array, "b i c"], source: Float[Array, "b j c"]) -> Float[Array, "b i j"]:

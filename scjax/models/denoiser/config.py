@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+from scjax.diffusion.process import Prediction
 from scjax.nn.precision import Compute
 
 
@@ -50,6 +51,7 @@ class DenoiserConfig:
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
       latent_tokens: learned latents of the coarse path of every cross-global attention.
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
+      prediction: what the network estimates, "noise" (official) or "velocity" (see ``scjax.diffusion.process``).
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
         zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
@@ -72,6 +74,7 @@ class DenoiserConfig:
     condition: Condition = None
     latent_tokens: int = 32
     given_embedding: bool = False
+    prediction: Prediction = "noise"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
     attend_padding: bool = False
     compute: Compute = "float32"
@@ -89,6 +92,8 @@ class DenoiserConfig:
             raise ValueError(f"lane_width {self.lane_width} must be a multiple of 4 for the position code of an image")
         if self.cross_adaln_init not in ("zero", "xavier"):
             raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
+        if self.prediction not in ("noise", "velocity"):
+            raise ValueError(f'prediction must be "noise" or "velocity", got {self.prediction!r}')
         if self.compute not in ("float32", "bfloat16"):
             raise ValueError(f'compute must be "float32" or "bfloat16", got {self.compute!r}')
 
@@ -106,6 +111,9 @@ class DenoiserConfig:
         return size
 
 
+_OURS = {"given_embedding": True, "prediction": "velocity"}
+
+
 def official(condition: Condition = None) -> DenoiserConfig:
     """The released network, including its conventions for padding and initialisation."""
     return DenoiserConfig(condition=condition, attend_padding=True, cross_adaln_init="xavier")
@@ -113,19 +121,19 @@ def official(condition: Condition = None) -> DenoiserConfig:
 
 def base(condition: Condition = None, **changes) -> DenoiserConfig:
     """One GPU: 512 / 256 wide, heads of 64."""
-    sizes = {"lane_width": 512, "lane_heads": 8, "agent_width": 256, "agent_heads": 4, "given_embedding": True}
+    sizes = {"lane_width": 512, "lane_heads": 8, "agent_width": 256, "agent_heads": 4, **_OURS}
     return DenoiserConfig(condition=condition, **(sizes | changes))
 
 
 def small(condition: Condition = None, **changes) -> DenoiserConfig:
     """A few CPU cores: 256 / 128 wide, 8 / 4 heads."""
-    sizes = {"lane_width": 256, "lane_heads": 8, "agent_width": 128, "agent_heads": 4, "given_embedding": True}
+    sizes = {"lane_width": 256, "lane_heads": 8, "agent_width": 128, "agent_heads": 4, **_OURS}
     return DenoiserConfig(condition=condition, **(sizes | changes))
 
 
 def tiny(condition: Condition = None, **changes) -> DenoiserConfig:
     """Minutes on a laptop, for a first look: 128 / 64 wide, 4 / 2 heads."""
-    sizes = {"lane_width": 128, "lane_heads": 4, "agent_width": 64, "agent_heads": 2, "given_embedding": True}
+    sizes = {"lane_width": 128, "lane_heads": 4, "agent_width": 64, "agent_heads": 2, **_OURS}
     return DenoiserConfig(condition=condition, **(sizes | changes))
 
 

@@ -6,26 +6,34 @@ is encoded once a scene and reused in every denoising step.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from scjax.nn.attention import attend
+from scjax.nn.attention import attend_heads, merge_heads, split_heads
 from scjax.nn.initial import Draws
-from scjax.nn.layers import LayerNorm, Linear
-from scjax.nn.precision import Compute
+from scjax.nn.layers import EPS, LayerNorm, Linear, centred
+from scjax.nn.precision import Compute, matmul
 from scjax.pytree import pytree
 
 
 @pytree
 class ContextCache:
-    """Keys and values of the context [B, m, d] and of the latents that summarise it [B, latents, d]."""
+    """Keys and values, by head, of the context and of the latents that summarise it.
 
-    key: Float[Array, "b m d"]
-    value: Float[Array, "b m d"]
+    Attributes:
+      key, value: before the key's norm and the value's offset, which are applied where they cost less.
+      key_rstd: 1 / deviation of each whole (mean-free) key.
+      mask: True at readable context tokens.
+    """
+
+    key: Float[Array, "b h m d"]
+    key_rstd: Float[Array, "b m"]
+    value: Float[Array, "b h m d"]
     mask: Bool[Array, "b m"]
-    latent_key: Float[Array, "b latents d"]
-    latent_value: Float[Array, "b latents d"]
+    latent_key: Float[Array, "b h latents d"]
+    latent_value: Float[Array, "b h latents d"]
 
 
 class CrossGlobal(nnx.Module):
@@ -48,25 +56,46 @@ class CrossGlobal(nnx.Module):
     ) -> ContextCache:
         """Everything that does not depend on the scene tokens. What stands at masked context tokens is ignored."""
         context = jnp.where(mask[..., None], context, 0)
-        key, value = self.k_norm(self.k(context)), self.v(context)
+        assert self.k.bias is not None
+        kernels = jnp.concatenate([centred(self.k.kernel[...]), self.v.kernel[...]], 1)
+        flat = matmul(context.reshape(-1, context.shape[-1]), kernels, self.k.compute)
+        key, value = jnp.split(flat.reshape(*context.shape[:-1], -1), 2, -1)
+        key = key + centred(self.k.bias[...])[None, None]
+        rstd = jax.lax.rsqrt(jnp.square(key).mean(-1) + EPS)
+        keys, values = split_heads(key, self.heads), split_heads(value, self.heads)
         latents = jnp.broadcast_to(self.latents[...][None], (len(context), *self.latents.shape))
         query = self.latent_q_norm(self.latent_q(latents))
-        gathered = attend(query, key, value, mask[:, None], self.heads)
+        gathered = self._read(query, keys, values, mask, rstd)
         summary = self.latent_norm(latents + gathered)
         latent_key, latent_value = self.latent_k_norm(self.latent_k(summary)), self.latent_v(summary)
         if trace is not None:
-            trace |= {"K": key, "V": value, "LQ": query, "latent_attn": gathered, "T1": summary}
-            trace |= {"K2": latent_key, "V2": latent_value}
-        return ContextCache(key=key, value=value, mask=mask, latent_key=latent_key, latent_value=latent_value)
+            trace |= {"K": self.k_norm(self.k(context)), "V": self.v(context)}
+            trace |= {"LQ": query, "latent_attn": gathered, "T1": summary, "K2": latent_key, "V2": latent_value}
+        latent_key, latent_value = (split_heads(x, self.heads) for x in (latent_key, latent_value))
+        return ContextCache(
+            key=keys, key_rstd=rstd, value=values, mask=mask, latent_key=latent_key, latent_value=latent_value
+        )
 
     def attend(self, x: Float[Array, "b n d"], cache: ContextCache, trace: dict | None = None) -> Float[Array, "b n d"]:
         """What the scene tokens read; exactly zero in scenes without any valid context token."""
         query = self.q_norm(self.q(x))
-        full = attend(query, cache.key, cache.value, cache.mask[:, None], self.heads)
-        coarse = attend(query, cache.latent_key, cache.latent_value, None, self.heads)
+        full = self._read(query, cache.key, cache.value, cache.mask, cache.key_rstd)
+        coarse = merge_heads(
+            attend_heads(split_heads(query, self.heads), cache.latent_key, cache.latent_value, None)
+        )  # fmt: skip
         out_full, out_coarse = self.out(full), self.latent_out(coarse)
         if trace is not None:
             trace |= {"Q": query, "attn_full": full, "attn_coarse": coarse}
             trace |= {"out_full": out_full, "out_coarse": out_coarse}
         y = out_full + jnp.tanh(self.gate[...])[None, None] * out_coarse
         return jnp.where(cache.mask.any(-1)[:, None, None], y, 0)
+
+    def _read(self, query: Array, keys: Array, values: Array, mask: Array, rstd: Array) -> Array:
+        """Attn(query, k_norm(keys), values + offset), without writing these out for a long context.
+
+        Of the norm's affine z s + t, the query takes s; t adds the same to all logits of a row. Weights sum to one, so
+        that the offset passes through (into scenes without context too, whose result ``attend`` zeroes).
+        """
+        assert self.v.bias is not None
+        query = split_heads(query * self.k_norm.scale[...][None, None], self.heads)
+        return merge_heads(attend_heads(query, keys, values, mask[:, None], rstd)) + self.v.bias[...][None, None]
