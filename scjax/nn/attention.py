@@ -45,7 +45,7 @@ def attend(
 
     ``mask`` is True where query (or, with one row, every query) may read the key; None admits every key.
     """
-    return merge_heads(attend_heads(*(split_heads(x, heads) for x in (q, k, v)), mask))
+    return merge_heads(attend_heads(split_heads(q, heads), split_heads(k, heads), split_heads(v, heads), mask))
 
 
 def attend_heads(

@@ -1,4 +1,4 @@
-"""The denoiser: noisy latents of agents and lanes, time and label -> noise estimate (official-spec §4).
+"""The denoiser: noisy latents of agents and lanes, time, label -> estimate of noise or velocity (official-spec §4).
 
 Four stages a factorized block, in this order: agents to lanes, lanes to lanes, lanes to agents, agents to agents.
 """
@@ -97,7 +97,7 @@ class Block(nnx.Module):
 
 
 class Denoiser(nnx.Module):
-    """z_t -> noise estimate; see ``__call__``."""
+    """z_t -> estimate of what was added; see ``__call__``."""
 
     def __init__(self, config: DenoiserConfig, *, draws: Draws):
         def table(rows, width):
@@ -186,7 +186,7 @@ class Denoiser(nnx.Module):
         modulation: dict | None = None,
         trace: dict | None = None,
     ) -> Nodes:
-        """Noise estimate, shaped as ``z``; zero at padding.
+        """Estimate of the noise or velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
           z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.ordering); padding may hold anything.

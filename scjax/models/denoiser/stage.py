@@ -115,7 +115,7 @@ class Stage(nnx.Module):
 
 
 class Head(nnx.Module):
-    """Modulated plain layer norm and a linear map to the noise estimate; zero at first."""
+    """Modulated plain layer norm and a linear map to the estimate; zero at first."""
 
     def __init__(self, width: int, features_out: int, *, draws: Draws, compute: Compute = "float32"):
         self.adaln = Linear(width, 2 * width, draws=draws, compute=compute, std=_ZERO)
