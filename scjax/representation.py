@@ -28,7 +28,7 @@ class Tokens:
 
     Attributes:
       lane_types: the preset's lane class (signal state, or lane / green light / red light).
-      lane_type_known: False where the class was not recorded.
+      lane_type_known: False where the class was not recorded: with signal states, in scenes without any signal.
       agent_before, lane_before: the given half (x <= 0) of a partitioned scene; False everywhere in other layouts.
       links: the preset's link ids, ``Representation.links[id]``.
     """
@@ -122,7 +122,7 @@ class Representation:
             agent_before=partitioned & scene.agent_mask & (scene.agents[..., 0] <= 0),
             lanes=jnp.where(scene.lane_mask[..., None, None], lanes, 0.0),
             lane_types=scene.signals if signal else self._light_classes(scene),
-            lane_type_known=scene.lane_mask & (scene.signals != Signal.UNKNOWN) if signal else scene.lane_mask,
+            lane_type_known=self._signals_told(scene) if signal else scene.lane_mask,
             lane_mask=scene.lane_mask,
             lane_known=scene.lane_known[..., : self.point_dims],
             lane_before=partitioned & scene.lane_mask & (scene.lanes[..., middle, 0] <= 0),
@@ -260,6 +260,12 @@ class Representation:
         turned = agents.at[..., 0].set(-sign * agents[..., 1]).at[..., 1].set(sign * agents[..., 0])
         turned = turned.at[..., 4].set(-sign * agents[..., 5]).at[..., 5].set(sign * agents[..., 4])
         return turned, lanes.at[..., 0].set(-sign * lanes[..., 1]).at[..., 1].set(sign * lanes[..., 0])
+
+    @staticmethod
+    def _signals_told(scene: Scene) -> Bool[AnyArray, "*b lanes"]:
+        """Where a source records signals at all, a lane without one has none: a state to learn, not a gap."""
+        recorded = scene.lane_mask & (scene.signals != Signal.UNKNOWN)
+        return scene.lane_mask & recorded.any(-1, keepdims=True)
 
     def _light_classes(self, scene: Scene) -> Int[Array, "*b lanes"]:
         table = np.zeros(len(Signal), np.int32)

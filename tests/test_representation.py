@@ -101,6 +101,18 @@ def test_waymo_turns_forward_into_plus_y():
     assert unit["cos"] == pytest.approx(0, abs=1e-7) and unit["sin"] == pytest.approx(1)
 
 
+def test_lanes_without_signal_are_told_where_the_scene_records_signals():
+    scene = example_scene()
+    lit = scene.signals.copy()
+    lit[:] = Signal.UNKNOWN
+    dark = scene.replace(signals=lit)
+    lit = lit.copy()
+    lit[1] = Signal.GO
+    tokens = _encode("scjax", scene.replace(signals=lit), dark)
+    assert (tokens.lane_type_known[0] == tokens.lane_mask[0]).all() and not tokens.lane_type_known[1].any()
+    assert tokens.lane_types[0, 1] == Signal.GO and (np.delete(tokens.lane_types[0], 1) == Signal.UNKNOWN).all()
+
+
 def test_partition_flags():
     scene = example_scene(agents=3, lanes=2, layout=Layout.PARTITIONED)
     scene.agents[:3, 0] = -1, 0, 1
