@@ -53,35 +53,30 @@ def attend_heads(
     k: Float[Array, "b h k d"],
     v: Float[Array, "b h k d"],
     mask: Bool[Array, "b q_or_1 k"] | None,
-    key_scale: Float[Array, "b k"] | None = None,
 ) -> Float[Array, "b h q d"]:
-    """As ``attend``, head by head. ``key_scale`` multiplies the keys, which need not be written out for it."""
+    """As ``attend``, by head."""
     if mask is None:
         mask = jnp.ones((len(q), 1, k.shape[2]), bool)
 
-    def attend_scenes(arrays: tuple) -> Array:
-        q, k, v, mask, key_scale = arrays
+    def attend_scenes(arrays: tuple[Array, Array, Array, Array]) -> Array:
+        q, k, v, mask = arrays
         heads, scale = q.shape[1], q.shape[-1] ** -0.5
         queries, keys, values = (x.reshape(-1, *x.shape[2:]) for x in (q, k, v))
-        scales = None if key_scale is None else jnp.repeat(key_scale, heads, 0)[:, None]
-        return _attend(queries * scale, keys, values, jnp.repeat(mask, heads, 0), scales).reshape(q.shape)
+        return _attend(queries * scale, keys, values, jnp.repeat(mask, heads, 0)).reshape(q.shape)
 
-    arrays = (q, k, v, mask, key_scale)
+    arrays = (q, k, v, mask)
     parts = _parts(len(q), q.shape[1] * q.shape[2] * k.shape[2])
     if parts == 1:
         return attend_scenes(arrays)
-    split = jax.tree.map(lambda x: x.reshape(parts, -1, *x.shape[1:]), arrays)
+    split = tuple(x.reshape(parts, -1, *x.shape[1:]) for x in arrays)
     return jax.lax.map(jax.checkpoint(attend_scenes), split).reshape(q.shape)
 
 
 def _attend(
-    q: Float[Array, "n q d"], k: Float[Array, "n k d"], v: Float[Array, "n k d"], mask: Bool[Array, "n q_or_1 k"],
-    key_scale: Float[Array, "n 1 k"] | None,
-) -> Float[Array, "n q d"]:  # fmt: skip
+    q: Float[Array, "n q d"], k: Float[Array, "n k d"], v: Float[Array, "n k d"], mask: Bool[Array, "n q_or_1 k"]
+) -> Float[Array, "n q d"]:
     """One head a row; queries are scaled. The softmax is in at least float32, divided after the value product."""
     logits = q @ k.swapaxes(1, 2)
-    if key_scale is not None:
-        logits = logits * key_scale
     logits = jnp.where(mask, logits.astype(jnp.promote_types(logits.dtype, jnp.float32)), -1e30)
     # Rows without any key: the bound above the fill makes their weights underflow to exactly zero.
     largest = jnp.maximum(jax.lax.stop_gradient(logits.max(-1, keepdims=True)), -1e29)

@@ -23,13 +23,12 @@ class ContextCache:
     """Keys and values, by head, of the context and of the latents that summarise it.
 
     Attributes:
-      key, value: before the key's norm and the value's offset, which are applied where they cost less.
-      key_rstd: 1 / deviation of each whole (mean-free) key.
+      key: normalised, but before the norm's scale and offset; value: before its own offset. These are applied where
+        they cost less than on a long context.
       mask: True at readable context tokens.
     """
 
     key: Float[Array, "b h m d"]
-    key_rstd: Float[Array, "b m"]
     value: Float[Array, "b h m d"]
     mask: Bool[Array, "b m"]
     latent_key: Float[Array, "b h latents d"]
@@ -61,25 +60,23 @@ class CrossGlobal(nnx.Module):
         flat = matmul(context.reshape(-1, context.shape[-1]), kernels, self.k.compute)
         key, value = jnp.split(flat.reshape(*context.shape[:-1], -1), 2, -1)
         key = key + centred(self.k.bias[...])[None, None]
-        rstd = jax.lax.rsqrt(jnp.square(key).mean(-1) + EPS)
+        key = key * jax.lax.rsqrt(jnp.square(key).mean(-1, keepdims=True) + EPS)
         keys, values = split_heads(key, self.heads), split_heads(value, self.heads)
         latents = jnp.broadcast_to(self.latents[...][None], (len(context), *self.latents.shape))
         query = self.latent_q_norm(self.latent_q(latents))
-        gathered = self._read(query, keys, values, mask, rstd)
+        gathered = self._read(query, keys, values, mask)
         summary = self.latent_norm(latents + gathered)
         latent_key, latent_value = self.latent_k_norm(self.latent_k(summary)), self.latent_v(summary)
         if trace is not None:
             trace |= {"K": self.k_norm(self.k(context)), "V": self.v(context)}
             trace |= {"LQ": query, "latent_attn": gathered, "T1": summary, "K2": latent_key, "V2": latent_value}
         latent_key, latent_value = (split_heads(x, self.heads) for x in (latent_key, latent_value))
-        return ContextCache(
-            key=keys, key_rstd=rstd, value=values, mask=mask, latent_key=latent_key, latent_value=latent_value
-        )
+        return ContextCache(key=keys, value=values, mask=mask, latent_key=latent_key, latent_value=latent_value)
 
     def attend(self, x: Float[Array, "b n d"], cache: ContextCache, trace: dict | None = None) -> Float[Array, "b n d"]:
         """What the scene tokens read; exactly zero in scenes without any valid context token."""
         query = self.q_norm(self.q(x))
-        full = self._read(query, cache.key, cache.value, cache.mask, cache.key_rstd)
+        full = self._read(query, cache.key, cache.value, cache.mask)
         coarse = merge_heads(
             attend_heads(split_heads(query, self.heads), cache.latent_key, cache.latent_value, None)
         )  # fmt: skip
@@ -90,12 +87,12 @@ class CrossGlobal(nnx.Module):
         y = out_full + jnp.tanh(self.gate[...])[None, None] * out_coarse
         return jnp.where(cache.mask.any(-1)[:, None, None], y, 0)
 
-    def _read(self, query: Array, keys: Array, values: Array, mask: Array, rstd: Array) -> Array:
-        """Attn(query, k_norm(keys), values + offset), without writing these out for a long context.
+    def _read(self, query: Array, keys: Array, values: Array, mask: Array) -> Array:
+        """Attn(query, scale keys + offset, values + offset), without writing these out for a long context.
 
         Of the norm's affine z s + t, the query takes s; t adds the same to all logits of a row. Weights sum to one, so
         that the offset passes through (into scenes without context too, whose result ``attend`` zeroes).
         """
         assert self.v.bias is not None
         query = split_heads(query * self.k_norm.scale[...][None, None], self.heads)
-        return merge_heads(attend_heads(query, keys, values, mask[:, None], rstd)) + self.v.bias[...][None, None]
+        return merge_heads(attend_heads(query, keys, values, mask[:, None])) + self.v.bias[...][None, None]
