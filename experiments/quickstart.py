@@ -2,7 +2,7 @@
 
 Makes a small world of procedural scenes, trains the tiny autoencoder and the tiny denoiser on it, samples new scenes
 and saves the picture. ``--smoke`` runs the same chain with a handful of steps (the picture is then noise);
-``--longer 6`` trains six times as long, which is what it takes until the samples look like roads.
+``--longer 3`` trains three times as long (the picture in the README).
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""What a scene shows, as facts and as sentences: rules on lanes and boxes, no model."""
