@@ -20,6 +20,11 @@ PROCEDURAL = """\
 Write made-up recordings: straight and curved roads, intersections with signals, a freeway merge, and traffic.
 
 OUT/procedural receives N files *.json.gz of schema scene-json-1, 9 s each, ready for the build command."""
+CAPTION = """\
+Describe every record: facts read off lanes and agents by rule, and sentences made from the facts.
+
+RECORDS receives captions-train.jsonl.gz and captions-val.jsonl.gz, a line a record in record order, with texts in
+three styles: one or two short sentences; "ROAD & CONTROL: ... AGENTS: ..."; a paragraph."""
 EPILOG = """\
 exit codes: 0 all files used; 1 nothing built (bad arguments, no usable file, or a bad file under --strict);
 2 wrong usage; 3 records built, but some files were skipped (listed above and in manifest.json); 130 interrupted.
@@ -69,6 +74,14 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--scenes", type=int, default=100, metavar="N", help="how many (default %(default)s)")
     made.add_argument("--seed", type=int, default=0, metavar="S",
                       help="scene k depends on S and k alone (default %(default)s)")  # fmt: skip
+    said = commands.add_parser(
+        "caption", help="facts and sentences for records", description=CAPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    said.add_argument("records", metavar="RECORDS", help="folder made by the build command")
+    said.add_argument("--paraphrases", type=int, default=2, metavar="N",
+                      help="texts of each style (default %(default)s)")  # fmt: skip
+    said.add_argument("--seed", type=int, default=0, metavar="S", help="of the words (default %(default)s)")
     return top
 
 
@@ -77,6 +90,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     if args.command == "procedural":
         return _procedural(args)
+    if args.command == "caption":
+        return _caption(args)
     try:
         from scjax.data.build import build
         from scjax.data.shards import BuildOptions, PoseOptions
@@ -133,6 +148,25 @@ def _procedural(args: argparse.Namespace) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(f"{len(paths)} scenes in {paths[0].parent}")
+    return 0
+
+
+def _caption(args: argparse.Namespace) -> int:
+    try:
+        from scjax.data.captions.store import add_captions
+
+        done = add_captions(args.records, paraphrases=args.paraphrases, seed=args.seed)
+    except ModuleNotFoundError as error:
+        print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
+        return 1
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted: nothing was written for the split under way", file=sys.stderr)
+        return 130
+    for split, count in done.items():
+        print(f"{split}: {count} records captioned")
     return 0
 
 

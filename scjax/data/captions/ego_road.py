@@ -96,12 +96,17 @@ def cross_section(road: Road, path: np.ndarray, intersections: list[Intersection
     return dataclasses.replace(middle, opposite=opposite)
 
 
-def curve(path: np.ndarray) -> Curve:
-    """Shape of the path within 30 m: its net turn, or winding where it turns and turns back."""
-    if len(path) < 6:
-        return "straight"
+def curve(path: np.ndarray, intersections: list[Intersection]) -> Curve:
+    """Shape of the path within 30 m and up to the next intersection: its net turn, or winding where it turns back."""
     here = int(np.linalg.norm(path, axis=-1).argmin())
-    part = path[max(here - 30, 0) : here + 31]
+    low, high = max(here - 30, 0), min(here + 31, len(path))
+    for item in intersections:
+        inside = np.flatnonzero(np.linalg.norm(path - item.centre, axis=-1) < item.radius)
+        high = min([high, *inside[inside >= here]])
+        low = max([low, *(inside[inside < here] + 1)])
+    part = path[low:high]
+    if len(part) < 12:
+        return "straight"
     step = part[3:] - part[:-3]
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
     net = np.rad2deg(heading[-1] - heading[0])
@@ -168,7 +173,7 @@ def _joint(road: Road, branches: list[int], fork: bool, place: np.ndarray):
     side = "left" if (angle > 0) == fork else "right"
     if abs(road.turn[branches[other]]) > _SIDE:
         kind = "side road"
-    elif np.linalg.norm(place) > _EDGE and abs(angle) >= _ADDED:
+    elif np.linalg.norm(place) > _EDGE and (abs(angle) >= _ADDED or road.length[branches].min() < _AT / 2):
         kind = "junction at the edge"
     elif abs(angle) < _ADDED:
         kind = "lane added" if fork else "lane ends"

@@ -33,7 +33,7 @@ Layout = Literal[
 
 _EDGE = 29.0  # metres from the ego beyond which an intersection is at the edge of view
 _ALONG = np.deg2rad(35.0)  # between the ego's road and an arm that continues it
-_PARKING = (12, 30.0, 3.0)  # lanes at least, longest lane [m], fastest vehicle [m/s] of a parking area
+_PARKING = (20, 30.0, 3.0)  # lanes at least, longest lane [m], fastest vehicle [m/s] of a parking area
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +113,7 @@ def parse(scene: Scene) -> Facts:
         met = joints(road, lane, intersections)
         turns = find_turn_lanes(road, intersections, lane)
         values |= {
-            "curve": curve(path), "lanes_same": section.same, "lanes_opposite": section.opposite,
+            "curve": curve(path, intersections), "lanes_same": section.same, "lanes_opposite": section.opposite,
             "lane_index": section.index, "centre_turn_lane": section.centre_turn, "median": section.median,
             "turn_lanes": tuple(sorted({turn.turn for turn in turns if turn.ego})),
             "ego_turn_lane": next((turn.turn for turn in turns if turn.holds_ego), None),
@@ -123,8 +123,10 @@ def parse(scene: Scene) -> Facts:
     values |= {"side_streets_left": streets["left"], "side_streets_right": streets["right"]}
     main = _main(intersections)
     layout = _layout(road, scene, intersections, main, met, values.get("curve"), streets)
-    if main is not None and layout not in ("parking area", "several side streets"):
+    if main is not None and layout not in ("parking area", "several side streets", "roundabout"):
         kind = "complex" if layout == "complex" else main.kind
+        if layout == "complex":  # of several intersections the nearest matters most
+            main = min(intersections, key=lambda item: item.distance)
         values |= {"intersection": kind, "intersection_side": main.side}
         values["intersection_distance"] = 10 * round(main.distance / 10)
     return Facts(layout, signals=_signals(road, lane), **values)
@@ -151,8 +153,7 @@ def _layout(
     bend: Curve | None, streets: dict[str, int],
 ) -> Layout:  # fmt: skip
     lanes, longest, fastest = _PARKING
-    moving = np.asarray(scene.agents)[1:, 3]
-    if len(road) >= lanes and road.length.max() < longest and (moving < fastest).all():
+    if len(road) >= lanes and road.length.max() < longest and (np.asarray(scene.agents)[:, 3] < fastest).all():
         return "parking area"
     if has_roundabout(road):
         return "roundabout"

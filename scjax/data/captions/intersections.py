@@ -52,7 +52,9 @@ class Intersection:
     @property
     def kind(self) -> Kind | None:
         """None for fewer than three arms: lanes cross, but no roads do."""
-        return {3: "T", 4: "four-way"}.get(len(self.arms), "complex") if len(self.arms) > 2 else None
+        if len(self.arms) < 3:
+            return None
+        return "T" if len(self.arms) == 3 else "four-way" if len(self.arms) == 4 else "complex"
 
     @property
     def distance(self) -> float:
@@ -95,7 +97,7 @@ def find_intersections(road: Road) -> tuple[list[Intersection], int]:
         )
         if made.kind is not None and not _is_interchange(road, members):
             found.append(made)
-    return sorted(found, key=lambda item: (-item.crossings, item.distance)), bridges
+    return sorted(found, key=lambda item: (-item.crossings, item.distance, *item.centre)), bridges
 
 
 def has_roundabout(road: Road) -> bool:
@@ -190,7 +192,7 @@ def _is_interchange(road: Road, members: set[int]) -> bool:
     if not turning:
         return False
     radius = [road.length[lane] / abs(road.turn[lane]) for lane in turning]
-    return min(radius) > _RAMP and all(abs(road.turn[lane]) < 1.2 for lane in turning)
+    return bool(min(radius) > _RAMP and all(abs(road.turn[lane]) < 1.2 for lane in turning))
 
 
 def _ring(road: Road, start: int, most: int = 16) -> list[int]:
@@ -223,4 +225,5 @@ def _is_round(road: Road, ring: list[int]) -> bool:
         return False
     from_middle = np.linalg.norm(line - line.mean(0), axis=-1)
     straight = length[np.abs(bend) / length < 0.02].sum() / length.sum()
-    return np.abs(bend).sum() < 1.35 * bend.sum() and from_middle.std() / from_middle.mean() < 0.2 and straight < 0.4
+    steady = np.abs(bend).sum() < 1.35 * bend.sum() and from_middle.std() < 0.2 * from_middle.mean()
+    return bool(steady and straight < 0.4)

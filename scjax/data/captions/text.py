@@ -18,13 +18,13 @@ Style = Literal["short", "heads", "long"]
 STYLES: tuple[Style, ...] = get_args(Style)
 
 
-def write(facts: Facts, seed: int, style: Style | None = None, *, drop: float = 0.3) -> str:
+def write(facts: Facts, seed: int, style: str | None = None, *, drop: float = 0.3) -> str:
     """A caption.
 
     Args:
       facts: of the scene.
+      style: a ``Style``; None draws one.
       seed: of all choices of words.
-      style: None draws one.
       drop: probability with which a fact that may be left out is; the layout never is.
 
     Raises:
@@ -69,7 +69,9 @@ def _short(facts: Facts, chance: _Chance) -> list[str]:
     who += [chance.keep(wording.amount(traffic.cyclists, "cyclist", rng)) if traffic.cyclists else None]
     present = [phrase for phrase in who if phrase]
     if present:
-        sentences.append(wording.draw(rng, f"There are {_are(present)}.", f"{_capital(wording.join(present))} exist."))
+        sentences.append(
+            wording.draw(rng, f"There are {wording.join(present)}.", f"{_capital(wording.join(present))} exist.")
+        )
     elif not traffic.vehicles and chance.keep("said"):
         sentences.append("There are no other vehicles.")
     return [_grammar(sentence) for sentence in sentences]
@@ -153,10 +155,6 @@ def _lane(facts: Facts) -> str:
     if facts.lane_index == 1:
         return "the left lane"
     return "the right lane" if facts.lane_index == facts.lanes_same else "a middle lane"
-
-
-def _are(present: list[str]) -> str:
-    return wording.join(present)
 
 
 def _capital(text: str) -> str:

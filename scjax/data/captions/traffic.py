@@ -13,7 +13,12 @@ from scjax.scene import AgentType, Scene
 
 Motion = Literal["stopped", "slow", "moderate", "fast"]
 
-_SPEEDS = ((0.5, "stopped"), (4.0, "slow"), (9.0, "moderate"), (np.inf, "fast"))  # m/s
+_SPEEDS: tuple[tuple[float, Motion], ...] = (
+    (0.5, "stopped"),
+    (4.0, "slow"),
+    (9.0, "moderate"),
+    (np.inf, "fast"),
+)  # m/s
 _LANE = 1.75  # metres from the middle of a lane to its edge
 _NEXT = 5.5  # metres to the far edge of the next lane
 _ALONG = 0.6  # rad off the path
@@ -62,7 +67,9 @@ def traffic_of(scene: Scene, road: Road, path: np.ndarray | None) -> Traffic:
     if not len(agents):
         return Traffic()
     speed_known = bool(scene.agent_known[0, 3])
-    motion = next(name for limit, name in _SPEEDS if agents[0, 3] < limit) if speed_known else None
+    motion: Motion | None = None
+    if speed_known:
+        motion = next(name for limit, name in _SPEEDS if agents[0, 3] < limit)
     agents, types = agents[1:], types[1:]
     kinds = {kind: types == kind for kind in AgentType}
     lane, distance = _nearest_lane(road, agents[:, :2])

@@ -10,6 +10,7 @@ from scjax.data.captions.intersections import Intersection
 from scjax.data.captions.road import Road, wrapped
 
 Turn = Literal["left", "right"]
+Movement = Literal["left", "straight", "right"]
 
 _TURN = np.deg2rad(40.0)
 _BESIDE = (2.0, 8.0)  # metres between a turn lane and its neighbour that goes straight on
@@ -32,7 +33,7 @@ class _Approach(NamedTuple):
     lane: int
     place: np.ndarray
     heading: float
-    movements: frozenset[str]
+    movements: frozenset[Movement]
 
 
 def find_turn_lanes(road: Road, intersections: list[Intersection], ego: int | None) -> list[TurnLane]:
@@ -41,9 +42,13 @@ def find_turn_lanes(road: Road, intersections: list[Intersection], ego: int | No
     for item in intersections:
         approaches = _approaches(road, item)
         for approach in approaches:
-            if len(approach.movements) != 1 or "straight" in approach.movements or _has_twin(road, approach):
+            turn: Turn | None = None
+            if approach.movements == {"left"}:
+                turn = "left"
+            elif approach.movements == {"right"}:
+                turn = "right"
+            if turn is None or _has_twin(road, approach):
                 continue
-            (turn,) = approach.movements
             if any(_beside(approach, other, turn) for other in approaches):
                 of_ego = (
                     abs(wrapped(approach.heading)) < _OF_EGO[0]
@@ -54,7 +59,7 @@ def find_turn_lanes(road: Road, intersections: list[Intersection], ego: int | No
     return list(found.values())
 
 
-def movement(turn: float) -> str:
+def movement(turn: float) -> Movement:
     """left, straight or right, by the signed turn of a lane [rad]."""
     if abs(turn) <= _TURN:
         return "straight"
@@ -70,7 +75,7 @@ def _approaches(road: Road, item: Intersection) -> list[_Approach]:
             if not len(inside) or not inside[0]:
                 continue
             enter = int(min(inside[0], road.chord.shape[1] - 2))
-            moves = frozenset([movement(float(road.bend[lane, enter:].sum()))])
+            moves: frozenset[Movement] = frozenset([movement(float(road.bend[lane, enter:].sum()))])
             found.append(_Approach(lane, road.line[lane, enter], float(road.chord[lane, enter]), moves))
         else:
             moves = frozenset(movement(float(road.turn[after])) for after in road.successors[lane] if after in members)
@@ -86,7 +91,7 @@ def _beside(approach: _Approach, other: _Approach, turn: str) -> bool:
     dx, dy = other.place - approach.place
     along, left = cos * dx + sin * dy, cos * dy - sin * dx
     side = -left if turn == "left" else left  # the lane that goes on lies to the right of a left-turn lane
-    return abs(along) < _LEVEL and _BESIDE[0] <= side <= _BESIDE[1]
+    return bool(abs(along) < _LEVEL and _BESIDE[0] <= side <= _BESIDE[1])
 
 
 def _has_twin(road: Road, approach: _Approach) -> bool:

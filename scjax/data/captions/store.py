@@ -1,0 +1,113 @@
+"""Captions beside record shards, and captions of the official release.
+
+``captions-<split>.jsonl.gz`` holds a line a record, in record order: its facts and some texts of each style. A file
+appears whole or not at all, and names the records that it belongs to.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from scjax.data import records
+from scjax.data.build import load_manifest
+from scjax.data.captions.facts import Facts, parse
+from scjax.data.captions.text import STYLES, write
+
+FORMAT = 1
+MISSING = "A realistic driving scene."  # what the release's loader says where a caption file is absent
+
+
+class Caption(NamedTuple):
+    """Facts of a record's centred tile, and texts of every style."""
+
+    facts: Facts
+    texts: dict[str, list[str]]
+
+
+def add_captions(folder: str | Path, *, paraphrases: int = 2, seed: int = 0, progress: bool = True) -> dict[str, int]:
+    """Captions every record of a folder; returns the number of records of each split.
+
+    Args:
+      folder: made by ``python -m scjax.data build``.
+      paraphrases: texts of each style.
+      seed: of the words; the same seed gives the same texts.
+
+    Raises:
+      ValueError: the folder holds no records, or ``paraphrases`` is less than 1.
+    """
+    if paraphrases < 1:
+        raise ValueError(f"paraphrases is {paraphrases}: write at least one text of each style")
+    folder, done = Path(folder), {}
+    manifest = load_manifest(folder)
+    for split, entry in manifest["splits"].items():
+        if not entry["records"]:
+            continue
+        tiles = records.source(folder, split)
+        path = _path(folder, split)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+        bar = tqdm(range(len(tiles)), f"captions of {split}", unit="tile", disable=not progress)
+        with gzip.open(temporary, "wt", encoding="utf-8") as file:
+            file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed}) + "\n")
+            for row in bar:
+                facts = parse(records.sample_scene(records.decode(tiles[row])))
+                numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
+                texts = {
+                    style: [write(facts, int(numbers[k * paraphrases + n]), style) for n in range(paraphrases)]
+                    for k, style in enumerate(STYLES)
+                }
+                file.write(json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n")
+        temporary.replace(path)
+        done[split] = len(tiles)
+    return done
+
+
+def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
+    """Captions of a split, in record order.
+
+    Raises:
+      ValueError: there are none, or they belong to other records or another format.
+    """
+    path, cure = _path(Path(folder), split), f"run python -m scjax.data caption {folder}"
+    if not path.is_file():
+        raise ValueError(f"{path} is not there: {cure}")
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        head = json.loads(file.readline())
+        if head.get("format") != FORMAT or head.get("records") != load_manifest(folder)["hash"]:
+            raise ValueError(f"{path} was written for other records or in another format: {cure} again")
+        for line in file:
+            content = json.loads(line)
+            yield Caption(Facts.from_json(content["facts"]), content["texts"])
+
+
+def read_official(folder: str | Path, split: str, name: str) -> str | None:
+    """The caption of a raw frame in the layout of the official release, or None where its file is absent.
+
+    ``<folder>/<split>/<name>_0_captions.json``, key "BEV"; crops of the other types share it. The release says
+    ``MISSING`` instead of None, which would count as following a prompt: leave such scenes out of control metrics.
+
+    Raises:
+      ValueError: the file is no such JSON.
+    """
+    path = Path(folder) / split / f"{name}_0_captions.json"
+    if not path.is_file():
+        return None
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        caption = content["BEV"]
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+        raise ValueError(f'{path}: no JSON object with a key "BEV" ({error}): leave this file out') from error
+    if not isinstance(caption, str):
+        raise ValueError(f'{path}: "BEV" holds a {type(caption).__name__}, not a text: leave this file out')
+    return caption
+
+
+def _path(folder: Path, split: str) -> Path:
+    return folder / f"captions-{split}.jsonl.gz"
