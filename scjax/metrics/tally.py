@@ -1,0 +1,152 @@
+"""Sums of many scenes, kept by location cluster: small however many scenes there are, and all that tables need.
+
+Scenes of one location are alike, so intervals and floors draw whole clusters. Scenes without a known location are
+dealt out to a fixed number of groups.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from scjax.metrics.distributions import Sums
+from scjax.metrics.pooling import Values
+
+FORMAT = 1
+GROUPS = 200  # of scenes whose location is unknown
+DRAWS = 300
+
+Table = Callable[[Sums, Sums], Values]
+"""(sums of the generated, sums of the real scenes) -> values."""
+
+
+@dataclasses.dataclass
+class Tally:
+    """Cluster -> sums of its scenes."""
+
+    clusters: dict[str, Sums] = dataclasses.field(default_factory=dict)
+
+    def add(self, sums: Sums, cluster: str) -> None:
+        """One scene, or the sums of several of one cluster."""
+        held = self.clusters.get(cluster)
+        self.clusters[cluster] = (
+            dict(sums) if held is None else {name: held[name] + value for name, value in sums.items()}
+        )
+
+    def merge(self, other: Tally) -> None:
+        """Adds what another tally holds; the order does not matter."""
+        for cluster, sums in other.clusters.items():
+            self.add(sums, cluster)
+
+    @property
+    def total(self) -> Sums:
+        """Sums over everything; empty without any scene."""
+        return self._split(self._matrix().sum(0)) if self.clusters else {}
+
+    def save(self, path: Path) -> None:
+        """One npz file, under a temporary name first."""
+        names = sorted(self.clusters)
+        content = {"format": np.array(FORMAT), "clusters": np.array(names, dtype=np.str_)}
+        if names:
+            content |= {
+                f"sum/{name}": np.stack([self.clusters[cluster][name] for cluster in names])
+                for name in self.clusters[names[0]]
+            }
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **content)  # pyright: ignore[reportArgumentType]
+        temporary.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Tally:
+        """Inverse of ``save``.
+
+        Raises:
+          ValueError: no such file, or one of another kind.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                if int(data["format"]) != FORMAT:
+                    raise ValueError(f"format {int(data['format'])} instead of {FORMAT}")
+                sums = {key[4:]: data[key] for key in data.files if key.startswith("sum/")}
+                names = [str(name) for name in data["clusters"]]
+        except (OSError, KeyError, ValueError) as error:
+            raise ValueError(f"{path} holds no tally ({error}): delete it and evaluate again") from error
+        return cls({cluster: {name: rows[k] for name, rows in sums.items()} for k, cluster in enumerate(names)})
+
+    def intervals(
+        self, real: Tally, table: Table, *, draws: int = DRAWS, seed: int = 0, level: float = 0.95
+    ) -> dict[str, tuple[float, float]]:
+        """Bootstrap intervals of ``table(total, real.total)``, clusters of both sides drawn with replacement.
+
+        Drawing makes two sides differ more than they do, so that distances would be too large: the percentile interval
+        is moved by that bias, and distances are kept from going below 0. NaN with fewer than two clusters on a side.
+        """
+        centre = table(self.total, real.total)
+        if min(len(self.clusters), len(real.clusters)) < 2:
+            return dict.fromkeys(centre, (float("nan"), float("nan")))
+        rng = np.random.default_rng(seed)
+        sides = [side._weighted(rng, draws) for side in (self, real)]
+        drawn = [table(*pair) for pair in zip(*sides, strict=True)]
+        tails = [(1 - level) / 2, (1 + level) / 2]
+        found = {}
+        for name, value in centre.items():
+            column = np.array([row[name] for row in drawn])
+            column = column[np.isfinite(column)]
+            if not len(column) or not np.isfinite(value):
+                found[name] = (float("nan"), float("nan"))
+                continue
+            bias = column.mean() - value if _is_distance(name) else 0.0
+            low, high = np.quantile(column, tails) - bias
+            found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
+        return found
+
+    def floor(self, table: Table, *, splits: int = DRAWS, seed: int = 0) -> dict[str, tuple[float, float, float]]:
+        """What the table says of two random halves of these clusters: mean, and the range of 95 % of the splits.
+
+        A model cannot be told from real scenes where its value lies within the range.
+        """
+        names = list(self.clusters)
+        if len(names) < 2:
+            raise ValueError(f"a floor needs scenes of two locations or more, not {len(names)}")
+        rng, matrix, rows = np.random.default_rng(seed), self._matrix(), []
+        for _ in range(splits):
+            half = np.zeros(len(names), bool)
+            half[rng.permutation(len(names))[: len(names) // 2]] = True
+            rows.append(table(self._split(matrix[half].sum(0)), self._split(matrix[~half].sum(0))))
+        found = {}
+        for name in rows[0]:
+            column = np.array([row[name] for row in rows])
+            column = column[np.isfinite(column)]
+            low, high = np.quantile(column, [0.025, 0.975]) if len(column) else (np.nan, np.nan)
+            found[name] = (float(column.mean()) if len(column) else float("nan"), float(low), float(high))
+        return found
+
+    def _matrix(self) -> Float64[np.ndarray, "clusters numbers"]:
+        names = list(next(iter(self.clusters.values())))
+        return np.stack([np.concatenate([np.ravel(sums[name]) for name in names]) for sums in self.clusters.values()])
+
+    def _split(self, flat: np.ndarray) -> Sums:
+        shapes = {name: np.shape(value) for name, value in next(iter(self.clusters.values())).items()}
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
+        parts = np.split(flat, ends[:-1])
+        return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}
+
+    def _weighted(self, rng: np.random.Generator, draws: int) -> Iterable[Sums]:
+        number = len(self.clusters)
+        weights = rng.multinomial(number, np.full(number, 1 / number), draws)
+        return [self._split(row) for row in weights @ self._matrix()]
+
+
+def group_of(index: int) -> str:
+    """The group that scene ``index`` of unknown location is dealt to."""
+    return f"group {index % GROUPS}"
+
+
+def _is_distance(name: str) -> bool:
+    return name.startswith("frechet_") or name.endswith("_jsd")

@@ -1,0 +1,105 @@
+"""Tallies: merging in any order, files, intervals that cover, floors that follow the known law."""
+
+import numpy as np
+import pytest
+
+from scjax.metrics.distances import histogram, mean_and_deviation, moments
+from scjax.metrics.distributions import scene_sums, table
+from scjax.metrics.tally import Tally, group_of
+from tests.metrics.test_distributions import traffic
+
+
+@pytest.fixture(scope="module")
+def tally():
+    made = Tally()
+    for seed in range(24):
+        made.add(scene_sums(traffic(seed)), f"place {seed // 3}")
+    return made
+
+
+def same(first, second):
+    assert first.clusters.keys() == second.clusters.keys()
+    for cluster, sums in first.clusters.items():
+        for name, value in sums.items():
+            np.testing.assert_allclose(second.clusters[cluster][name], value, rtol=1e-12, err_msg=name)
+
+
+def test_shards_and_order_do_not_matter(tally):
+    parts = [Tally() for _ in range(3)]
+    for seed in np.random.default_rng(0).permutation(24):
+        parts[seed % 3].add(scene_sums(traffic(int(seed))), f"place {seed // 3}")
+    merged = Tally()
+    for part in reversed(parts):
+        merged.merge(part)
+    same(tally, merged)
+    assert tally.total["scenes"] == 24
+    np.testing.assert_allclose(tally.total["speed"], sum(scene_sums(traffic(k))["speed"] for k in range(24)))
+
+
+def test_files_hold_all_of_it(tally, tmp_path):
+    tally.save(tmp_path / "tally.npz")
+    same(tally, Tally.load(tmp_path / "tally.npz"))
+    Tally().save(tmp_path / "empty.npz")
+    assert Tally.load(tmp_path / "empty.npz").total == {}
+    assert len(list(tmp_path.iterdir())) == 2
+    (tmp_path / "other.npz").write_bytes(b"no archive")
+    with pytest.raises(ValueError, match="holds no tally"):
+        Tally.load(tmp_path / "other.npz")
+
+
+def simple(values, clusters):
+    made = Tally()
+    for value, cluster in zip(values, clusters, strict=True):
+        value = np.atleast_1d(value)
+        made.add({"x": moments(value), "h": histogram(value, -6.0, 6.0, 1.0)}, cluster)
+    return made
+
+
+def rows(generated, real):
+    mean = mean_and_deviation(generated["x"])[0]
+    other = mean_and_deviation(real["x"])[0]
+    return {"mean": mean, "frechet_mean": abs(mean - other)}
+
+
+def test_intervals_cover_as_often_as_they_say():
+    rng, hits = np.random.default_rng(0), 0
+    for trial in range(120):
+        places = rng.normal(0, 1, 40)
+        drawn = simple(places + rng.normal(0, 0.1, 40), [str(k) for k in range(40)])
+        low, high = drawn.intervals(drawn, rows, draws=200, seed=trial)["mean"]
+        hits += low <= 0 <= high
+    assert 0.87 <= hits / 120 <= 1.0
+
+
+def test_intervals_draw_whole_clusters():
+    rng = np.random.default_rng(0)
+    places = np.repeat(rng.normal(0, 1, 20), 10)
+    alike = simple(places, [str(k // 10) for k in range(200)])
+    apart = simple(places, [str(k) for k in range(200)])
+    width = [np.ptp(side.intervals(side, rows)["mean"]) for side in (alike, apart)]
+    assert width[0] > 2.0 * width[1]
+
+
+def test_distances_are_freed_of_the_bias_of_drawing():
+    rng = np.random.default_rng(1)
+    first, second = (simple(rng.normal(shift, 1, 100), [str(k) for k in range(100)]) for shift in (0.0, 0.6))
+    distance = rows(first.total, second.total)["frechet_mean"]
+    low, high = first.intervals(second, rows)["frechet_mean"]
+    assert 0 <= low < distance < high and abs((low + high) / 2 - distance) < 0.1
+
+
+def test_the_floor_follows_its_law():
+    # The means of two halves of n values of deviation 1 differ by sqrt(2 / (n / 2)) times |N(0, 1)|: 0.8 of that.
+    values = np.random.default_rng(0).normal(0, 1, 400)
+    mean, low, high = simple(values, [str(k) for k in range(400)]).floor(rows)["frechet_mean"]
+    assert mean == pytest.approx(0.8 * np.sqrt(4 / 400), rel=0.15) and low < mean < high
+    with pytest.raises(ValueError, match="two locations"):
+        simple(values[:3], ["a", "a", "a"]).floor(rows)
+
+
+def test_one_cluster_has_no_interval(tally):
+    one = simple(np.arange(4.0), list("aaaa"))
+    assert np.isnan(one.intervals(one, rows)["mean"]).all()
+    assert {group_of(k) for k in range(1000)} == {group_of(k) for k in range(200)}
+    found = tally.intervals(tally, table, draws=20)
+    assert all(low <= high for low, high in found.values() if np.isfinite(low))
