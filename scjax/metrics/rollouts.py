@@ -78,7 +78,7 @@ def rollout_sums(rollout: Rollout, scene: Scene) -> Sums:
       progress: moments of the metres that vehicles drive. ego_progress: of the ego.
     """
     (scene,) = singles(scene)
-    present = rollout.valid.any(0)
+    present = np.asarray(rollout.valid.any(0))
     vehicle = np.asarray(present & (rollout.types == AgentType.VEHICLE))
     hit, hit_vehicle = _collisions(rollout)
     off, began = _off_road(rollout, scene)
@@ -169,7 +169,7 @@ def _off_road(rollout: Rollout, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     distance = nearest_segment(rollout.states[..., :2].reshape(-1, 2), segments(scene))[0].reshape(steps, agents)
     off = rollout.valid & (distance > _OFF_ROAD)
     first = rollout.valid.argmax(0)
-    return off.any(0), np.asarray(~off[first, np.arange(agents)] & rollout.valid.any(0))
+    return np.asarray(off.any(0)), np.asarray(~off[first, np.arange(agents)] & rollout.valid.any(0))
 
 
 def _red_light(rollout: Rollout, scene: Scene) -> np.ndarray:
