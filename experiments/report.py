@@ -1,8 +1,9 @@
 """Evaluates a trained model: python -m experiments.report --model=runs/denoiser/model --records=data/records --out=r
 
 Measures on the validation split of the records, which training never saw: reconstruction by the autoencoder; samples
-at the counts of validation tiles beside real tiles; novelty against the training tiles; traffic on real lanes beside
-baselines. Writes report.json, report.md, samples.npz and pictures/ into the output folder.
+at the counts of validation tiles beside real tiles, also in the tables of the field; novelty against the training
+tiles; traffic on real lanes beside baselines. Writes report.json, report.md, samples.npz and pictures/ into the output
+folder.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from experiments.evaluation import (
     realism_row,
     reconstruction_row,
 )
+from experiments.field_rows import control_rows, distribution_rows
 from experiments.report_files import ReportFiles, about, markdown
 from scjax.condition import Condition
 from scjax.data import records
@@ -124,6 +126,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         # Nothing ties these to a location: each stands for itself.
         realism["samples at drawn counts"] = realism_row(Tiles(drawn, [str(i) for i in range(len(drawn))]), "drawn")
         files.section("realism", realism)
+    populations = {"samples": samples, "reconstructed": Tiles(decoded, val.clusters), "real training": train}
+    files.section("distributions", distribution_rows(populations, val, train, "strict"))
+    files.section("distributions_compat", distribution_rows(populations, val, train, "compat"))
+    files.section("control", control_rows(samples, asked, train, rng))
     rows = spread(min(len(order), args.samples), 12)
     picture(args.out, "samples", [asked.scenes, samples.scenes], ["real", "sample"], rows)
 

@@ -23,6 +23,16 @@ NOTES = {
     "realism": "Samples have the numbers of lanes and agents and the domain of validation tiles. Vehicles on a lane: "
     "within 1.5 m of a centreline of their own scene, ego included. Overlaps: exact oriented boxes; all classes, or "
     "vehicles alone. Lane angle and off heading (more than 45 degrees): of vehicles on a lane, to the nearest segment.",
+    "distributions": "Against the validation tiles, scaled as in the published tables (metrics.md 1-2): Frechet "
+    "distances of the lane graph (connectivity and convenience x10), squared Jensen-Shannon distances of vehicles "
+    "(x10, x100), route and joint in metres, colliding vehicles in percent. Order of lanes does not matter, distances "
+    "are to segments, boxes are exact. The last column is the floor: two random halves, by location, of as many real "
+    "training tiles as a comparison has (mean and 95 % of splits); a value within it says nothing.",
+    "distributions_compat": "The same as the reference code counts (Scenario Dreamer): its grouping of key points, "
+    "vehicles against lane points, collisions of circles.",
+    "control": "Samples were made at the counts of validation tiles and know nothing else of them. CCS: mean cosine of "
+    "descriptors with the tile asked for; SPG: less that with tiles of other locations; CSC: correlation of distances "
+    "between scenes. Count-matched: one of the 5 training tiles of the nearest counts.",
     "novelty": "Nearest training tile by lanes: symmetric mean Chamfer distance of lane points every 2 m, direction "
     "included (opposite directions are 4 m apart), in the ego frames; aligned: the scene may move by up to 4 m and 15 "
     "degrees onto the tile, since training moves tiles too. M, P: match of the scene's agents with that tile's; "
