@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import sys
 import time
@@ -43,7 +44,9 @@ def main(_) -> None:
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:
-        sys.exit(f"experiments.train: {error}")
+        print(f"experiments.train: {error}", file=sys.stderr, flush=True)
+        # The threads of a checkpoint that could not be written would print their traces after this line.
+        os._exit(1)
 
 
 def train(config, workdir: Path) -> None:
