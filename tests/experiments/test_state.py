@@ -16,9 +16,9 @@ def objective(params, batch, key):
     return jnp.square(miss).mean(), {"largest": jnp.abs(miss).max()}
 
 
-def run(devices, steps=3):
+def run(devices, steps=3, **options):
     optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
-    step = training_step(objective, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices)
+    step = training_step(objective, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
     state = initial({"kernel": jnp.linspace(-1.0, 1.0, 6).reshape(3, 2)}, optimiser)
     batch = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
     for _ in range(steps):
@@ -41,6 +41,14 @@ def test_devices_that_do_not_divide_the_batch_are_left_out():
     state, _ = run((jax.devices() * 3)[:3])
     alone, _ = run(jax.devices()[:1])
     jax.tree.map(np.testing.assert_array_equal, state, alone)
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 3])
+def test_a_share_in_parts_is_the_same_step(at_once):
+    whole, metrics = run(jax.devices()[:1])
+    parts, parts_metrics = run(jax.devices()[:1], at_once=at_once)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), whole, parts)
+    np.testing.assert_allclose(metrics["gradient_norm"], parts_metrics["gradient_norm"], rtol=1e-5)
 
 
 def test_every_shape_of_a_batch_is_traced_once():
