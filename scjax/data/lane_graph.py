@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.spatial import KDTree
 
+from scjax.chains import compact
 from scjax.data import neighbours
 from scjax.data.ragged import arc_lengths
 from scjax.data.scene_json import RawLane, RawScene
@@ -86,34 +87,6 @@ def _near_joins(points: list[np.ndarray]) -> set[tuple[int, int]]:
     first, last = np.stack([p[0, :2] for p in points]), np.stack([p[-1, :2] for p in points])
     close = KDTree(last).query_ball_tree(KDTree(first), JOIN_DISTANCE)
     return {(i, j) for i, found in enumerate(close) for j in found}
-
-
-def compact(count: int, joins: set[tuple[int, int]]) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
-    """Chains of lanes that only follow each other, and the joins between the chains.
-
-    j is merged into i when j is the only successor of i and i the only predecessor of j. Chains are ordered by their
-    first lane; closed rings come last and start at their smallest lane.
-    """
-    successors: list[list[int]] = [[] for _ in range(count)]
-    predecessors: list[list[int]] = [[] for _ in range(count)]
-    for i, j in sorted(joins):
-        successors[i].append(j)
-        predecessors[j].append(i)
-    follower = {i: s[0] for i, s in enumerate(successors) if len(s) == 1 and predecessors[s[0]] == [i] and s[0] != i}
-    merged = set(follower.values())
-    chains, used = [], set()
-    # Second pass: what is left belongs to closed rings.
-    for start in [i for i in range(count) if i not in merged] + sorted(merged):
-        if start in used:
-            continue
-        chain = [start]
-        while (following := follower.get(chain[-1])) is not None and following != start:
-            chain.append(following)
-        used.update(chain)
-        chains.append(chain)
-    chain_of = {lane: row for row, chain in enumerate(chains) for lane in chain}
-    edges = [(row, chain_of[j]) for row, chain in enumerate(chains) for j in successors[chain[-1]]]
-    return chains, np.array(edges, np.int64).reshape(-1, 2)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import Prediction, q_sample
+from scjax.diffusion.process import q_sample
 from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
+from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, Params
 from scjax.pytree import pytree

@@ -5,21 +5,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.schedule import Schedule
+from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
-
-Prediction = Literal["noise", "velocity"]
-"""What a network estimates: the noise (official), or sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022).
-
-At the last times abar_t is about 1e-7 and x_0 hangs on a hair of the noise estimate: a network that has not yet learnt
-to return its input sends the sampler astray in its first step. From the velocity x_0 follows without any division.
-"""
 
 
 def q_sample(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"]) -> Nodes:
@@ -33,7 +25,11 @@ def predict_x0(schedule: Schedule, x: Nodes, eps: Nodes, step: Int[Array, " b"])
 
 
 def target(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], prediction: Prediction) -> Nodes:
-    """What the network is to return for ``q_sample(schedule, clean, noise, step)``."""
+    """What the network is to return for ``q_sample(schedule, clean, noise, step)``.
+
+    At the last times abar_t is about 1e-7, and x_0 hangs on a hair of the noise: a network that has not yet learnt to
+    return its input there sends the sampler astray in its first step. From the velocity, x_0 follows without division.
+    """
     if prediction == "noise":
         return noise
     return _combine(schedule.sqrt_alphas_cumprod, noise, -schedule.sqrt_one_minus_alphas_cumprod, clean, step)

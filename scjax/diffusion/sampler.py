@@ -11,8 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import Prediction, estimate_x0, posterior_mean, posterior_std
+from scjax.diffusion.process import estimate_x0, posterior_mean, posterior_std
 from scjax.diffusion.schedule import Schedule
+from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 TEMPERATURE = Nodes(agents=1.0, lanes=0.75)

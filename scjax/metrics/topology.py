@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float64, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from scjax.data.lane_graph import compact
+from scjax.chains import compact
 from scjax.metrics.lines import lengths, resampled
 from scjax.scene import POINTS_PER_LANE, Link, Scene
 

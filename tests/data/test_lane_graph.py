@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.data.lane_graph import build_graph, compact, index_segments, lane_lengths, nearest_lane
+from scjax.chains import compact
+from scjax.data.lane_graph import build_graph, index_segments, lane_lengths, nearest_lane
 from scjax.data.scene_json import read_scene
 from scjax.scene import Signal
 from tests.data import raw_scenes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import entropy
 
-from scjax.data.lane_graph import compact
+from scjax.chains import compact
 from scjax.metrics.distances import frechet, histogram, jensen_shannon, mean_and_deviation, moments
 from scjax.metrics.distributions import GRAPH, VEHICLE, add, circles_touch, scene_sums, table
 from scjax.metrics.lines import lengths, resampled

@@ -8,7 +8,7 @@ import functools
 import numpy as np
 from jaxtyping import Float64, Int
 
-from scjax.data.lane_graph import compact
+from scjax.chains import compact
 from scjax.scene import Link, Scene, Signal, unpadded
 
 POINTS = 81

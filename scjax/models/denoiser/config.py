@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-from scjax.diffusion.process import Prediction
 from scjax.nn.precision import Compute
+
+Prediction = Literal["noise", "velocity"]
+"""What a network estimates: the noise (official), or sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +53,7 @@ class DenoiserConfig:
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
       latent_tokens: learned latents of the coarse path of every cross-global attention.
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
-      prediction: what the network estimates, "noise" (official) or "velocity" (see ``scjax.diffusion.process``).
+      prediction: what the network estimates, "noise" (official) or "velocity".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
         zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
