@@ -49,6 +49,7 @@ def main(arguments: list[str] | None = None) -> None:
         config.batch.layouts, config.batch.jitter_position, config.batch.jitter_heading = (1.0, 0.0, 0.0), 0.0, 0.0
         config.evaluate_every = config.picture_every = 0
         config.steps = round(config.steps * args.longer)
+        config.optimiser.warmup = min(config.optimiser.warmup, config.steps // 5)
         if stage == "denoiser":
             config.autoencoder = str(args.out / "autoencoder" / "model")
         if args.smoke:
