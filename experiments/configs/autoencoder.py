@@ -60,7 +60,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.ema_decay = 0.999
     config.loss = {
         # Against the same KL weight, agents weighted like lanes come back to decimetres instead of metres.
-        "weights": dataclasses.asdict(OFFICIAL_WEIGHTS) | ({} if official else {"agent_states": 10.0}),
+        "weights": dataclasses.asdict(OFFICIAL_WEIGHTS)
+        | ({} if official else {"agent_states": 10.0, "lane_joints": 10.0}),
         "balanced_links": not official,
         "official_lane_count": official,
     }

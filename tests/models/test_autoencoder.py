@@ -293,6 +293,22 @@ def test_lane_count_counts_where_it_should():
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
 
 
+def test_joint_error_counts_only_what_parts_linked_lanes():
+    """Both ends of a joint moved alike cost nothing; one moved by (0.3, 0.1, 0) costs the mean of the three."""
+    case = by_hand([[[0, 1], [2, 0]]], np.zeros((1, 2, 2, 6)))
+    case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
+    weights = LossWeights(lane_joints=1.0)
+    moved = case[0].replace(lanes=case[0].lanes + np.array([0.3, 0.1, 0.0]))
+    np.testing.assert_allclose(per_scene(moved, *case[1:], weights)["lane_joints"], [0.0], atol=1e-6)
+    lanes = np.array(case[0].lanes)
+    lanes[0, 1, 0] += [0.3, 0.1, 0.0]  # the start of the second lane
+    lanes[0, 0, 0] += 5.0  # the start of the first joins nothing
+    apart = case[0].replace(lanes=lanes)
+    np.testing.assert_allclose(per_scene(apart, *case[1:], weights)["lane_joints"], [0.4 / 3], 1e-5)
+    unlinked = case[2].replace(links=np.zeros_like(case[2].links))
+    assert per_scene(apart, case[1], unlinked, weights)["lane_joints"] == 0
+
+
 def test_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
 from scjax.representation import Tokens
-from scjax.scene import AnyArray, Layout
+from scjax.scene import AnyArray, Layout, Link
 
 __all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]
 
@@ -23,7 +23,7 @@ _COUNT_TOLERANCE = 3  # a lane count off by at most this is logged as right
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weights of the terms; the defaults are the official ones."""
+    """Weights of the terms; the defaults are the official ones, which know no ``lane_joints``."""
 
     agent_states: float = 1.0
     lane_points: float = 10.0
@@ -33,6 +33,7 @@ class LossWeights:
     kl_agent: float = 0.01
     kl_lane: float = 0.01
     lane_count: float = 0.1
+    lane_joints: float = 0.0
 
 
 OFFICIAL_WEIGHTS = LossWeights()
@@ -101,6 +102,9 @@ def per_scene(
         "kl_agent": _scene_kl(posterior.mean.agents, posterior.logvar.agents, agent_mask),
         "kl_lane": _scene_kl(posterior.mean.lanes, posterior.logvar.lanes, lane_mask),
         "lane_count": jnp.where(_counted(tokens, official_lane_count), count_entropy, 0.0),
+        "lane_joints": _joint_error(decoded.lanes, tokens, pairs)
+        if weights.lane_joints
+        else jnp.zeros_like(count_entropy),
     }
     total = sum(getattr(weights, name) * term for name, term in terms.items())
     return terms | {"total": jnp.asarray(total)}
@@ -184,6 +188,21 @@ def _link_entropy(logits: AnyArray, links: AnyArray, pairs: AnyArray, balanced: 
     members = jnp.stack([(pairs & (links == c)).sum((1, 2)) for c in classes], -1)
     sums = jnp.stack([jnp.where(links == c, entropy, 0.0).sum((1, 2)) for c in classes], -1)
     return _mean_of(sums / jnp.maximum(members, 1).astype(sums.dtype), members > 0)
+
+
+def _joint_error(lanes: AnyArray, tokens: Tokens, pairs: AnyArray) -> Float[AnyArray, " b"]:
+    """Mean |difference| of the step from the end of a lane to the start of each that follows it.
+
+    Errors that both lanes share cost nothing here: what counts is that a road stays whole.
+    """
+    known = tokens.lane_known & tokens.lane_mask[..., None]
+    followed = (pairs & (tokens.links == Link.PREDECESSOR))[..., None] & known[:, :, None] & known[:, None]
+    true = jnp.where(known[:, :, None], tokens.lanes, 0.0)
+
+    def steps(points):
+        return points[:, None, :, 0] - points[:, :, None, -1]
+
+    return _scene_mean(_distance(steps(lanes), steps(true), followed), followed)
 
 
 def _scene_kl(
