@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from experiments.evaluation import Number, Row, Tiles
-from scjax.metrics.control import ccs, csc, derangements, scene_pairs, spg
-from scjax.metrics.descriptors import LEVELS, Standard, describe
+from scjax.metrics.control import ControlFrame
+from scjax.metrics.descriptors import describe
 from scjax.metrics.distributions import scene_sums, table
 from scjax.metrics.tally import Tally
 from scjax.metrics.topology import Mode
-from scjax.scene import Scene
 
 RETRIEVED = 5  # tiles of the nearest counts, of which one is drawn
-_SHUFFLES = 10
 
 
 def distribution_rows(populations: dict[str, Tiles], real: Tiles, bank: Tiles, mode: Mode) -> dict[str, Row]:
@@ -59,24 +55,18 @@ def control_rows(samples: Tiles, asked: Tiles, bank: Tiles, rng: np.random.Gener
         "random training tiles": bank[rng.integers(len(bank.scenes), size=len(asked.scenes)).tolist()].scenes,
         "copy": asked.scenes,
     }
-    standard = Standard.of(describe(asked.scenes))
+    raw, clusters = describe(asked.scenes), len(set(asked.clusters))
     try:
-        shuffles = derangements(asked.clusters, rng, _SHUFFLES)
+        frame = ControlFrame.of(raw, asked.clusters, rng)
     except ValueError:  # too few locations to shuffle among: SPG is then not known
-        shuffles = np.zeros((0, len(asked.scenes)), int)
-    pairs = scene_pairs(asked.clusters, rng)
-    measured = functools.partial(_control, standard, standard(describe(asked.scenes)), shuffles, pairs)
-    clusters = len(set(asked.clusters))
-    return {name: measured(scenes, clusters) for name, scenes in populations.items()}
-
-
-def _control(standard: Standard, reference, shuffles, pairs, scenes: Sequence[Scene], clusters: int) -> Row:
-    ours, numbers = standard(describe(scenes)), {}
-    for level in LEVELS:
-        x, y = getattr(reference, level), getattr(ours, level)
-        for name, value in (("CCS", ccs(x, y)), ("SPG", spg(x, y, shuffles)), ("CSC", csc(x, y, pairs))):
-            numbers[f"{level} {name}"] = Number(value, math.nan, math.nan, None, len(scenes), clusters)
-    return numbers
+        frame = ControlFrame.of(raw, asked.clusters, rng, shuffles=0)
+    return {
+        name: {
+            metric: Number(value, math.nan, math.nan, None, len(scenes), clusters)
+            for metric, value in frame(describe(scenes)).items()
+        }
+        for name, scenes in populations.items()
+    }
 
 
 def _tally(tiles: Tiles, mode: Mode) -> Tally:

@@ -88,43 +88,48 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Runs the command and returns its exit code (see --help)."""
     args = parser().parse_args(argv)
-    if args.command == "procedural":
-        return _procedural(args)
-    if args.command == "caption":
-        return _caption(args)
+    run, interrupted = {
+        "build": (_build, "run the same command again to continue"),
+        "procedural": (_procedural, "files that are there are whole"),
+        "caption": (_caption, "nothing was written for the split under way"),
+    }[args.command]
     try:
-        from scjax.data.build import build
-        from scjax.data.shards import BuildOptions, PoseOptions
+        return run(args)
     except ModuleNotFoundError as error:
         print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
         return 1
-    try:
-        if args.workers < 0:
-            raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
-        if args.limit is not None and args.limit < 1:
-            raise ValueError(f"--limit is {args.limit}: it must be 1 or more")
-        options = BuildOptions(
-            split_percent=args.split_percent,
-            files_per_shard=args.files_per_shard,
-            poses=PoseOptions(
-                spacing=args.spacing, max_poses=args.max_poses, recorder_stride=args.recorder_stride,
-                other_stride=args.other_stride,
-            ),
-            train_poses=PoseOptions(
-                spacing=args.train_spacing, max_poses=args.train_max_poses,
-                recorder_stride=args.train_recorder_stride, other_stride=args.train_other_stride,
-            ),
-        )  # fmt: skip
-        manifest = build(
-            args.source, args.out, options, workers=args.workers, limit=args.limit, resume=not args.no_resume,
-            strict=args.strict,
-        )  # fmt: skip
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("interrupted: run the same command again to continue", file=sys.stderr)
+        print(f"interrupted: {interrupted}", file=sys.stderr)
         return 130
+
+
+def _build(args: argparse.Namespace) -> int:
+    from scjax.data.build import build
+    from scjax.data.shards import BuildOptions, PoseOptions
+
+    if args.workers < 0:
+        raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
+    if args.limit is not None and args.limit < 1:
+        raise ValueError(f"--limit is {args.limit}: it must be 1 or more")
+    options = BuildOptions(
+        split_percent=args.split_percent,
+        files_per_shard=args.files_per_shard,
+        poses=PoseOptions(
+            spacing=args.spacing, max_poses=args.max_poses, recorder_stride=args.recorder_stride,
+            other_stride=args.other_stride,
+        ),
+        train_poses=PoseOptions(
+            spacing=args.train_spacing, max_poses=args.train_max_poses,
+            recorder_stride=args.train_recorder_stride, other_stride=args.train_other_stride,
+        ),
+    )  # fmt: skip
+    manifest = build(
+        args.source, args.out, options, workers=args.workers, limit=args.limit, resume=not args.no_resume,
+        strict=args.strict,
+    )  # fmt: skip
     for split, entry in manifest["splits"].items():
         print(f"{split}: {entry['records']} records of {entry['scenes']} scenes at {len(entry['clusters'])} locations")
     cleaned = manifest["cleaned"]
@@ -137,35 +142,17 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _procedural(args: argparse.Namespace) -> int:
-    try:
-        from scjax.data.procedural import write_scenes
+    from scjax.data.procedural import write_scenes
 
-        paths = write_scenes(args.out, args.scenes, args.seed)
-    except ModuleNotFoundError as error:
-        print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
-        return 1
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    paths = write_scenes(args.out, args.scenes, args.seed)
     print(f"{len(paths)} scenes in {paths[0].parent}")
     return 0
 
 
 def _caption(args: argparse.Namespace) -> int:
-    try:
-        from scjax.data.captions.store import add_captions
+    from scjax.data.captions.store import add_captions
 
-        done = add_captions(args.records, paraphrases=args.paraphrases, seed=args.seed)
-    except ModuleNotFoundError as error:
-        print(f"error: {error}: install the data extra, pip install 'scjax[data]'", file=sys.stderr)
-        return 1
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted: nothing was written for the split under way", file=sys.stderr)
-        return 130
-    for split, count in done.items():
+    for split, count in add_captions(args.records, paraphrases=args.paraphrases, seed=args.seed).items():
         print(f"{split}: {count} records captioned")
     return 0
 

@@ -6,15 +6,56 @@ Sample i was made from a condition that came from reference i. All take standard
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Hashable, Sequence
 
 import numpy as np
 from jaxtyping import Float64, Int
 from scipy.stats import rankdata
 
+from scjax.metrics.descriptors import LEVELS, Descriptor, Standard
+from scjax.metrics.pooling import Values
+
 _FEW = 3000  # scenes
 
 Vectors = Float64[np.ndarray, "scenes features"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlFrame:
+    """What populations made for the same references are compared by: one standard, the same shuffles and pairs."""
+
+    standard: Standard
+    reference: Descriptor
+    shuffles: Int[np.ndarray, "shuffles scenes"]
+    pairs: Int[np.ndarray, "pairs 2"]
+
+    @classmethod
+    def of(
+        cls, raw: Descriptor, clusters: Sequence[Hashable], rng: np.random.Generator, *, shuffles: int = 10,
+        pairs: int = 200_000,
+    ) -> ControlFrame:  # fmt: skip
+        """From the raw descriptors of the references and their location clusters.
+
+        Args:
+          shuffles: 0 draws none, and SPG is NaN.
+
+        Raises:
+          ValueError: no reference, or, with shuffles, a cluster of more than half of them.
+        """
+        standard = Standard.of(raw)
+        drawn = derangements(clusters, rng, shuffles) if shuffles else np.zeros((0, len(clusters)), int)
+        return cls(standard, standard(raw), drawn, scene_pairs(clusters, rng, pairs))
+
+    def __call__(self, raw: Descriptor) -> Values:
+        """CCS, SPG and CSC at the three levels; scene i of ``raw`` was made for reference i."""
+        ours, found = self.standard(raw), {}
+        for level in LEVELS:
+            x, y = getattr(self.reference, level), getattr(ours, level)
+            found[f"{level} CCS"] = ccs(x, y)
+            found[f"{level} SPG"] = spg(x, y, self.shuffles)
+            found[f"{level} CSC"] = csc(x, y, self.pairs)
+        return found
 
 
 def ccs(reference: Vectors, sample: Vectors) -> float:

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from scjax.metrics.boxes import intersection_areas
-from scjax.metrics.control import ccs, csc, derangements, scene_pairs, spg
-from scjax.metrics.descriptors import LEVELS, Descriptor, Standard, describe
+from scjax.metrics.control import ControlFrame
+from scjax.metrics.descriptors import Descriptor, describe
 from scjax.metrics.detection import Detections, average_precision, detections
 from scjax.metrics.distributions import Sums, scene_sums, table
 from scjax.metrics.placement import match, summarise
@@ -125,15 +125,8 @@ def control_values(
     if len(measured) != len(reference):
         raise ValueError(f"{len(measured)} scenes but {len(reference)} references: control compares them one to one")
     rng = np.random.default_rng(seed)
-    shuffled = derangements(reference.clusters, rng, shuffles)
-    chosen = scene_pairs(reference.clusters, rng, pairs)
-    standard = Standard.of(reference.descriptors)
-    ours, theirs = standard(measured.descriptors), standard(reference.descriptors)
-    found = {}
-    for level in LEVELS:
-        x, y = getattr(theirs, level), getattr(ours, level)
-        found |= {f"{level} CCS": ccs(x, y), f"{level} SPG": spg(x, y, shuffled), f"{level} CSC": csc(x, y, chosen)}
-    return found
+    frame = ControlFrame.of(reference.descriptors, reference.clusters, rng, shuffles=shuffles, pairs=pairs)
+    return frame(measured.descriptors)
 
 
 def _sums(scene: Scene, reference: Scene | None, ego: bool) -> Sums:

@@ -9,6 +9,7 @@ import numpy as np
 
 from scjax.data.captions.intersections import Intersection
 from scjax.data.captions.road import Road, wrapped
+from scjax.data.captions.turn_lanes import Movement, movement
 
 Joint = Literal["lane added", "lane ends", "split", "merge", "side road", "junction at the edge"]
 Curve = Literal["straight", "gently left", "gently right", "left", "right", "winding"]
@@ -24,6 +25,7 @@ _MEDIAN = 6.0  # metres between the directions
 _AT = 12.0  # metres from a joint at which its branches are compared
 _ADDED = 0.3  # rad between branches that stay beside each other
 _SIDE = 1.0  # rad of a branch into a side road
+_OPTION = np.deg2rad(35.0)  # least turn of a way that the ego may choose
 _EDGE = 18.0  # metres from the ego at which joints are at the edge of view
 
 
@@ -137,25 +139,19 @@ def joints(
     return found
 
 
-def ego_options(road: Road, lane: int, most: float = 60.0) -> set[Literal["left", "straight", "right"]]:
+def ego_options(road: Road, lane: int, most: float = 60.0) -> set[Movement]:
     """Where the ego may go at the next fork ahead; empty if none is in view."""
     way, at, used = -road.length[lane] / 2, lane, {lane}
     while way < most:
         after = [n for n in road.successors[at] if n not in used]
         if len(after) > 1:
-            return {_direction(road.turn[n]) for n in after}
+            return {movement(float(road.turn[n]), _OPTION) for n in after}
         if not after:
             return set()
         at = after[0]
         used.add(at)
         way += road.length[at]
     return set()
-
-
-def _direction(turn: float) -> Literal["left", "straight", "right"]:
-    if abs(turn) <= np.deg2rad(35):
-        return "straight"
-    return "left" if turn > 0 else "right"
 
 
 def _joint(road: Road, branches: list[int], fork: bool, place: np.ndarray):

@@ -17,7 +17,7 @@ from scjax.data.captions.ego_road import (
     ego_path,
     joints,
 )
-from scjax.data.captions.intersections import Intersection, Kind, Side, find_intersections, has_roundabout, side_of
+from scjax.data.captions.intersections import Intersection, Kind, Side, find_intersections, has_roundabout
 from scjax.data.captions.road import Road, road_of, wrapped
 from scjax.data.captions.traffic import Traffic, traffic_of
 from scjax.data.captions.turn_lanes import find_turn_lanes
@@ -184,6 +184,3 @@ def _signals(road: Road, lane: int | None) -> str | None:
     states = {int(road.signal[k]) for k in ahead} - {int(Signal.UNKNOWN)}
     names = {int(Signal.GO): "green", int(Signal.CAUTION): "yellow", int(Signal.STOP): "red"}
     return names[states.pop()] if len(states) == 1 else "other"
-
-
-__all__ = ["Facts", "parse", "side_of"]

@@ -62,11 +62,8 @@ class Road:
         return self.bend.sum(-1)
 
     @property
-    def start_heading(self) -> Float64[np.ndarray, " lanes"]:
-        return self.chord[:, 0]
-
-    @property
     def end_heading(self) -> Float64[np.ndarray, " lanes"]:
+        """Of the last segment [rad]."""
         return self.chord[:, -1]
 
     @functools.cached_property

@@ -59,9 +59,9 @@ def find_turn_lanes(road: Road, intersections: list[Intersection], ego: int | No
     return list(found.values())
 
 
-def movement(turn: float) -> Movement:
-    """left, straight or right, by the signed turn of a lane [rad]."""
-    if abs(turn) <= _TURN:
+def movement(turn: float, least: float = _TURN) -> Movement:
+    """left, straight or right, by the signed turn of a lane [rad]; less than ``least`` is straight."""
+    if abs(turn) <= least:
         return "straight"
     return "left" if turn > 0 else "right"
 
