@@ -24,6 +24,7 @@ from scjax.data import records
 from scjax.data.build import build
 from scjax.data.procedural import write_scenes
 from scjax.metrics import measure as metrics
+from scjax.metrics.measured import Measured, merged
 from scjax.metrics.tally import Tally
 from scjax.scene import Layout, Scene
 
@@ -43,7 +44,7 @@ def tiles(folder: str, seed: int, start: int, stop: int) -> tuple[list[Scene], l
     return made, places
 
 
-def chunk(folder: str, start: int, stop: int) -> tuple[metrics.Measured, metrics.Measured, float]:
+def chunk(folder: str, start: int, stop: int) -> tuple[Measured, Measured, float]:
     """Generated and reference scenes of a part, and the seconds that measuring them took."""
     (generated, places), (reference, _) = (tiles(folder, seed, start, stop) for seed in (1, 2))
     begin = time.perf_counter()
@@ -67,7 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
             begin = time.perf_counter()
             found = list(pool.map(chunk, *zip(*parts, strict=True)))
             measured = time.perf_counter() - begin
-    ours, theirs = (metrics.merged([part[side] for part in found]) for side in (0, 1))
+    ours, theirs = (merged([part[side] for part in found]) for side in (0, 1))
     del found
     begin = time.perf_counter()
     values = {

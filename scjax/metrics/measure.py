@@ -1,4 +1,4 @@
-"""All metrics of scenes in one pass: what a scene adds to sums, and what has to be kept of it one by one.
+"""All metrics of scenes in one pass (``Measured``), and the values of the tables from what it leaves.
 
 Sums are pooled by location (``Tally``); kept are a descriptor (60 numbers) and the scored agents. A population of any
 size is measured in parts, in any order, by any number of processes, and merged.
@@ -6,18 +6,19 @@ size is measured in parts, in any order, by any number of processes, and merged.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from scjax.metrics.boxes import intersection_areas
 from scjax.metrics.control import ControlFrame
-from scjax.metrics.descriptors import Descriptor, describe
-from scjax.metrics.detection import Detections, average_precision, detections
+from scjax.metrics.descriptors import describe
+from scjax.metrics.detection import average_precision, consensus, detections
 from scjax.metrics.distributions import Sums, scene_sums, table
-from scjax.metrics.placement import match, summarise
-from scjax.metrics.pooling import Values, ratio, singles
+from scjax.metrics.measured import Measured, stacked
+from scjax.metrics.placement import Where, match, summarise
+from scjax.metrics.pooling import Ratios, Values, ratio, singles
 from scjax.metrics.realism import overlapping_pairs, scene_realism
 from scjax.metrics.tally import Tally
 from scjax.metrics.topology import Mode
@@ -27,24 +28,8 @@ MODES: tuple[Mode, ...] = ("strict", "compat")
 _OVERLAPS = (0.01, 0.1)  # intersection over union
 
 
-@dataclasses.dataclass
-class Measured:
-    """What is known of a population after its scenes are gone.
-
-    Attributes:
-      tally: sums by cluster; names start with "strict/", "compat/", "scene/", and "match/" where references were given.
-      descriptors: raw, [scenes, .].
-      clusters: of every scene.
-      detections: of every scene with a reference.
-    """
-
-    tally: Tally
-    descriptors: Descriptor
-    clusters: list[str]
-    detections: list[Detections]
-
-    def __len__(self) -> int:
-        return len(self.clusters)
+Also = Callable[[Scene, Scene | None], Ratios]
+"""(scene, its reference) -> more ratios to sum up."""
 
 
 def measure(
@@ -52,46 +37,45 @@ def measure(
     clusters: Iterable[str],
     references: Iterable[Scene] | None = None,
     *,
+    siblings: Iterable[Sequence[Scene]] | None = None,
     ego: bool = True,
+    where: Where | None = None,
+    also: Also | None = None,
 ) -> Measured:
     """Measures single scenes in turn.
 
     Args:
       clusters: location of each scene.
       references: for each scene, the one that its condition came from; None if there is none.
+      siblings: for each scene, other samples of its condition, whose agreement scores its agents.
       ego: whether agent 0 of a scene is the ego.
+      where: agents elsewhere are not matched (``placement.cone`` for scenes made from an image).
+      also: summed up as "also/<name>".
 
     Raises:
-      ValueError: if the three differ in length.
+      ValueError: if the four differ in length.
     """
-    made = Measured(Tally(), describe([]), [], [])
-    rows: list[Descriptor] = []
-    twins = iter(references) if references is not None else None
+    twins = None if references is None else singles(references)
+    others = None if siblings is None else iter(siblings)
+    tally, rows, places, shown = Tally(), [describe([])], [], []
+    by_distance, by_consensus = [], []
     for scene, cluster in zip(singles(scenes), clusters, strict=True):
-        reference = None
-        if twins is not None:
-            reference = next(twins, None)
-            if reference is None:
-                raise ValueError(f"there are {len(rows)} references but more scenes: give one for each")
-            made.detections.append(detections(reference, scene, generated_ego=ego))
-        made.tally.add(_sums(scene, reference, ego), cluster)
-        made.clusters.append(cluster)
+        reference = None if twins is None else _following(twins, len(places), "references")
+        sums = _sums(scene, reference, ego, where)
+        if also is not None:
+            sums |= {f"also/{name}": np.array(pair) for name, pair in also(scene, reference).items()}
+        tally.add(sums, cluster)
+        places.append(cluster)
         rows.append(describe(scene, ego=ego))
-    made.descriptors = _stacked([made.descriptors, *rows])
-    return made
-
-
-def merged(parts: Sequence[Measured]) -> Measured:
-    """Parts of one population as a whole, scenes in the order of the parts."""
-    tally = Tally()
-    for part in parts:
-        tally.merge(part.tally)
-    return Measured(
-        tally=tally,
-        descriptors=_stacked([part.descriptors for part in parts]),
-        clusters=[cluster for part in parts for cluster in part.clusters],
-        detections=[one for part in parts for one in part.detections],
-    )
+        shown.append(_shown(sums))
+        if reference is not None:
+            options: dict = {"generated_ego": ego, "where": where}
+            by_distance.append(detections(reference, scene, **options))
+            if others is not None:
+                score = consensus(scene, _following(others, len(places) - 1, "lists of siblings"))
+                by_consensus.append(detections(reference, scene, score, **options))
+    columns = {name: np.array([one[name] for one in shown]) for name in (shown[0] if shown else {})}
+    return Measured(tally, stacked(rows), places, by_distance, by_consensus, columns)
 
 
 def distribution_values(generated: Sums, real: Sums, mode: Mode) -> Values:
@@ -104,14 +88,23 @@ def scene_values(sums: Sums) -> Values:
     return {name: ratio(*map(float, pair)) for name, pair in _named(sums, "scene/").items()}
 
 
-def match_values(sums: Sums) -> Values:
-    """M, P, PxR and their parts (``placement.summarise``)."""
-    return summarise({name: (float(pair[0]), float(pair[1])) for name, pair in _named(sums, "match/").items()})
+def match_values(sums: Sums, *, agnostic: bool = False) -> Values:
+    """M, P, PxR and their parts (``placement.summarise``); ``agnostic``: whether classes may differ."""
+    prefix = "match_any_class/" if agnostic else "match/"
+    return summarise({name: (float(pair[0]), float(pair[1])) for name, pair in _named(sums, prefix).items()})
+
+
+def also_values(sums: Sums) -> Values:
+    """Quotients of the ratios that ``also`` gave."""
+    return {name: ratio(*map(float, pair)) for name, pair in _named(sums, "also/").items()}
 
 
 def precision_values(measured: Measured) -> Values:
-    """Average precision with the distance to the ego as score."""
-    return {f"AP {name}": value for name, value in average_precision(measured.detections).items()}
+    """Average precision, scored by the distance to the ego and, where samples have siblings, by their agreement."""
+    found = {f"AP {name}": value for name, value in average_precision(measured.detections).items()}
+    if measured.consensus:
+        found |= {f"AP_consensus {name}": value for name, value in average_precision(measured.consensus).items()}
+    return found
 
 
 def control_values(
@@ -129,7 +122,7 @@ def control_values(
     return frame(measured.descriptors)
 
 
-def _sums(scene: Scene, reference: Scene | None, ego: bool) -> Sums:
+def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None) -> Sums:
     sums: Sums = {}
     for mode in MODES:
         sums |= {f"{mode}/{name}": value for name, value in scene_sums(scene, mode).items()}
@@ -140,17 +133,28 @@ def _sums(scene: Scene, reference: Scene | None, ego: bool) -> Sums:
     size = agents[:, 6] * agents[:, 7]
     union = np.maximum(size[pairs].sum(1) - area, 1e-9)
     ratios |= {f"scenes_overlap_iou_{least:g}": (float((area / union > least).any()), 1.0) for least in _OVERLAPS}
-    sums |= {f"scene/{name}": np.array(pair) for name, pair in ratios.items()}
     if reference is not None:
-        sums |= {
-            f"match/{name}": np.array(pair) for name, pair in match(reference, scene, generated_ego=ego).items()
-        }  # fmt: skip
-    return sums
+        for prefix, agnostic in (("match", False), ("match_any_class", True)):
+            matched = match(reference, scene, generated_ego=ego, where=where, agnostic=agnostic)
+            sums |= {f"{prefix}/{name}": np.array(pair) for name, pair in matched.items()}
+    return sums | {f"scene/{name}": np.array(pair) for name, pair in ratios.items()}
+
+
+def _shown(sums: Sums) -> Values:
+    """What makes one scene worse or better than another."""
+    found = {
+        name: ratio(*map(float, sums[f"scene/{name}"]))
+        for name in ("joint_gap_m", "vehicles_on_lane", "vehicle_overlap_pairs")
+    }
+    return found | ({"M": match_values(sums)["M"]} if "match/recall_1m" in sums else {})
+
+
+def _following(items: Iterator[Any], number: int, what: str) -> Any:
+    found = next(items, None)
+    if found is None:
+        raise ValueError(f"there are {number} {what} but more scenes: give one for each")
+    return found
 
 
 def _named(sums: Sums, prefix: str) -> Sums:
     return {name[len(prefix) :]: value for name, value in sums.items() if name.startswith(prefix)}
-
-
-def _stacked(rows: Sequence[Descriptor]) -> Descriptor:
-    return Descriptor(*(np.concatenate([row[k] for row in rows]) for k in range(3)))

@@ -7,9 +7,7 @@ dealt out to a fixed number of groups.
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float64
@@ -48,8 +46,8 @@ class Tally:
         """Sums over everything; empty without any scene."""
         return self._split(self._matrix().sum(0)) if self.clusters else {}
 
-    def save(self, path: Path) -> None:
-        """One npz file, under a temporary name first."""
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it as arrays, to be kept in a file."""
         names = sorted(self.clusters)
         content = {"format": np.array(FORMAT), "clusters": np.array(names, dtype=np.str_)}
         if names:
@@ -57,26 +55,19 @@ class Tally:
                 f"sum/{name}": np.stack([self.clusters[cluster][name] for cluster in names])
                 for name in self.clusters[names[0]]
             }
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, **content)  # pyright: ignore[reportArgumentType]
-        temporary.replace(path)
+        return content
 
     @classmethod
-    def load(cls, path: Path) -> Tally:
-        """Inverse of ``save``.
+    def from_arrays(cls, content: Mapping[str, np.ndarray]) -> Tally:
+        """Inverse of ``arrays``.
 
         Raises:
-          ValueError: no such file, or one of another kind.
+          ValueError: of another format.
         """
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                if int(data["format"]) != FORMAT:
-                    raise ValueError(f"format {int(data['format'])} instead of {FORMAT}")
-                sums = {key[4:]: data[key] for key in data.files if key.startswith("sum/")}
-                names = [str(name) for name in data["clusters"]]
-        except (OSError, KeyError, ValueError) as error:
-            raise ValueError(f"{path} holds no tally ({error}): delete it and evaluate again") from error
+        if (found := int(content["format"])) != FORMAT:
+            raise ValueError(f"a tally of format {found} instead of {FORMAT}")
+        sums = {key[4:]: value for key, value in content.items() if key.startswith("sum/")}
+        names = [str(name) for name in content["clusters"]]
         return cls({cluster: {name: rows[k] for name, rows in sums.items()} for k, cluster in enumerate(names)})
 
     def intervals(

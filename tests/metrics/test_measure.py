@@ -6,14 +6,15 @@ import pytest
 from scjax.metrics.distributions import add, scene_sums, table
 from scjax.metrics.measure import (
     MODES,
+    also_values,
     control_values,
     distribution_values,
     match_values,
     measure,
-    merged,
     precision_values,
     scene_values,
 )
+from scjax.metrics.measured import Measured, merged
 from scjax.metrics.placement import placement
 from scjax.metrics.realism import realism
 from tests.metrics.test_distributions import traffic
@@ -86,3 +87,24 @@ def test_lengths_must_agree(whole):
         measure(SCENES[:2], PLACES[:1])
     with pytest.raises(ValueError, match="12 scenes but 1 references"):
         control_values(whole, measure(OTHERS[:1], PLACES[:1]))
+
+
+def test_a_file_keeps_everything(whole, tmp_path):
+    siblings = [[SCENES[k - 1]] for k in range(12)]
+    made = measure(SCENES, PLACES, OTHERS, siblings=siblings, also=lambda scene, reference: {"twice": (2.0, 1.0)})
+    made.save(tmp_path / "part.npz")
+    again = Measured.load(tmp_path / "part.npz")
+    assert again.clusters == PLACES and again.shown.keys() == made.shown.keys()
+    np.testing.assert_array_equal(again.shown["M"], made.shown["M"])
+    assert also_values(again.tally.total) == {"twice": 2.0}
+    assert precision_values(again) == precision_values(made)
+    assert set(precision_values(made)) > set(precision_values(whole))
+    assert match_values(again.tally.total) == match_values(whole.tally.total)
+    assert match_values(made.tally.total, agnostic=True)["M"] >= match_values(made.tally.total)["M"]
+    assert control_values(again, whole) == control_values(made, whole)
+    bare = measure(SCENES[:1], PLACES[:1])
+    bare.save(tmp_path / "bare.npz")
+    assert Measured.load(tmp_path / "bare.npz").detections == []
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:500])
+    with pytest.raises(ValueError, match=r"cut.npz holds no measured scenes .* evaluate again"):
+        Measured.load(tmp_path / "cut.npz")
