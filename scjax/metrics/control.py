@@ -57,6 +57,35 @@ class ControlFrame:
             found[f"{level} CSC"] = csc(x, y, self.pairs)
         return found
 
+    def intervals(
+        self, raw: Descriptor, clusters: Sequence[Hashable], *, draws: int = 200, seed: int = 0, level: float = 0.95
+    ) -> dict[str, tuple[float, float]]:
+        """Bootstrap intervals of the values, drawing whole location clusters (not pairs) with replacement.
+
+        Shuffles and pairs stay as they are, a scene or a pair counts as often as its clusters were drawn. NaN with
+        fewer than two clusters.
+        """
+        label = np.unique(np.array([str(cluster) for cluster in clusters]), return_inverse=True)[1]
+        number = int(label.max(initial=-1)) + 1
+        if number < 2:
+            return dict.fromkeys(self(raw), (float("nan"), float("nan")))
+        rng = np.random.default_rng(seed)
+        weights = rng.multinomial(number, np.full(number, 1 / number), draws)[:, label].astype(np.float64)
+        tails, (i, j) = [(1 - level) / 2, (1 + level) / 2], self.pairs.T
+        ours, found = self.standard(raw), {}
+        for name in LEVELS:
+            x, y = getattr(self.reference, name), getattr(ours, name)
+            paired = cosines(x, y)
+            gain = paired - np.mean([cosines(x[row], y) for row in self.shuffles] or [np.full(len(x), np.nan)], axis=0)
+            drawn = {"CCS": weights @ paired / weights.sum(1), "SPG": weights @ gain / weights.sum(1)}
+            apart = _distances(x, self.pairs), _distances(y, self.pairs)
+            drawn["CSC"] = np.array([_correlation(*apart, row[i] * row[j]) for row in weights])
+            for metric, values in drawn.items():
+                values = values[np.isfinite(values)]
+                low, high = np.quantile(values, tails) if len(values) else (np.nan, np.nan)
+                found[f"{name} {metric}"] = (float(low), float(high))
+        return found
+
 
 def ccs(reference: Vectors, sample: Vectors) -> float:
     """Mean cosine of reference i with sample i."""
@@ -80,6 +109,16 @@ def csc(reference: Vectors, sample: Vectors, pairs: Int[np.ndarray, "pairs 2"], 
     if ranks:
         ours, theirs = rankdata(ours), rankdata(theirs)
     return float(np.corrcoef(theirs, ours)[0, 1])
+
+
+def _correlation(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> float:
+    """Weighted Pearson correlation; NaN where either side does not vary."""
+    total = weight.sum()
+    if not total:
+        return float("nan")
+    one, two = first - weight @ first / total, second - weight @ second / total
+    spread = np.sqrt((weight @ one**2) * (weight @ two**2))
+    return float(weight @ (one * two) / spread) if spread > 0 else float("nan")
 
 
 def _distances(vectors: Vectors, pairs: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ class Measured:
           ValueError: no such file, or one of another kind.
         """
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 content = {name: data[name] for name in data.files}
             return cls(
                 tally=Tally.from_arrays(_under(content, _TALLY)),

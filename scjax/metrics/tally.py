@@ -7,7 +7,7 @@ dealt out to a fixed number of groups.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float64
@@ -97,19 +97,30 @@ class Tally:
             found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
         return found
 
-    def floor(self, table: Table, *, splits: int = DRAWS, seed: int = 0) -> dict[str, tuple[float, float, float]]:
-        """What the table says of two random halves of these clusters: mean, and the range of 95 % of the splits.
+    def floor(
+        self, table: Table, *, scenes: int | None = None, splits: int = DRAWS, seed: int = 0
+    ) -> dict[str, tuple[float, float, float]]:
+        """What the table says of two random sets of other locations of these: mean, and the range of 95 % of the draws.
 
-        A model cannot be told from real scenes where its value lies within the range.
+        A model cannot be told from real scenes where its value lies within the range. Each set holds clusters until
+        there are ``scenes`` of them, or half of all clusters.
+
+        Raises:
+          ValueError: with fewer than two clusters.
         """
         names = list(self.clusters)
         if len(names) < 2:
             raise ValueError(f"a floor needs scenes of two locations or more, not {len(names)}")
+        held = np.array([next(iter(_scene_counts(sums))) for sums in self.clusters.values()])
+        wanted = min(scenes or np.inf, held.sum() / 2)
         rng, matrix, rows = np.random.default_rng(seed), self._matrix(), []
         for _ in range(splits):
-            half = np.zeros(len(names), bool)
-            half[rng.permutation(len(names))[: len(names) // 2]] = True
-            rows.append(table(self._split(matrix[half].sum(0)), self._split(matrix[~half].sum(0))))
+            order = rng.permutation(len(names))
+            reached = np.cumsum(held[order])
+            first = min(int(np.searchsorted(reached, wanted)) + 1, len(names) - 1)
+            second = int(np.searchsorted(reached, reached[first - 1] + wanted)) + 1
+            sides = order[:first], order[first : max(second, first + 1)]
+            rows.append(table(*(self._split(matrix[side].sum(0)) for side in sides)))
         found = {}
         for name in rows[0]:
             column = np.array([row[name] for row in rows])
@@ -137,6 +148,12 @@ class Tally:
 def group_of(index: int) -> str:
     """The group that scene ``index`` of unknown location is dealt to."""
     return f"group {index % GROUPS}"
+
+
+def _scene_counts(sums: Sums) -> Iterator[float]:
+    """Numbers of scenes that sums of either mode hold; 1 a cluster where they are not counted."""
+    yield from (float(value[0]) for name, value in sums.items() if name.rpartition("/")[2] == "scenes")
+    yield 1.0
 
 
 def _is_distance(name: str) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.evaluate.sources import tile_scene
 from scjax.scene import AgentType, Link, Scene, empty, validate
 
 CAR = (4.0, 2.0, 1.5)
@@ -79,24 +80,4 @@ def eval_tiles(folder: Path, name: str, *, variant: str = "main", only: list[int
     """Tiles of tiles_<name>.npz as scenes, their agents in the given variant (main or all)."""
     table = eval_table(folder, name)
     every = range(len(table["lane_offsets"]) - 1)
-    return [_tile(table, tile, f"agent_{variant}") for tile in (every if only is None else only)]
-
-
-def _tile(table: dict[str, np.ndarray], tile: int, variant: str) -> Scene:
-    rows, lanes, edges = (np.arange(*table[f"{kind}_offsets"][tile : tile + 2]) for kind in ("agent", "lane", "edge"))
-    rows = rows[table[variant][rows]]
-    points = np.concatenate([table["lanes_xy"][lanes], table["lanes_z"][lanes][..., None]], -1)
-    made = empty(len(rows), len(lanes))
-    before, after = table["edges"][edges].T.astype(int)
-    made.links[after, before] = Link.SUCCESSOR
-    made.links[before, after] = Link.PREDECESSOR
-    np.fill_diagonal(made.links, Link.SELF)
-    return made.replace(
-        agents=np.nan_to_num(table["agents"][rows], nan=1.5),
-        agent_types=table["agent_type"][rows].astype(np.int32),
-        agent_mask=np.ones(len(rows), bool),
-        agent_known=~np.isnan(table["agents"][rows]),
-        lanes=np.nan_to_num(points),
-        lane_mask=np.ones(len(lanes), bool),
-        lane_known=~np.isnan(points).any(1),
-    )
+    return [tile_scene(table, tile, variant) for tile in (every if only is None else only)]

@@ -1,0 +1,62 @@
+"""What an evaluation compares: python -m experiments.evaluate --config=experiments/configs/evaluate.py:<variant>
+
+standard: a model beside floor and baselines (--config.model=runs/denoiser/model --config.reference=records:R#val
+--config.bank=records:R#train). baselines: the rows that need no model. placement: traffic on given lanes. The paper's
+tables: controllability, mechanisms, collisions (L_col x f_count), generalisation; their rows are scenes that were made
+before (npz:) or models, one row each.
+"""
+
+from __future__ import annotations
+
+import ml_collections
+
+_RETRIEVAL = ("chance", "count-matched", "nearest caption", "nearest caption + counts")
+_LADDER = ("other scene, same counts", "C1", "C2", "C3", "copy")
+
+VARIANTS: dict[str, tuple[str, ...]] = {
+    "standard": ("samples=model:MODEL#counts", "decoded=model:MODEL#decoded", *_RETRIEVAL, *_LADDER),
+    "baselines": (*_RETRIEVAL, *_LADDER),
+    "placement": (
+        "on real lanes=model:MODEL#lanes", "own lanes=model:MODEL#counts", "random on lanes", "count-matched", "copy",
+    ),
+    "controllability": (
+        "unconditional, true counts=model:MODEL#counts", "prompt=npz:PROMPT", "image=npz:IMAGE", *_RETRIEVAL,
+        "other scene, same counts", "copy",
+    ),
+    "mechanisms": (
+        "cross-global=npz:CROSS_GLOBAL", "windowed=npz:WINDOWED", "global only=npz:GLOBAL", "concatenation=npz:CONCAT",
+        "count-matched", "copy",
+    ),
+    "collisions": (
+        "neither=npz:NEITHER", "L_col=npz:L_COL", "f_count=npz:F_COUNT", "both=npz:BOTH", "count-matched", "copy",
+    ),
+    "generalisation": ("prompt=npz:PROMPT", "unconditional, true counts=model:MODEL#counts", *_RETRIEVAL, "copy"),
+}  # fmt: skip
+
+
+def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of evaluate.py: choose one of {', '.join(VARIANTS)}")
+    config = ml_collections.ConfigDict()
+    config.title = variant.capitalize()
+    config.reference = "records:runs/records#val"  # scenes that rows answer; records:, tiles: or npz:
+    config.bank = "records:runs/records#train"  # training scenes, for retrieval, floor and novelty; "" for none
+    config.model = ""  # folder that MODEL in a row stands for
+    config.scenes = ("",)  # NAME=FOLDER: what other capitals in a row stand for, as PROMPT=runs/prompt
+    config.rows = VARIANTS[variant]  # see experiments/evaluate/rows.py
+    config.more = ("",)  # rows besides
+    config.samples = 0  # scenes of a row; 0: as many as there are references
+    config.seed = 0
+    config.steps = 0  # diffusion steps; 0: all of training
+    config.guidance = 0.0  # 0: the model's own
+    config.consensus = 1  # samples of a condition, for AP_consensus and diversity
+    config.wedge = 0.0  # degrees to either side of the camera that agents are compared in; 0: everywhere
+    config.facts = True  # compare the facts of captions
+    config.novelty = 0 if variant == "baselines" else 150  # scenes of a row whose nearest training scene is sought
+    config.compat = True  # the tables as the reference code counts, too
+    config.prompt_gain = ("",)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
+    config.draws = 300  # of the bootstrap
+    config.workers = 2  # processes that measure; 0: this one
+    config.shard = (0, 1)  # (i, n): measure every n-th part from the i-th on, in n calls on one folder
+    return config

@@ -1,0 +1,134 @@
+"""Scenes that a model makes for references, part by part into npz files; a run that was stopped goes on there."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from experiments.evaluate.sources import BUCKET, Npz, Source, digest
+from scjax.condition import Condition
+from scjax.data.pipeline import clip_counts
+from scjax.model import Model
+from scjax.sampling import reconstruct, sample_many
+from scjax.scene import Scene, empty, stack
+from scjax.scene_io import save_npz
+
+PART = 250  # scenes a file
+
+Ask = Callable[[Scene, int], Condition]
+"""(reference, its row) -> what is asked of the model."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling:
+    """How scenes are drawn: seed, diffusion steps (None: all of training) and guidance weight (None: the model's)."""
+
+    seed: int = 0
+    steps: int | None = None
+    guidance: float | None = None
+
+
+class Made(Npz):
+    """npz files of a model's scenes, each at the location of its reference.
+
+    Attributes:
+      decoded_by: folder of the model whose autoencoder made them of their references; "" where they were drawn.
+    """
+
+    def __init__(self, folder: Path, clusters: Sequence[str], decoded_by: str = ""):
+        super().__init__(str(folder))
+        self.decoded_by = decoded_by
+        if len(clusters) != len(self.clusters):
+            raise ValueError(f"{folder} holds {len(self.clusters)} scenes instead of {len(clusters)}: delete it")
+        self.clusters = list(clusters)
+
+
+def sampled(
+    model: Model, folder: Path, reference: Source, rows: Sequence[int], ask: Ask, how: Sampling, title: str
+) -> Made:
+    """One sample for every row of the reference, in files of ``folder``."""
+    key = jax.random.key(how.seed)
+
+    def make(part: Sequence[int], number: int) -> list[Scene]:
+        conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
+        part_key = jax.random.fold_in(key, number)
+        return sample_many(part_key, conditions, model=model, steps=how.steps, guidance=how.guidance)
+
+    name = digest("sampled", weights_hash(model), reference.fingerprint, _text(rows), title, str(how))
+    return _in_files(folder, name, rows, reference, make, title)
+
+
+def decoded(model: Model, folder: Path, reference: Source, rows: Sequence[int], title: str) -> Made:
+    """The autoencoder's reconstruction of every row of the reference, from its posterior mean."""
+
+    def make(part: Sequence[int], number: int) -> list[Scene]:
+        scenes = [clip_counts(model.representation.select(scene), BUCKET) for scene in reference.read(part)]
+        return reconstruct(model, scenes)
+
+    name = digest("decoded", weights_hash(model), reference.fingerprint, _text(rows))
+    return _in_files(folder, name, rows, reference, make, title)
+
+
+def counts_of(model: Model, scene: Scene, domain: str | None) -> Condition:
+    """A request for the numbers of lanes and agents of a scene, and its data set where the model knows that."""
+    return Condition(
+        num_lanes=max(len(scene.lane_mask), 1),
+        num_agents=max(len(scene.agent_mask), 1),
+        domain=domain if domain in model.domains else None,
+    )
+
+
+def lanes_of(model: Model, scene: Scene, domain: str | None) -> Condition:
+    """A request for traffic on a scene's own lanes, at its number of agents."""
+    bare = empty(0, 0)
+    agents = ("agents", "agent_types", "agent_mask", "agent_known")
+    known = model.representation.select(scene).replace(**{name: getattr(bare, name) for name in agents})
+    return dataclasses.replace(counts_of(model, scene, domain), num_lanes=len(known.lane_mask) or 1, known=known)
+
+
+def weights_hash(model: Model) -> str:
+    """Of all parameters: states which checkpoint made a table."""
+    found = hashlib.sha256()
+    for leaf in jax.tree.leaves((model.autoencoder, model.denoiser)):
+        found.update(np.ascontiguousarray(leaf).tobytes())
+    return found.hexdigest()[:16]
+
+
+def _in_files(
+    folder: Path, name: str, rows: Sequence[int], reference: Source,
+    make: Callable[[Sequence[int], int], list[Scene]], title: str,
+) -> Made:  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    marker = folder / "made.json"
+    if not marker.exists() or json.loads(marker.read_text()).get("of") != name:
+        for old in folder.glob("part-*.npz"):  # of another model, or other references
+            old.unlink()
+        _write(marker, json.dumps({"of": name, "scenes": len(rows)}))
+    pause = 0.5 if sys.stderr.isatty() else 30.0
+    with tqdm(total=len(rows), desc=title, unit="scene", mininterval=pause) as bar:
+        for number, start in enumerate(range(0, len(rows), PART)):
+            part, path = rows[start : start + PART], folder / f"part-{number:05d}.npz"
+            if not path.exists():
+                save_npz(stack(make(part, number)), path)
+            bar.update(len(part))
+    every = reference.clusters
+    return Made(folder, [every[int(row)] for row in rows])
+
+
+def _text(rows: Sequence[int]) -> str:
+    return np.asarray(rows, int).tobytes().hex()
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary.write_text(text)
+    temporary.replace(path)
