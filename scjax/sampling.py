@@ -84,7 +84,7 @@ def sample_many(
     )
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
-        groups.setdefault(_bucket(*request.counts), []).append(i)
+        groups.setdefault(bucket_of(*request.counts), []).append(i)
     results: dict[int, Scene] = {}
     for bucket, members in groups.items():
         size = 1 if len(requests) == 1 else GROUP
@@ -115,7 +115,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     chosen = [scene.to_numpy() for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
     for i, scene in enumerate(chosen):
-        groups.setdefault(_bucket(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(i)
+        groups.setdefault(bucket_of(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(i)
     for bucket, members in groups.items():
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
@@ -294,7 +294,8 @@ def decode(
     )  # fmt: skip
 
 
-def _bucket(agents: int, lanes: int) -> tuple[int, int]:
+def bucket_of(agents: int, lanes: int) -> tuple[int, int]:
+    """The least padded shape that holds so many; few shapes mean few compilations."""
     for bucket in BUCKETS:
         if agents <= bucket[0] and lanes <= bucket[1]:
             return bucket

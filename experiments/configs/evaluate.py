@@ -14,24 +14,52 @@ _RETRIEVAL = ("chance", "count-matched", "nearest caption", "nearest caption + c
 _LADDER = ("other scene, same counts", "C1", "C2", "C3", "copy")
 
 VARIANTS: dict[str, tuple[str, ...]] = {
-    "standard": ("samples=model:MODEL#counts", "decoded=model:MODEL#decoded", *_RETRIEVAL, *_LADDER),
+    "standard": (
+        "samples=model:MODEL#counts",
+        "drawn=model:MODEL#drawn",
+        "decoded=model:MODEL#decoded",
+        *_RETRIEVAL,
+        *_LADDER,
+    ),
     "baselines": (*_RETRIEVAL, *_LADDER),
     "placement": (
-        "on real lanes=model:MODEL#lanes", "own lanes=model:MODEL#counts", "random on lanes", "count-matched", "copy",
+        "on real lanes=model:MODEL#lanes",
+        "own lanes=model:MODEL#counts",
+        "random on lanes",
+        "count-matched",
+        "copy",
     ),
     "controllability": (
-        "unconditional, true counts=model:MODEL#counts", "prompt=npz:PROMPT", "image=npz:IMAGE", *_RETRIEVAL,
-        "other scene, same counts", "copy",
+        "unconditional, true counts=model:MODEL#counts",
+        "prompt=npz:PROMPT?inorder",
+        "image=npz:IMAGE?inorder",
+        *_RETRIEVAL,
+        "other scene, same counts",
+        "copy",
     ),
     "mechanisms": (
-        "cross-global=npz:CROSS_GLOBAL", "windowed=npz:WINDOWED", "global only=npz:GLOBAL", "concatenation=npz:CONCAT",
-        "count-matched", "copy",
+        "cross-global=npz:CROSS_GLOBAL?inorder",
+        "windowed=npz:WINDOWED?inorder",
+        "global only=npz:GLOBAL?inorder",
+        "concatenation=npz:CONCAT?inorder",
+        "count-matched",
+        "copy",
     ),
     "collisions": (
-        "neither=npz:NEITHER", "L_col=npz:L_COL", "f_count=npz:F_COUNT", "both=npz:BOTH", "count-matched", "copy",
+        "neither=npz:NEITHER?inorder",
+        "L_col=npz:L_COL?inorder",
+        "f_count=npz:F_COUNT?inorder",
+        "both=npz:BOTH?inorder",
+        "count-matched",
+        "copy",
     ),
-    "generalisation": ("prompt=npz:PROMPT", "unconditional, true counts=model:MODEL#counts", *_RETRIEVAL, "copy"),
-}  # fmt: skip
+    "generalisation": (
+        "prompt=npz:PROMPT?inorder",
+        "unconditional, true counts=model:MODEL#counts",
+        *_RETRIEVAL,
+        "copy",
+    ),
+}
 
 
 def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
@@ -54,6 +82,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.wedge = 0.0  # degrees to either side of the camera that agents are compared in; 0: everywhere
     config.facts = True  # compare the facts of captions
     config.novelty = 0 if variant == "baselines" else 150  # scenes of a row whose nearest training scene is sought
+    config.latent = ""  # folder of a model whose autoencoder judges, too; MODEL for that of --config.model
     config.compat = True  # the tables as the reference code counts, too
     config.prompt_gain = ("",)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
     config.draws = 300  # of the bootstrap

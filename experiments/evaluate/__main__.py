@@ -8,6 +8,7 @@ same command goes on where it was stopped. Variants and fields: experiments/conf
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from absl import app, flags, logging
 from ml_collections import config_flags
 
 from experiments.evaluate import page, pictures, tables
+from experiments.evaluate.latent import latent_section
 from experiments.evaluate.made import Sampling, weights_hash
 from experiments.evaluate.novelty import diversity_section, novelty_section, of_interest
 from experiments.evaluate.population import Population, measured
@@ -30,7 +32,7 @@ _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and varia
 _WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the evaluation: made scenes, measured parts, the report.")
 flags.mark_flags_as_required(["config", "workdir"])
 
-SHOWN = 4  # rows whose distributions are drawn
+SHOWN = 4  # rows that are drawn beside each other
 
 
 def main(_) -> None:
@@ -93,6 +95,9 @@ def evaluate(config, workdir: Path) -> Path | None:
         sections.append(novelty_section(chosen, bank, config.novelty))
     sections.append(diversity_section(list(rows.values()), config.novelty or len(real)))
     sections.append(reconstruction_section(rows, builder.models))
+    if config.latent:
+        judge = builder.model(config.latent if config.latent != "MODEL" else config.model)
+        sections.append(latent_section(rows, reference, bank, judge, seed=config.seed, draws=min(config.draws, 200)))
     shown = [section for section in sections if section is not None and section.rows]
 
     # --- the report
@@ -102,6 +107,7 @@ def evaluate(config, workdir: Path) -> Path | None:
         "bank": f"{config.bank}: {len(bank.clusters)} scenes, {bank.fingerprint}" if bank is not None else "none",
         "models": "; ".join(f"{folder}: {weights_hash(model)}" for folder, model in builder.models.items()) or "none",
         "rows": f"{builder.count} scenes each unless stated; seed {config.seed}",
+        "code": _commit(),
         "took": f"{time.perf_counter() - begin:.0f} s in this call",
     }
     page.write(workdir, config.title, facts, shown, draw(workdir, real, ours, rows))
@@ -153,12 +159,30 @@ def draw(
     folder.mkdir(exist_ok=True)
     drawn = {"Distributions of vehicles": folder / "distributions.png"}
     pictures.distributions(real, {name: ours[name] for name in list(ours)[:SHOWN]}, drawn["Distributions of vehicles"])
+    answering = [one for one in rows.values() if one.references is not None][:SHOWN]
+    if answering:
+        drawn["Side by side"] = folder / "side-by-side.png"
+        pictures.side_by_side(answering, drawn["Side by side"])
     name = next(iter(rows))
     for value in pictures.BETTER:
         path = folder / f"gallery-{value}.png"
         if pictures.gallery(rows[name], ours[name], value, path):
             drawn[f"{name}: best, median and worst by {value.replace('_', ' ')}"] = path
     return drawn
+
+
+def _commit() -> str:
+    """What the numbers were made with."""
+    root = Path(__file__).resolve().parents[2]
+    try:
+        texts = [
+            subprocess.run(["git", *command], cwd=root, capture_output=True, text=True, check=True).stdout.strip()
+            for command in (("rev-parse", "HEAD"), ("status", "--porcelain"))
+        ]
+    except (OSError, subprocess.CalledProcessError):
+        return "outside a git checkout"
+    changed = len(texts[1].splitlines())
+    return texts[0] + (f", {changed} files changed since" if changed else "")
 
 
 if __name__ == "__main__":

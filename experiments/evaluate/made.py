@@ -87,6 +87,11 @@ def counts_of(model: Model, scene: Scene, domain: str | None) -> Condition:
     )
 
 
+def nothing_of(model: Model, scene: Scene, domain: str | None) -> Condition:
+    """A request for anything: counts and data set are drawn from the training data's."""
+    return Condition()
+
+
 def lanes_of(model: Model, scene: Scene, domain: str | None) -> Condition:
     """A request for traffic on a scene's own lanes, at its number of agents."""
     bare = empty(0, 0)

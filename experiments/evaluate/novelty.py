@@ -9,12 +9,14 @@ import numpy as np
 from tqdm import tqdm
 
 from experiments.evaluate.population import Population
-from experiments.evaluate.sources import EvaluationTiles, Npz, Records, Source
+from experiments.evaluate.sources import EvaluationTiles, Npz, Records, Source, digest
 from experiments.evaluate.tables import Number, Row, Section
+from scjax.data.pipeline import PipelineConfig
 from scjax.metrics import placement
 from scjax.metrics.novelty import Nearest, lane_distance, nearest_tiles
 from scjax.metrics.placement import match_rate
 from scjax.metrics.pooling import Ratios, intervals, pool
+from scjax.scene import Scene
 
 _COPIED = 0.5  # F1 of the match with the nearest tile's agents from which a scene repeats that tile
 _KEPT = ("lane_distance_m", "M", "P", "copied")
@@ -32,8 +34,32 @@ DIVERSITY_NOTE = (
 )
 
 
+class Moved:
+    """Training scenes at random, moved as training moves them: what a model that only memorises would make."""
+
+    ego = True
+
+    def __init__(self, records: Records, count: int, seed: int = 0):
+        number = len(records.clusters)
+        self.records, self.seed = records, seed
+        self.rows = np.random.default_rng(seed).permutation(number)[:count].tolist()
+        self.clusters = [records.clusters[row] for row in self.rows]
+        self.fingerprint = digest("moved", records.fingerprint, str(seed), str(count))
+
+    def read(self, rows: Sequence[int]) -> list[Scene]:
+        made, jitter = [], PipelineConfig()
+        for row in rows:
+            rng = np.random.default_rng([self.seed, int(row)])
+            dx, dy = rng.uniform(-1, 1, 2) * jitter.jitter_position
+            turn = float(np.deg2rad(rng.uniform(-1, 1) * jitter.jitter_heading))
+            made.append(self.records.read_moved(self.rows[int(row)], float(dx), float(dy), turn))
+        return made
+
+
 def novelty_section(populations: Sequence[Population], bank: Source, most: int) -> Section:
-    """Of at most ``most`` scenes of every population, spread over it."""
+    """Of at most ``most`` scenes of every population, spread over it, and of training scenes that were only moved."""
+    if isinstance(bank, Records):
+        populations = [*populations, Population("training scenes, moved", Moved(bank, most))]
     tiles = bank.read(range(len(bank.clusters)))
     rows = {}
     for population in populations:

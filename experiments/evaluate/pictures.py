@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,17 @@ from scjax.metrics.measured import Measured
 BETTER = {"M": 1, "joint_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
 """Values of single scenes that galleries are sorted by, and whether more (1) or less (-1) is better."""
 
+SPREAD = 12  # references in a picture side by side
 EACH = 4  # scenes of each kind in a gallery
 
 
 def distributions(real: Measured, measured: Mapping[str, Measured], path: Path) -> None:
     """Histograms of the vehicles' quantities, real filled, populations as lines."""
-    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 3, figsize=(13, 6.5), constrained_layout=True)
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    axes = figure.subplots(2, 3)
     for axis, (name, quantity) in zip(axes.flat, VEHICLE.items(), strict=True):
         for label, one in {"real": real, **measured}.items():
             counts = one.tally.total.get(f"strict/{name}", np.zeros(0))
@@ -38,8 +38,25 @@ def distributions(real: Measured, measured: Mapping[str, Measured], path: Path) 
         axis.set_title(name.replace("_", " "))
         axis.spines[["top", "right"]].set_visible(False)
     axes.flat[0].legend(frameon=False, fontsize=8)
-    figure.savefig(path, dpi=90)
-    pyplot.close(figure)
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def side_by_side(populations: Sequence[Population], path: Path) -> None:
+    """References spread over the first population, and what every population that answers them has: unsorted."""
+    from scjax.viz import grid
+
+    first, *_ = populations
+    rows = sorted({round(row) for row in np.linspace(0, len(first) - 1, min(len(first), SPREAD))})
+    scenes, titles = [], []
+    for row in rows:
+        assert first.references is not None
+        scenes += first.references.read([int(first.rows[row])])
+        titles.append(f"reference {int(first.rows[row])}")
+        for population in populations:
+            scenes += population.source.read([row])
+            titles.append(population.name)
+    columns = 1 + len(populations)
+    grid(scenes, columns=columns * (2 if columns < 5 else 1), titles=titles, path=path)
 
 
 def gallery(population: Population, measured: Measured, value: str, path: Path) -> bool:

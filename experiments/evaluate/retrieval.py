@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from experiments.evaluate.sources import Source
 from scjax.data.captions.facts import parse
-from scjax.data.captions.text import write
+from scjax.data.captions.text import STYLES, write
 
 DRAWN_FROM = 5  # scenes of the nearest counts, of which "other scene, same counts" is drawn
 _CANDIDATES = 50  # scenes of the nearest counts, among which the caption decides
@@ -29,9 +29,9 @@ class Index:
     """What retrieval knows of the scenes of a source.
 
     Attributes:
-      counts: lanes and agents of each.
+      counts: lanes and agents of each, the ego left out.
       clusters: location of each.
-      captions: rule caption of each, with every fact that the rules find; empty where not asked for.
+      captions: rule captions of each, in all styles with every fact; empty where not asked for.
     """
 
     counts: Int[np.ndarray, "scenes 2"]
@@ -44,9 +44,10 @@ class Index:
         counts, texts = [], []
         for row in tqdm(range(len(source.clusters)), title, unit="scene", mininterval=1.0):
             (scene,) = source.read([row])
-            counts.append((len(scene.lane_mask), len(scene.agent_mask)))
+            counts.append((len(scene.lane_mask), len(scene.agent_mask) - source.ego))
             if captions:
-                texts.append(write(parse(scene), 0, "long", drop=0.0))
+                facts = parse(scene)
+                texts.append(" ".join(write(facts, 0, style, drop=0.0) for style in STYLES))
         return cls(np.array(counts, int).reshape(-1, 2), np.array(source.clusters, str), texts)
 
 

@@ -16,13 +16,15 @@ import numpy as np
 
 from experiments.evaluate.corruption import LADDER, Corrupted
 from experiments.evaluate.lane_aligned import LaneAligned
-from experiments.evaluate.made import Ask, Sampling, counts_of, decoded, lanes_of, sampled
+from experiments.evaluate.made import Ask, Sampling, counts_of, decoded, lanes_of, nothing_of, sampled
 from experiments.evaluate.population import Population
 from experiments.evaluate.retrieval import RULES, Index, retrieve
 from experiments.evaluate.sources import Chosen, Source, open_source
 from scjax.model import Model, load
 
-ASKED = ("counts", "lanes", "decoded")
+ASKED = {"counts": counts_of, "lanes": lanes_of, "drawn": nothing_of}
+DECODED = "decoded"
+IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
 
@@ -65,8 +67,7 @@ class Rows:
             raise ValueError(f"row {text!r}: write NAME=SOURCE, or one of the baselines {', '.join(BASELINES)}")
         sources = [self._source(name, spec, draw) for draw in range(self._draws(name, spec))]
         first, *siblings = (source for source in sources if source is not None)
-        aligned = len(first.clusters) == self.count and (not equals or "?" in spec or spec.startswith("model:"))
-        if not aligned:
+        if spec and "?" not in spec and (not spec.startswith("model:") or spec.endswith("#drawn")):
             return Population(name, first)
         return Population(name, first, self.reference, self.rows, tuple(siblings), wedge=self.wedge, facts=self.facts)
 
@@ -77,7 +78,9 @@ class Rows:
         return self.models[folder]
 
     def _draws(self, name: str, spec: str) -> int:
-        random = name in RULES if not spec else "?" in spec or (spec.startswith("model:") and "#decoded" not in spec)
+        if spec.startswith("model:"):
+            return 1 if spec.endswith(("#decoded", "#drawn")) else self.consensus
+        random = spec.partition("?")[2] in RULES if spec else name in RULES
         return self.consensus if random else 1
 
     def _source(self, name: str, spec: str, draw: int) -> Source:
@@ -87,7 +90,11 @@ class Rows:
         if spec:
             place, _, rule = spec.partition("?")
             source = open_source(place)
-            return self._retrieved(source, rule, seed) if rule else source
+            if rule == IN_ORDER and len(source.clusters) != self.count:
+                raise ValueError(
+                    f"row {name!r}: {len(source.clusters)} scenes but {self.count} references: {IN_ORDER} pairs them"
+                )
+            return source if rule in ("", IN_ORDER) else self._retrieved(source, rule, seed)
         if name == "copy":
             return Chosen(self.reference, self.rows)
         if self.bank is None:
@@ -124,14 +131,14 @@ class Rows:
 
     def _made(self, name: str, spec: str, draw: int) -> Source:
         folder, _, asked = spec.removeprefix("model:").partition("#")
-        if asked not in ASKED:
-            raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join(ASKED)}")
+        if asked not in (*ASKED, DECODED):
+            raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
         model, place = self.model(folder), self.folder / _file_name(name, draw)
-        if asked == "decoded":
+        if asked == DECODED:
             made = decoded(model, place, self.reference, self.rows, name)
             made.decoded_by = folder
             return made
-        ask = self._ask(model, {"counts": counts_of, "lanes": lanes_of}[asked])
+        ask = self._ask(model, ASKED[asked])
         how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw)
         return sampled(model, place, self.reference, self.rows, ask, how, f"{name} ({asked})")
 

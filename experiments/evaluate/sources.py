@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from scjax.metrics.tally import group_of
-from scjax.scene import Link, Scene, empty, unpadded
+from scjax.scene import Layout, Link, Scene, empty, unpadded
 from scjax.scene_io import load_npz
 
 BUCKET = (61, 100)  # agents and lanes of a scene at most; crops hold the nearest first
@@ -78,10 +78,15 @@ class Records:
         return [f"{one.domain}/{one.cluster}" for one in map(records.decode, self._data)]
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
+        return [self.read_moved(int(row)) for row in rows]
+
+    def read_moved(self, row: int, dx: float = 0.0, dy: float = 0.0, turn: float = 0.0) -> Scene:
+        """One scene from a pose moved by dx, dy [m] and turn [rad]."""
         from scjax.data import records
         from scjax.data.pipeline import clip_counts
 
-        return [clip_counts(records.sample_scene(records.decode(self._data[int(k)])), BUCKET) for k in rows]
+        record = records.decode(self._data[row])
+        return clip_counts(records.sample_scene(record, Layout.CENTRED, dx, dy, turn), BUCKET)
 
     def __getstate__(self):
         return {name: value for name, value in vars(self).items() if name != "_data"}  # open files stay here

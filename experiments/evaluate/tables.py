@@ -11,6 +11,7 @@ import numpy as np
 from experiments.evaluate.notes import NOTES
 from scjax.metrics.control import ControlFrame
 from scjax.metrics.counts import count_errors
+from scjax.metrics.descriptors import Descriptor
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import (
     also_values,
@@ -90,8 +91,9 @@ def match_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Se
     """Agents against those of the reference; populations without references are left out."""
 
     def table(sums: Sums, _: Sums) -> Values:
-        found = match_values(sums)
-        return found | {"M any class": match_values(sums, agnostic=True)["M"]}
+        vehicles = match_values(sums, "match_vehicles")
+        found = match_values(sums) | {f"{name} vehicles": vehicles[name] for name in ("M", "P", "PxR")}
+        return found | {"M any class": match_values(sums, "match_any_class")["M"]}
 
     rows = {}
     for name, one in _paired(measured).items():
@@ -115,7 +117,7 @@ def control_section(
         if not chosen:
             continue
         if chosen not in frames:
-            raw = dataclasses.replace(real).descriptors.__class__(*(x[list(chosen)] for x in real.descriptors))
+            raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
             places = [real.clusters[row] for row in chosen]
             rng = np.random.default_rng(seed)
             try:

@@ -22,9 +22,16 @@ from scjax.metrics.pooling import Ratios, Values, ratio, singles
 from scjax.metrics.realism import overlapping_pairs, scene_realism
 from scjax.metrics.tally import Tally
 from scjax.metrics.topology import Mode
-from scjax.scene import Scene
+from scjax.scene import AgentType, Scene
 
 MODES: tuple[Mode, ...] = ("strict", "compat")
+MATCHES: dict[str, dict[str, Any]] = {
+    "match": {},
+    "match_any_class": {"agnostic": True},
+    "match_vehicles": {"types": (AgentType.VEHICLE,)},
+}
+"""Which agents are matched with which: options of ``placement.match``."""
+
 _OVERLAPS = (0.01, 0.1)  # intersection over union
 
 
@@ -88,10 +95,10 @@ def scene_values(sums: Sums) -> Values:
     return {name: ratio(*map(float, pair)) for name, pair in _named(sums, "scene/").items()}
 
 
-def match_values(sums: Sums, *, agnostic: bool = False) -> Values:
-    """M, P, PxR and their parts (``placement.summarise``); ``agnostic``: whether classes may differ."""
-    prefix = "match_any_class/" if agnostic else "match/"
-    return summarise({name: (float(pair[0]), float(pair[1])) for name, pair in _named(sums, prefix).items()})
+def match_values(sums: Sums, kind: str = "match") -> Values:
+    """M, P, PxR and their parts (``placement.summarise``) of one of the kinds of ``MATCHES``."""
+    pairs = _named(sums, f"{kind}/").items()
+    return summarise({name: (float(pair[0]), float(pair[1])) for name, pair in pairs})
 
 
 def also_values(sums: Sums) -> Values:
@@ -134,9 +141,9 @@ def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None)
     union = np.maximum(size[pairs].sum(1) - area, 1e-9)
     ratios |= {f"scenes_overlap_iou_{least:g}": (float((area / union > least).any()), 1.0) for least in _OVERLAPS}
     if reference is not None:
-        for prefix, agnostic in (("match", False), ("match_any_class", True)):
-            matched = match(reference, scene, generated_ego=ego, where=where, agnostic=agnostic)
-            sums |= {f"{prefix}/{name}": np.array(pair) for name, pair in matched.items()}
+        for kind, options in MATCHES.items():
+            matched = match(reference, scene, generated_ego=ego, where=where, **options)
+            sums |= {f"{kind}/{name}": np.array(pair) for name, pair in matched.items()}
     return sums | {f"scene/{name}": np.array(pair) for name, pair in ratios.items()}
 
 

@@ -154,7 +154,10 @@ def test_a_report_of_baselines(worlds, tmp_path):
     copies = tmp_path / "copies"
     copies.mkdir()
     save_npz(stack(SCENES), copies / "all.npz")
-    asked = config(worlds, consensus=3, novelty=5, more=(f"again=npz:{copies}", f"matched=npz:{copies}?count-matched"))
+    asked = config(
+        worlds, consensus=3, novelty=5,
+        more=(f"again=npz:{copies}", f"matched=npz:{copies}?count-matched", f"paired=npz:{copies}?inorder"),
+    )  # fmt: skip
     assert program.evaluate(asked, tmp_path / "out") == tmp_path / "out" / "report.html"
     tables = report(tmp_path / "out")["tables"]
     copy, rungs = tables["Control"]["rows"]["copy"]["numbers"], ("other scene, same counts", "C1", "C2", "C3", "copy")
@@ -163,6 +166,7 @@ def test_a_report_of_baselines(worlds, tmp_path):
     assert ladder == sorted(ladder) and ladder[-1] == pytest.approx(1)
     match = tables["Placement of agents"]["rows"]
     assert match["copy"]["numbers"]["M"]["value"] == 1 and "again" not in match and "matched" in match
+    assert match["paired"]["numbers"]["M"]["value"] == match["paired"]["numbers"]["M vehicles"]["value"] == 1
     assert "AP_consensus nuscenes" in match["chance"]["numbers"]
     faults = tables["Faults of single scenes"]["rows"]
     assert faults["again"]["numbers"] == faults["real"]["numbers"]
@@ -174,7 +178,7 @@ def test_a_report_of_baselines(worlds, tmp_path):
     assert tables["Numbers of lanes and agents"]["rows"]["copy"]["numbers"]["agents mae"]["value"] == 0
     assert tables["Novelty"]["rows"]["again"]["numbers"]["copied"]["value"] == 1
     text = (tmp_path / "out" / "report.html").read_text()
-    assert text.count("data:image/png;base64,") == 5 and "<script" not in text and ">nan" not in text
+    assert text.count("data:image/png;base64,") == 6 and "<script" not in text and ">nan" not in text
     lines = (tmp_path / "out" / "report.csv").read_text().splitlines()
     assert lines[0].startswith("table,row,metric,value") and len(lines) > 200
 
@@ -187,7 +191,7 @@ def stand_in(monkeypatch):
     def sample_many(key, conditions, *, model, steps, guidance):
         asked.extend(conditions)
         return [
-            scene([agent(6.0 * k, 0, 0, 5) for k in range(one.num_agents)], [lane((-30, 0), (30, 0))])
+            scene([agent(6.0 * k, 0, 0, 5) for k in range(one.num_agents or 2)], [lane((-30, 0), (30, 0))])
             for one in conditions
         ]
 
@@ -201,7 +205,7 @@ def stand_in(monkeypatch):
 def test_a_report_of_a_model(worlds, tmp_path, stand_in):
     asked = config(worlds, "standard", model="m", samples=20, novelty=4, compat=False)
     program.evaluate(asked, tmp_path / "out")
-    assert len(stand_in) == 20
+    assert len(stand_in) == 40 and sum(one.num_agents is None for one in stand_in) == 20
     tables = report(tmp_path / "out")["tables"]
     assert tables["Reconstruction"]["rows"]["decoded"]["numbers"]["lane_point_m"]["value"] == 0
     assert tables["Reconstruction"]["rows"]["decoded"]["scenes"] == 16
@@ -209,10 +213,10 @@ def test_a_report_of_a_model(worlds, tmp_path, stand_in):
     assert tables["Placement of agents"]["rows"]["samples"]["scenes"] == 20
     assert "m: " in report(tmp_path / "out")["facts"]["models"]
     program.evaluate(asked, tmp_path / "out")
-    assert len(stand_in) == 20  # made once
+    assert len(stand_in) == 40  # made once
     asked.seed = 1
     program.evaluate(asked, tmp_path / "out")
-    assert len(stand_in) == 40
+    assert len(stand_in) == 80
 
 
 def test_traffic_on_given_lanes(worlds, tmp_path, stand_in):
@@ -239,7 +243,8 @@ def test_what_a_condition_adds(worlds, tmp_path):
         ({"rows": ("luck",)}, "row 'luck': write NAME=SOURCE, or one of the baselines"),
         ({"rows": ("prompt=npz:PROMPT",)}, "PROMPT stands for no folder: give --config.scenes"),
         ({"rows": ("made=model:MODEL#counts",)}, "MODEL stands for no folder: give --config.model"),
-        ({"rows": ("made=model:m#luck",)}, "write what is asked behind the #: counts, lanes, decoded"),
+        ({"rows": ("made=model:m#luck",)}, "write what is asked behind the #: counts, lanes, drawn, decoded"),
+        ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
         ({"rows": ("copy",), "prompt_gain": ("copy",)}, "prompt_gain 'copy': write two rows"),
         ({"rows": ()}, "there is nothing to compare"),
@@ -247,7 +252,7 @@ def test_what_a_condition_adds(worlds, tmp_path):
 )
 def test_mistakes_are_named(worlds, tmp_path, fields, says, stand_in):
     with pytest.raises(ValueError, match=says):
-        program.evaluate(config(worlds, **fields), tmp_path / "out")
+        program.evaluate(config(worlds, scenes=(f"HERE={worlds}",), **fields), tmp_path / "out")
 
 
 def test_scenes_without_lanes_or_company_are_counted(tmp_path):
