@@ -79,7 +79,9 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.steps = 0  # diffusion steps; 0: all of training
     config.guidance = 0.0  # 0: the model's own
     config.consensus = 1  # samples of a condition, for AP_consensus and diversity
-    config.wedge = 0.0  # degrees to either side of the camera that agents are compared in; 0: everywhere
+    # Degrees to either side of a camera, and metres that it is ahead of the ego's centre, in whose view agents are
+    # compared: (50.0, 0.0) as in the paper's loss, or a camera's own (scjax.metrics.placement.camera); 0: everywhere.
+    config.wedge = (0.0, 0.0)
     config.facts = True  # compare the facts of captions
     config.novelty = 0 if variant == "baselines" else 150  # scenes of a row whose nearest training scene is sought
     config.latent = ""  # folder of a model whose autoencoder judges, too; MODEL for that of --config.model

@@ -59,7 +59,7 @@ def evaluate(config, workdir: Path) -> Path | None:
     builder = Rows(
         reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
         Sampling(config.seed, config.steps or None, config.guidance or None), consensus=max(config.consensus, 1),
-        wedge=config.wedge or None, facts=config.facts,
+        wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts,
     )  # fmt: skip
     texts = [named(text, config) for text in (*config.rows, *config.more) if text]
     if not texts:

@@ -38,7 +38,7 @@ class Population:
       references: source that conditions came from; None for scenes that stand for themselves.
       rows: reference of every scene.
       siblings: other samples of the same conditions, in the same order.
-      wedge: half angle [degrees] of the camera that scenes are compared within; None compares everything.
+      wedge: half angle [degrees] and distance ahead [m] of the camera in whose view agents are compared; None: all.
       facts: whether captions of scene and reference are compared.
     """
 
@@ -47,7 +47,7 @@ class Population:
     references: Source | None = None
     rows: Sequence[int] = ()
     siblings: tuple[Source, ...] = ()
-    wedge: float | None = None
+    wedge: tuple[float, float] | None = None
     facts: bool = False
 
     def __len__(self) -> int:
@@ -107,7 +107,7 @@ def _measure_part(folder: Path, population: Population, start: int) -> None:
         siblings = list(zip(*(source.read(rows) for source in population.siblings), strict=True))
     found = measure(
         population.source.read(rows), population.clusters(start, stop), references, siblings=siblings,
-        ego=population.source.ego, where=None if population.wedge is None else cone(population.wedge),
+        ego=population.source.ego, where=None if population.wedge is None else cone(*population.wedge),
         also=_facts if population.facts else None,
     )  # fmt: skip
     found.save(_path(folder, population, start))

@@ -47,7 +47,7 @@ class Rows:
     folder: Path
     sampling: Sampling = dataclasses.field(default_factory=Sampling)
     consensus: int = 1
-    wedge: float | None = None
+    wedge: tuple[float, float] | None = None
     facts: bool = False
     models: dict[str, Model] = dataclasses.field(default_factory=dict)
 

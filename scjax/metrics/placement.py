@@ -28,6 +28,16 @@ def cone(half_angle: float = 50.0, apex: float = 0.0) -> Where:
     return inside
 
 
+def camera(focal: float, width: float, apex: float = 0.0) -> Where:
+    """What a camera that looks ahead has in its picture, by the centres of boxes: ``cone`` of its field of view.
+
+    Args:
+      focal, width: focal length and width of the picture [pixels]; heights cut nothing off on a flat road.
+      apex: metres ahead of the ego's centre.
+    """
+    return cone(float(np.rad2deg(np.arctan2(width / 2, focal))), apex)
+
+
 def match(
     reference: Scene,
     generated: Scene,

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from scjax.metrics.control import ccs, csc, derangements, scene_pairs, spg
+from experiments.evaluate.corruption import LADDER, mixed
+from scjax.metrics.control import ControlFrame, ccs, csc, derangements, scene_pairs, spg
 from scjax.metrics.descriptors import LEVELS, Standard, describe
 from scjax.scene import pad, permute
 from tests.metrics.worlds import agent, crossing, eval_table, eval_tiles, scene
@@ -32,30 +33,6 @@ def scores(unit, reference, sample, clusters, seed=0):
     }
 
 
-def mixture(rng, scene, other, lanes, agents):
-    """``lanes`` and ``agents``: shares kept of ``scene``, moved by about 1 m; the rest comes from ``other``."""
-
-    def chosen(count, spare, share):
-        keep = np.flatnonzero(rng.random(count) < share)
-        rest = rng.permutation(spare)[: max(count - len(keep), 0)]
-        return keep, rest
-
-    keep, rest = chosen(len(scene.lanes), len(other.lanes), lanes)
-    moved = scene.lanes[keep] + np.append(rng.normal(0, 1, 2), 0)
-    made_lanes = np.concatenate([moved, other.lanes[rest]]).astype(np.float32)
-    keep, rest = chosen(len(scene.agents) - 1, len(other.agents) - 1, agents)
-    boxes = scene.agents[1 + keep].copy()
-    boxes[:, :2] += rng.normal(0, 1, (len(keep), 2))
-    kinds = np.concatenate([scene.agent_types[:1], scene.agent_types[1 + keep], other.agent_types[1 + rest]])
-    count, number = len(kinds), len(made_lanes)
-    return scene.replace(
-        agents=np.concatenate([scene.agents[:1], boxes, other.agents[1 + rest]]), agent_types=kinds,
-        agent_mask=np.ones(count, bool), agent_known=np.ones((count, 9), bool), lanes=made_lanes,
-        lane_mask=np.ones(number, bool), lane_known=np.ones((number, 3), bool), signals=np.zeros(number, np.int32),
-        links=np.zeros((number, number), np.int32),
-    )  # fmt: skip
-
-
 def test_control_grows_as_corruption_shrinks(tiles):
     scenes, clusters, unit = tiles
     rng = np.random.default_rng(1)
@@ -64,8 +41,8 @@ def test_control_grows_as_corruption_shrinks(tiles):
     gap = np.abs(size[:, None] - size[None]).sum(-1) + 1000 * (label[:, None] == label[None])
     others = [scenes[int(rng.choice(np.argsort(row)[:5]))] for row in gap]
     ladder = [
-        [mixture(rng, s, o, *shares) for s, o in zip(scenes, others, strict=True)]
-        for shares in ((0.0, 0.0), (0.25, 0.15), (0.4, 0.3), (0.6, 0.45))
+        [mixed(s, o, *shares, rng) for s, o in zip(scenes, others, strict=True)]
+        for shares in ((0.0, 0.0), *LADDER.values())
     ]
     steps = [scores(unit, scenes, made, clusters) for made in [*ladder, scenes]]  # U < C1 < C2 < C3 < copy
     for level in LEVELS:
@@ -82,6 +59,25 @@ def test_a_copy_is_fully_controlled_and_chance_is_not(tiles):
     chance = [scenes[i] for i in np.random.default_rng(2).permutation(len(scenes))]
     for level, (_, gain, agreement) in scores(unit, scenes, chance, clusters).items():
         assert abs(gain) < 0.12 and abs(agreement) < 0.1, level
+
+
+def test_intervals_hold_the_value_and_draw_locations(tiles):
+    scenes, clusters, _ = tiles
+    frame = ControlFrame.of(describe(scenes), clusters, np.random.default_rng(0), pairs=20_000)
+    assert all(
+        low == pytest.approx(1) == high
+        for name, (low, high) in frame.intervals(describe(scenes), clusters, draws=20).items()
+        if name.endswith(("CCS", "CSC"))
+    )
+    raw = describe([scenes[i] for i in np.random.default_rng(2).permutation(len(scenes))])
+    values, bounds = frame(raw), frame.intervals(raw, clusters, draws=100)
+    assert set(values) == set(bounds)
+    for name, value in values.items():
+        low, high = bounds[name]
+        assert low < high and low - 0.5 * (high - low) < value < high + 0.5 * (high - low), name
+    wide = frame.intervals(raw, [k % 3 for k in range(len(scenes))], draws=100)["agent CCS"]
+    assert wide != bounds["agent CCS"]  # three locations are drawn, not many
+    assert np.isnan(frame.intervals(raw, ["one"] * len(scenes), draws=3)["lane CCS"]).all()
 
 
 def test_order_and_padding_do_not_matter():

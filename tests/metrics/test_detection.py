@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.metrics.detection import average_precision, consensus, detections
-from scjax.metrics.placement import cone, match
+from scjax.metrics.placement import camera, cone, match
 from scjax.scene import AgentType
 from tests.metrics.worlds import agent, scene
 
@@ -78,6 +78,12 @@ def test_the_cone_takes_what_lies_ahead_within_fifty_degrees():
     places = [[10, 0], [10, 11.9], [10, 11.95], [10, -11.9], [-1, 0], [0, 0]]
     assert inside(np.array(places, float)).tolist() == [True, True, False, True, False, False]
     assert cone(apex=5.0)(np.array([[4.0, 0], [6.0, 0]])).tolist() == [False, True]
+    # Half a picture as wide as the focal length is long: 45 degrees to either side.
+    assert camera(960.0, 1920.0, 1.0)(np.array([[11.0, 9.9], [11.0, 10.1], [0.5, 0.0]])).tolist() == [
+        True,
+        False,
+        False,
+    ]
     reference = scene([EGO, agent(9, 0), agent(-9, 0)])
     assert match(reference, reference, where=inside)["recall_1m"] == (1, 1)
     assert detections(reference, reference, where=inside).references == 1
