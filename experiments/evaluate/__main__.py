@@ -91,7 +91,7 @@ def evaluate(config, workdir: Path) -> Path | None:
         sections.append(tables.caption_section(ours, draws=config.draws))
     sections.append(tables.count_section(ours, real, turns))
     if config.novelty and bank is not None:
-        chosen = of_interest({"held-back real": extra["real"], **rows})
+        chosen = of_interest({**rows, "real": extra["real"]})
         sections.append(novelty_section(chosen, bank, config.novelty))
     sections.append(diversity_section(list(rows.values()), config.novelty or len(real)))
     sections.append(reconstruction_section(rows, builder.models))

@@ -17,7 +17,8 @@ NOTES = {
     "for boxes. Only these values compare with published ones, and only over as many scenes. " + _FLOOR,
     "faults": "Joint gap [m] from the end of a lane to the start of the next, share above 1 m; share of vehicles "
     "within 1.5 m of a centreline and of those more than 45 degrees off it; overlaps of exact boxes. Real scenes have "
-    "overlaps too, of pedestrians mostly: their rate is the target for all classes, not 0.",
+    "overlaps too, of pedestrians mostly: their rate is the target for all classes, not 0. The ego's distance from the "
+    "origin, and the share of scenes whose ego looks another way than along x: theirs is another frame.",
     "match": "Agents of scene i against those of its reference, the ego left out, same class, mean over 1, 2, 3 m. "
     "M: matches over reference agents; P: over generated ones; PxR: mean of the products. AP: average precision scored "
     "by the distance to the ego, which says nothing, so that it falls to about PxR; AP_consensus: scored by how many "

@@ -116,5 +116,6 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 def of_interest(populations: Mapping[str, Population]) -> list[Population]:
-    """Rows whose scenes do not come from the bank itself."""
-    return [one for one in populations.values() if isinstance(one.source, Npz | EvaluationTiles | Records)]
+    """Rows that hold scenes, and not the bank's own."""
+    own = (Npz, EvaluationTiles, Records)
+    return [one for one in populations.values() if len(one) and isinstance(one.source, own)]

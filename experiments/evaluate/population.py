@@ -27,7 +27,7 @@ from scjax.metrics.pooling import Ratios
 from scjax.scene import Scene
 
 PART = 250  # scenes
-FORMAT = 2  # of the measured parts; to be raised when what they hold changes
+FORMAT = 3  # of the measured parts; to be raised when what they hold changes
 
 
 @dataclasses.dataclass(frozen=True)

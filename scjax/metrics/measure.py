@@ -22,7 +22,7 @@ from scjax.metrics.pooling import Ratios, Values, ratio, singles
 from scjax.metrics.realism import overlapping_pairs, scene_realism
 from scjax.metrics.tally import Tally
 from scjax.metrics.topology import Mode
-from scjax.scene import AgentType, Scene
+from scjax.scene import AgentType, Layout, Scene
 
 MODES: tuple[Mode, ...] = ("strict", "compat")
 MATCHES: dict[str, dict[str, Any]] = {
@@ -32,6 +32,7 @@ MATCHES: dict[str, dict[str, Any]] = {
 }
 """Which agents are matched with which: options of ``placement.match``."""
 
+_TURNED = np.deg2rad(20)  # heading of an ego in a frame that does not look along x
 _OVERLAPS = (0.01, 0.1)  # intersection over union
 
 
@@ -91,7 +92,11 @@ def distribution_values(generated: Sums, real: Sums, mode: Mode) -> Values:
 
 
 def scene_values(sums: Sums) -> Values:
-    """Shares and means over scenes, vehicles or joints of what scenes show by themselves (``scene_realism``)."""
+    """Shares and means over scenes, vehicles or joints of what scenes show by themselves (``scene_realism``).
+
+    Also ego_away_m: distance of the ego from the origin of centred scenes; ego_turned: share that look another way
+    than along x, as scenes in another frame do.
+    """
     return {name: ratio(*map(float, pair)) for name, pair in _named(sums, "scene/").items()}
 
 
@@ -140,7 +145,16 @@ def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None)
     size = agents[:, 6] * agents[:, 7]
     union = np.maximum(size[pairs].sum(1) - area, 1e-9)
     ratios |= {f"scenes_overlap_iou_{least:g}": (float((area / union > least).any()), 1.0) for least in _OVERLAPS}
+    if ego and len(agents) and scene.layout == Layout.CENTRED:
+        away, turned = np.linalg.norm(agents[0, :2]), np.abs(np.arctan2(agents[0, 5], agents[0, 4]))
+        ratios["ego_away_m"] = float(away), 1.0
+        ratios["ego_turned"] = float(turned > _TURNED), 1.0
+    else:
+        ratios |= dict.fromkeys(("ego_away_m", "ego_turned"), (0.0, 0.0))
     if reference is not None:
+        if reference.layout != scene.layout:
+            names = [Layout(int(one.layout)).name for one in (scene, reference)]
+            raise ValueError(f"a {names[0]} scene has a {names[1]} reference: compare scenes of one window")
         for kind, options in MATCHES.items():
             matched = match(reference, scene, generated_ego=ego, where=where, **options)
             sums |= {f"{kind}/{name}": np.array(pair) for name, pair in matched.items()}

@@ -267,6 +267,20 @@ def test_scenes_without_lanes_or_company_are_counted(tmp_path):
     assert tables["Placement of agents"]["rows"]["copy"]["numbers"]["M"]["value"] == 1
 
 
+def test_one_scene_and_none(tmp_path):
+    for name, scenes in (("one", stack(SCENES[:1])), ("none", stack(SCENES[:1])[:0])):
+        (tmp_path / name).mkdir()
+        save_npz(scenes, tmp_path / name / "scenes.npz")
+    rows = ("copy", f"none=npz:{tmp_path / 'none'}")
+    program.evaluate(config(tmp_path / "one", rows=rows, novelty=2), tmp_path / "out")
+    tables = report(tmp_path / "out")["tables"]
+    assert tables["Control"]["rows"]["copy"]["numbers"]["lane SPG"]["value"] is None
+    assert tables["Faults of single scenes"]["rows"]["none"] == {"scenes": 0, "clusters": 0, "numbers": {}}
+    assert tables["Lane graphs and vehicles"]["floor"] == {}
+    with pytest.raises(ValueError, match="holds no scenes"):
+        program.evaluate(config(tmp_path / "none"), tmp_path / "out")
+
+
 def test_chance_and_copy_are_as_published(eval_dir, tmp_path):
     """Rows of baselines.md §5; chance within the published interval, control of the copy within rounding."""
     tiles = open_source(f"tiles:{eval_dir / 'tiles_real_train.npz'}")

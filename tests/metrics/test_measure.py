@@ -17,6 +17,7 @@ from scjax.metrics.measure import (
 from scjax.metrics.measured import Measured, merged
 from scjax.metrics.placement import placement
 from scjax.metrics.realism import realism
+from scjax.scene import Layout
 from tests.metrics.test_distributions import traffic
 from tests.metrics.worlds import agent, scene
 
@@ -108,3 +109,13 @@ def test_a_file_keeps_everything(whole, tmp_path):
     (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:500])
     with pytest.raises(ValueError, match=r"cut.npz holds no measured scenes .* evaluate again"):
         Measured.load(tmp_path / "cut.npz")
+
+
+def test_another_frame_shows_and_another_window_is_refused():
+    turned = scene([agent(0, 0, 90), agent(3, 4)])
+    shown = scene_values(measure([turned, scene([agent(3, 4)])], ["a", "b"]).tally.total)
+    assert shown["ego_turned"] == 0.5 and shown["ego_away_m"] == pytest.approx(2.5)
+    ahead = turned.replace(layout=np.int32(Layout.FORWARD))
+    assert np.isnan(scene_values(measure([ahead], ["a"]).tally.total)["ego_away_m"])
+    with pytest.raises(ValueError, match="a FORWARD scene has a CENTRED reference"):
+        measure([ahead], ["a"], [turned])
