@@ -1,10 +1,4 @@
-"""The rows of a report, from their texts in the config: populations that all answer the same references.
-
-NAME=records:..., npz:..., tiles:...   those scenes, one for each reference in turn where there are as many
-NAME=SOURCE?RULE                       for each reference the scene of SOURCE that a rule of retrieval finds
-NAME=model:FOLDER#ASK                  made by a model, asked for the reference's counts, its lanes, or decoded
-NAME                                   a baseline: a rule of retrieval in the bank, C1, C2, C3, random on lanes, copy
-"""
+"""The rows of a report, from their texts in the config (``RowText``): populations that answer the same references."""
 
 from __future__ import annotations
 
@@ -22,11 +16,62 @@ from experiments.evaluate.retrieval import RULES, Index, retrieve
 from experiments.evaluate.sources import Chosen, Source, open_source
 from scjax.model import Model, load
 
-ASKED = {"counts": counts_of, "lanes": lanes_of, "drawn": nothing_of}
-DECODED = "decoded"
+DECODED, DRAWN = "decoded", "drawn"
+ASKED = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of}
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
+
+
+@dataclasses.dataclass(frozen=True)
+class RowText:
+    """What a row's text says.
+
+    NAME=records:...            scenes of a source (also npz:, tiles:); they answer no reference
+    NAME=SOURCE?inorder         the same, the first made for the first reference, and so on
+    NAME=SOURCE?RULE            for each reference the scene of a source that a rule of retrieval finds
+    NAME=model:FOLDER#counts    made by a model at each reference's numbers of lanes and agents
+    NAME=model:FOLDER#lanes     traffic on each reference's own lanes
+    NAME=model:FOLDER#drawn     made without any request; they answer no reference
+    NAME=model:FOLDER#decoded   each reference as the autoencoder decodes it
+    NAME                        a baseline: a rule of retrieval in the bank, C1, C2, C3, random on lanes, copy
+
+    Attributes:
+      place: the source, or the model's folder; "" for a baseline.
+      how: the rule of retrieval, what the model is asked, or the baseline.
+      of_model: whether a model makes it.
+    """
+
+    name: str
+    place: str
+    how: str
+    of_model: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> RowText:
+        """Raises ValueError where the text means nothing."""
+        name, equals, spec = text.partition("=")
+        if not equals:
+            if name not in BASELINES:
+                raise ValueError(f"row {text!r}: write NAME=SOURCE, or one of the baselines {', '.join(BASELINES)}")
+            return cls(name, "", name)
+        if not spec.startswith("model:"):
+            place, _, rule = spec.partition("?")
+            return cls(name, place, rule)
+        folder, _, asked = spec.removeprefix("model:").partition("#")
+        if asked not in (*ASKED, DECODED):
+            raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
+        return cls(name, folder, asked, of_model=True)
+
+    @property
+    def answers(self) -> bool:
+        """Whether its scenes were made, or found, for the references."""
+        return self.how not in ("", DRAWN)
+
+    @property
+    def random(self) -> bool:
+        """Whether another seed gives other scenes."""
+        return self.how in RULES or (self.of_model and self.how not in (DECODED, DRAWN))
 
 
 @dataclasses.dataclass
@@ -62,14 +107,13 @@ class Rows:
         Raises:
           ValueError: a text that means nothing, or a baseline that needs a bank without one.
         """
-        name, equals, spec = text.partition("=")
-        if not equals and name not in BASELINES:
-            raise ValueError(f"row {text!r}: write NAME=SOURCE, or one of the baselines {', '.join(BASELINES)}")
-        sources = [self._source(name, spec, draw) for draw in range(self._draws(name, spec))]
-        first, *siblings = (source for source in sources if source is not None)
-        if spec and "?" not in spec and (not spec.startswith("model:") or spec.endswith("#drawn")):
-            return Population(name, first)
-        return Population(name, first, self.reference, self.rows, tuple(siblings), wedge=self.wedge, facts=self.facts)
+        row = RowText.parse(text)
+        first, *siblings = (self._source(row, draw) for draw in range(self.consensus if row.random else 1))
+        if not row.answers:
+            return Population(row.name, first)
+        return Population(
+            row.name, first, self.reference, self.rows, tuple(siblings), wedge=self.wedge, facts=self.facts
+        )
 
     def model(self, folder: str) -> Model:
         """A model, loaded once."""
@@ -77,24 +121,17 @@ class Rows:
             self.models[folder] = load(folder)
         return self.models[folder]
 
-    def _draws(self, name: str, spec: str) -> int:
-        if spec.startswith("model:"):
-            return 1 if spec.endswith(("#decoded", "#drawn")) else self.consensus
-        random = spec.partition("?")[2] in RULES if spec else name in RULES
-        return self.consensus if random else 1
-
-    def _source(self, name: str, spec: str, draw: int) -> Source:
-        seed = self.sampling.seed + draw
-        if spec.startswith("model:"):
-            return self._made(name, spec, draw)
-        if spec:
-            place, _, rule = spec.partition("?")
-            source = open_source(place)
-            if rule == IN_ORDER and len(source.clusters) != self.count:
+    def _source(self, row: RowText, draw: int) -> Source:
+        name, seed = row.name, self.sampling.seed + draw
+        if row.of_model:
+            return self._made(row, draw)
+        if row.place:
+            source = open_source(row.place)
+            if row.how == IN_ORDER and len(source.clusters) != self.count:
                 raise ValueError(
                     f"row {name!r}: {len(source.clusters)} scenes but {self.count} references: {IN_ORDER} pairs them"
                 )
-            return source if rule in ("", IN_ORDER) else self._retrieved(source, rule, seed)
+            return source if row.how in ("", IN_ORDER) else self._retrieved(source, row.how, seed)
         if name == "copy":
             return Chosen(self.reference, self.rows)
         if self.bank is None:
@@ -129,18 +166,15 @@ class Rows:
     def _indices(self) -> dict[str, Index]:
         return {}
 
-    def _made(self, name: str, spec: str, draw: int) -> Source:
-        folder, _, asked = spec.removeprefix("model:").partition("#")
-        if asked not in (*ASKED, DECODED):
-            raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
-        model, place = self.model(folder), self.folder / _file_name(name, draw)
-        if asked == DECODED:
-            made = decoded(model, place, self.reference, self.rows, name)
-            made.decoded_by = folder
+    def _made(self, row: RowText, draw: int) -> Source:
+        model, place = self.model(row.place), self.folder / _file_name(row.name, draw)
+        if row.how == DECODED:
+            made = decoded(model, place, self.reference, self.rows, row.name)
+            made.decoded_by = row.place
             return made
-        ask = self._ask(model, ASKED[asked])
         how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw)
-        return sampled(model, place, self.reference, self.rows, ask, how, f"{name} ({asked})")
+        ask, title = self._ask(model, ASKED[row.how]), f"{row.name} ({row.how})"
+        return sampled(model, place, self.reference, self.rows, ask, how, title)
 
     def _ask(self, model: Model, request) -> Ask:
         domains = getattr(self.reference, "domains", ())
