@@ -144,7 +144,8 @@ def taking_part(
     scene: Scene, types: Sequence[AgentType] = tuple(AgentType), *, ego: bool = True, where: Where | None = None
 ) -> Bool[np.ndarray, " agents"]:
     """Which agents of one scene without padding are compared; the ego (agent 0, if the scene has one) is not."""
-    use = np.isin(scene.agent_types, [int(kind) for kind in types])
+    kinds = np.array([int(kind) for kind in types])
+    use = (np.asarray(scene.agent_types)[:, None] == kinds[None]).any(1)
     if ego:
         use[:1] = False
     return use if where is None else use & where(placed(scene)[:, :2])

@@ -31,11 +31,9 @@ def singles(scenes: Scene | Iterable[Scene]) -> Iterator[Scene]:
     if len(scenes.batch_shape) > 1:
         raise ValueError(f"scenes have batch axes {scenes.batch_shape}: flatten them to a single one first")
     host = scenes.to_numpy()
-    if not host.batch_shape:
-        yield unpadded(host)
-        return
-    for row in range(host.batch_shape[0]):
-        yield unpadded(host[row])
+    rows = (host[row] for row in range(host.batch_shape[0])) if host.batch_shape else (host,)
+    for scene in rows:  # most are without padding by now, and copying them would cost as much as some metrics
+        yield scene if scene.agent_mask.all() and scene.lane_mask.all() else unpadded(scene)
 
 
 def pool(ratios: Iterable[Ratios]) -> Ratios:
