@@ -7,7 +7,7 @@ is independent of the order of lanes, measures to segments instead of points, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from scjax.metrics.lanes import nearest_segment, segments
 from scjax.metrics.lines import resampled
 from scjax.metrics.pooling import Values, ratio, singles
 from scjax.metrics.topology import (
+    Lanes,
     Mode,
     compact_lanes,
     degrees,
@@ -70,40 +71,55 @@ def scene_sums(scene: Scene, mode: Mode = "strict") -> Sums:
       scenes, scenes_without_lanes, scenes_without_vehicles: counts [1]. A scene without lanes adds nothing to the lane
         quantities and leaves its vehicles out of lat_dev and ang_dev.
     """
+    return sums_by_mode(scene, (mode,))[mode]
+
+
+def sums_by_mode(scene: Scene, modes: Sequence[Mode]) -> dict[Mode, Sums]:
+    """``scene_sums`` of several modes; what does not depend on the mode is computed once."""
     (scene,) = singles(scene)
-    return {**lane_sums(scene, mode), **vehicle_sums(scene, mode), "scenes": np.ones(1)}
+    lanes = compact_lanes(scene) if len(scene.lane_mask) else None
+    graphs, vehicles = _lane_sums(lanes, modes), _vehicle_sums(scene, lanes, modes)
+    return {mode: {**graphs[mode], **vehicles[mode], "scenes": np.ones(1)} for mode in modes}
 
 
-def lane_sums(scene: Scene, mode: Mode) -> Sums:
-    """The lane quantities of one scene without padding."""
-    if not len(scene.lane_mask):
+def _lane_sums(lanes: Lanes | None, modes: Sequence[Mode]) -> dict[Mode, Sums]:
+    if lanes is None:
         names = (*GRAPH, "route_length", "endpoint_dist")
-        return {**{name: np.zeros(3) for name in names}, "scenes_without_lanes": np.ones(1)}
-    lanes = compact_lanes(scene)
-    adjacency = key_points(lanes, mode)
-    reach, hops = reach_and_hops(adjacency)
-    found = {
-        "connectivity": degrees(adjacency), "density": np.array([len(adjacency)]), "reach": reach,
-        "convenience": hops, "route_length": np.array([route_length(lanes, mode)]),
-        "endpoint_dist": endpoint_gaps(lanes),
-    }  # fmt: skip
-    return {**{name: moments(values) for name, values in found.items()}, "scenes_without_lanes": np.zeros(1)}
+        nothing = {**{name: np.zeros(3) for name in names}, "scenes_without_lanes": np.ones(1)}
+        return dict.fromkeys(modes, nothing)
+    gaps = {"endpoint_dist": moments(endpoint_gaps(lanes)), "scenes_without_lanes": np.zeros(1)}
+    found: dict[Mode, Sums] = {}
+    graph: Sums = {}
+    before = None
+    for mode in modes:
+        adjacency = key_points(lanes, mode)
+        if before is None or not np.array_equal(before, adjacency):  # modes differ in few scenes
+            reach, hops = reach_and_hops(adjacency)
+            values = {
+                "connectivity": degrees(adjacency), "density": np.array([len(adjacency)]), "reach": reach,
+                "convenience": hops,
+            }  # fmt: skip
+            graph, before = {name: moments(value) for name, value in values.items()}, adjacency
+        route = moments(np.array([route_length(lanes, mode)]))
+        found[mode] = {**graph, "route_length": route, **gaps}
+    return found
 
 
-def vehicle_sums(scene: Scene, mode: Mode) -> Sums:
-    """The vehicle quantities of one scene without padding."""
+def _vehicle_sums(scene: Scene, lanes: Lanes | None, modes: Sequence[Mode]) -> dict[Mode, Sums]:
     vehicle = scene.agent_mask & (scene.agent_types == AgentType.VEHICLE) & scene.agent_known[:, [0, 1, 4, 5]].all(-1)
     agents, known = np.asarray(scene.agents, np.float64)[vehicle], np.asarray(scene.agent_known)[vehicle]
     boxes = agents[known[:, 6:8].all(-1)]
-    found = dict(zip(("lat_dev", "ang_dev"), _lane_deviations(agents, scene, mode), strict=True))
-    found |= {"nearest_dist": _nearest(agents[:, :2]), "speed": agents[known[:, 3], 3]}
-    found |= {"length": agents[known[:, 6], 6], "width": agents[known[:, 7], 7]}
-    hit = (circles_touch(boxes) if mode == "compat" else overlaps(boxes)).any(-1)
-    return {
-        **{name: histogram(found[name], *quantity[:3]) for name, quantity in VEHICLE.items()},
-        "collision_rate": np.array([hit.sum(), len(boxes)], np.float64),
-        "scenes_without_vehicles": np.array([float(len(agents) == 0)]),
-    }
+    values = {"nearest_dist": _nearest(agents[:, :2]), "speed": agents[known[:, 3], 3]}
+    values |= {"length": agents[known[:, 6], 6], "width": agents[known[:, 7], 7]}
+    shared = {name: histogram(value, *VEHICLE[name][:3]) for name, value in values.items()}
+    shared["scenes_without_vehicles"] = np.array([float(len(agents) == 0)])
+    found: dict[Mode, Sums] = {}
+    for mode in modes:
+        deviations = zip(("lat_dev", "ang_dev"), _lane_deviations(agents, scene, lanes, mode), strict=True)
+        own = {name: histogram(value, *VEHICLE[name][:3]) for name, value in deviations}
+        hit = (circles_touch(boxes) if mode == "compat" else overlaps(boxes)).any(-1)
+        found[mode] = {**shared, **own, "collision_rate": np.array([hit.sum(), len(boxes)], np.float64)}
+    return found
 
 
 def add(sums: Iterable[Sums]) -> Sums:
@@ -152,14 +168,16 @@ def _nearest(places: np.ndarray) -> np.ndarray:
     return apart.min(1)
 
 
-def _lane_deviations(agents: np.ndarray, scene: Scene, mode: Mode) -> tuple[np.ndarray, np.ndarray]:
+def _lane_deviations(
+    agents: np.ndarray, scene: Scene, lanes: Lanes | None, mode: Mode
+) -> tuple[np.ndarray, np.ndarray]:
     """Distance to the nearest centreline [m] and signed angle to it [degrees], of the vehicles on a road."""
-    if not len(agents) or not len(scene.lane_mask):
+    if not len(agents) or lanes is None:
         return np.zeros(0), np.zeros(0)
     if mode == "strict":
         distance, lane_heading = nearest_segment(agents[:, :2], segments(scene))
     else:
-        distance, lane_heading = _nearest_point(agents[:, :2], resampled(compact_lanes(scene).points, _POINTS))
+        distance, lane_heading = _nearest_point(agents[:, :2], resampled(lanes.points, _POINTS))
     on_road = distance <= ON_ROAD
     turn = (np.arctan2(agents[:, 5], agents[:, 4]) - lane_heading)[on_road]
     return distance[on_road], np.degrees(np.arctan2(np.sin(turn), np.cos(turn)))

@@ -15,7 +15,7 @@ from scjax.metrics.boxes import intersection_areas
 from scjax.metrics.control import ControlFrame
 from scjax.metrics.descriptors import describe
 from scjax.metrics.detection import average_precision, consensus, detections
-from scjax.metrics.distributions import Sums, scene_sums, table
+from scjax.metrics.distributions import Sums, sums_by_mode, table
 from scjax.metrics.measured import Measured, stacked
 from scjax.metrics.placement import Where, match, summarise
 from scjax.metrics.pooling import Ratios, Values, ratio, singles
@@ -136,8 +136,8 @@ def control_values(
 
 def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None) -> Sums:
     sums: Sums = {}
-    for mode in MODES:
-        sums |= {f"{mode}/{name}": value for name, value in scene_sums(scene, mode).items()}
+    for mode, found in sums_by_mode(scene, MODES).items():
+        sums |= {f"{mode}/{name}": value for name, value in found.items()}
     ratios = scene_realism(scene, ego=ego)
     pairs = overlapping_pairs(scene, ego=ego)
     agents = np.asarray(scene.agents, np.float64)
