@@ -1,16 +1,15 @@
 """How long does it take to measure 10,000 scenes? python -m benchmarks.metrics
 
 Every metric that needs no network (scjax.metrics.measure: both modes of the distributions, overlaps, matches, average
-precision, control) on tiles of the procedural world, each moved and turned a little, against another such set: the
-wanted time is 60 s on 2 cores and the wanted memory 2 GB. Bootstrap intervals and floors come apart.
+precision, control) on tiles of the procedural world, each moved and turned a little, against another such set, as
+experiments.evaluate measures them: read from npz files, part by part, in processes. The wanted time is 60 s on 2 cores
+and the wanted memory 2 GB. Bootstrap intervals and floors come apart.
 """
 
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import json
-import multiprocessing
 import os
 import resource
 import tempfile
@@ -20,36 +19,29 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.workload import machine, peak_memory_gb
+from experiments.evaluate.population import PART, Population, measured
+from experiments.evaluate.sources import Npz
 from scjax.data import records
 from scjax.data.build import build
 from scjax.data.procedural import write_scenes
 from scjax.metrics import measure as metrics
-from scjax.metrics.measured import Measured, merged
 from scjax.metrics.tally import Tally
-from scjax.scene import Layout, Scene
+from scjax.scene import Layout, stack
+from scjax.scene_io import save_npz
 
-CHUNK = 250
 
-
-def tiles(folder: str, seed: int, start: int, stop: int) -> tuple[list[Scene], list[str]]:
-    """Scenes ``start`` to ``stop`` of a population: records in turn, each from a pose of its own nearby."""
+def write_tiles(folder: Path, out: Path, seed: int, count: int) -> None:
+    """A population in npz files: records in turn, each from a pose of its own nearby."""
+    out.mkdir()
     source = records.source(folder, "train")
-    made, places = [], []
-    for k in range(start, stop):
-        rng = np.random.default_rng([seed, k])
-        record = records.decode(source[k % len(source)])
-        dx, dy = rng.uniform(-2, 2, 2)
-        made.append(records.sample_scene(record, Layout.CENTRED, dx, dy, rng.uniform(-0.15, 0.15)))
-        places.append(record.cluster)
-    return made, places
-
-
-def chunk(folder: str, start: int, stop: int) -> tuple[Measured, Measured, float]:
-    """Generated and reference scenes of a part, and the seconds that measuring them took."""
-    (generated, places), (reference, _) = (tiles(folder, seed, start, stop) for seed in (1, 2))
-    begin = time.perf_counter()
-    ours, theirs = metrics.measure(generated, places, reference), metrics.measure(reference, places)
-    return ours, theirs, time.perf_counter() - begin
+    for start in range(0, count, PART):
+        made = []
+        for k in range(start, min(start + PART, count)):
+            rng = np.random.default_rng([seed, k])
+            dx, dy = rng.uniform(-2, 2, 2)
+            record = records.decode(source[k % len(source)])
+            made.append(records.sample_scene(record, Layout.CENTRED, dx, dy, rng.uniform(-0.15, 0.15)))
+        save_npz(stack(made), out / f"{start:06d}.npz")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -59,17 +51,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--smoke", action="store_true", help="500 scenes, to see that it runs")
     args = parser.parse_args(arguments)
     scenes = 500 if args.smoke else args.scenes
-    with tempfile.TemporaryDirectory() as folder:
-        write_scenes(Path(folder) / "scenes", 8 if args.smoke else 60, progress=False)
-        build(Path(folder) / "scenes", Path(folder) / "records", workers=args.workers)
-        parts = [(str(Path(folder) / "records"), k, min(k + CHUNK, scenes)) for k in range(0, scenes, CHUNK)]
-        context = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(args.workers, mp_context=context) as pool:
-            begin = time.perf_counter()
-            found = list(pool.map(chunk, *zip(*parts, strict=True)))
-            measured = time.perf_counter() - begin
-    ours, theirs = (merged([part[side] for part in found]) for side in (0, 1))
-    del found
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_scenes(folder / "scenes", 8 if args.smoke else 60, progress=False)
+        build(folder / "scenes", folder / "records", workers=args.workers)
+        for seed, kind in enumerate(("generated", "reference")):
+            write_tiles(folder / "records", folder / kind, 1 + seed, scenes)
+        generated, reference = (Npz(str(folder / kind)) for kind in ("generated", "reference"))
+        rows = [Population("generated", generated, reference, range(scenes)), Population("reference", reference)]
+        begin = time.perf_counter()
+        found = measured(rows, folder / "measured", workers=args.workers)
+        took = time.perf_counter() - begin
+    assert found is not None
+    ours, theirs = found
     begin = time.perf_counter()
     values = {
         **{
@@ -86,8 +80,8 @@ def main(arguments: list[str] | None = None) -> None:
     bootstrap = time.perf_counter() - begin
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     row = {
-        "scenes": scenes, "workers": args.workers, "seconds": measured + summarised, "measured s": measured,
-        "summarised s": summarised, "ms a pair of scenes": 1000 * measured * args.workers / scenes,
+        "scenes": scenes, "workers": args.workers, "seconds": took + summarised, "measured s": took,
+        "summarised s": summarised, "ms a pair of scenes": 1000 * took * args.workers / scenes,
         "bootstrap of one table s": bootstrap, "peak GB": peak_memory_gb(), "peak GB of a worker": children,
         "values": len(values),
     }  # fmt: skip

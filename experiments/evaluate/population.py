@@ -10,6 +10,7 @@ import concurrent.futures
 import contextlib
 import dataclasses
 import multiprocessing
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ from scjax.metrics.pooling import Ratios
 from scjax.scene import Scene
 
 PART = 250  # scenes
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 FORMAT = 3  # of the measured parts; to be raised when what they hold changes
 
 
@@ -127,10 +129,22 @@ def _here(jobs: Sequence[tuple[Path, Population, int]]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Processes started within use one thread for linear algebra: on small arrays more only wait for each other."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+@contextlib.contextmanager
 def _pool(workers: int) -> Iterator[concurrent.futures.Executor | None]:
     if not workers:
         yield None
         return
     context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with one_thread_each(), concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
         yield pool

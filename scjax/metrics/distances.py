@@ -5,6 +5,7 @@ Both need only sums over scenes, so populations of any size are compared without
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -39,6 +40,7 @@ def frechet(first: Moments, second: Moments) -> float:
     return math.hypot(mean1 - mean2, deviation1 - deviation2)
 
 
+@functools.cache
 def bin_edges(low: float, high: float, width: float) -> Float64[np.ndarray, " edges"]:
     """Edges of the reference's histograms: multiples of ``width`` from ``low`` up to ``high``."""
     return np.arange(low, high + width, width)
@@ -46,7 +48,11 @@ def bin_edges(low: float, high: float, width: float) -> Float64[np.ndarray, " ed
 
 def histogram(values: np.ndarray, low: float, high: float, width: float) -> Float64[np.ndarray, " bins"]:
     """Counts of values clipped into [low, high]; they add up over scenes."""
-    return np.histogram(np.clip(values, low, high), bin_edges(low, high, width))[0].astype(np.float64)
+    edges, ordered = bin_edges(low, high, width), np.sort(np.clip(values, low, high))
+    # What np.histogram does with edges, without its checks, which take longer than the dozen values of a scene.
+    below = ordered.searchsorted(edges)
+    below[-1] = ordered.searchsorted(edges[-1], side="right")  # the last bin is closed
+    return np.diff(below).astype(np.float64)
 
 
 def jensen_shannon(first: Float64[np.ndarray, " bins"], second: Float64[np.ndarray, " bins"]) -> float:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from scjax.metrics.boxes import intersection_areas
 from scjax.metrics.control import ControlFrame
 from scjax.metrics.descriptors import describe
 from scjax.metrics.detection import average_precision, consensus, detections
@@ -19,7 +18,7 @@ from scjax.metrics.distributions import Sums, sums_by_mode, table
 from scjax.metrics.measured import Measured, stacked
 from scjax.metrics.placement import Where, match, summarise
 from scjax.metrics.pooling import Ratios, Values, ratio, singles
-from scjax.metrics.realism import overlapping_pairs, scene_realism
+from scjax.metrics.realism import scene_realism
 from scjax.metrics.tally import Tally
 from scjax.metrics.topology import Mode
 from scjax.scene import AgentType, Layout, Scene
@@ -33,7 +32,6 @@ MATCHES: dict[str, dict[str, Any]] = {
 """Which agents are matched with which: options of ``placement.match``."""
 
 _TURNED = np.deg2rad(20)  # heading of an ego in a frame that does not look along x
-_OVERLAPS = (0.01, 0.1)  # intersection over union
 
 
 Also = Callable[[Scene, Scene | None], Ratios]
@@ -139,12 +137,7 @@ def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None)
     for mode, found in sums_by_mode(scene, MODES).items():
         sums |= {f"{mode}/{name}": value for name, value in found.items()}
     ratios = scene_realism(scene, ego=ego)
-    pairs = overlapping_pairs(scene, ego=ego)
     agents = np.asarray(scene.agents, np.float64)
-    area = intersection_areas(agents[pairs[:, 0]], agents[pairs[:, 1]])
-    size = agents[:, 6] * agents[:, 7]
-    union = np.maximum(size[pairs].sum(1) - area, 1e-9)
-    ratios |= {f"scenes_overlap_iou_{least:g}": (float((area / union > least).any()), 1.0) for least in _OVERLAPS}
     if ego and len(agents) and scene.layout == Layout.CENTRED:
         away, turned = np.linalg.norm(agents[0, :2]), np.abs(np.arctan2(agents[0, 5], agents[0, 4]))
         ratios["ego_away_m"] = float(away), 1.0

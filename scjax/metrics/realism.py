@@ -7,13 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float64, Int
 
-from scjax.metrics.boxes import overlaps
+from scjax.metrics.boxes import intersection_areas, overlaps
 from scjax.metrics.lanes import nearest_segment, segments
 from scjax.metrics.pooling import Ratios, Values, pool, singles, values
 from scjax.scene import AgentType, Link, Scene
 
 ON_LANE = 1.5  # metres from the nearest centreline (metrics.md §2)
 OPEN_JOINT = 1.0  # metres
+OVERLAPS = (0.01, 0.1)  # intersection over union
 OFF_HEADING = 45.0  # degrees from the nearest segment
 
 
@@ -31,6 +32,7 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
       vehicles_overlapping: share of vehicles that overlap another vehicle (veh_obb in baselines.md).
       vehicle_overlap_pairs: overlapping pairs of vehicles a scene.
       scenes_vehicle_overlap, scenes_any_overlap: share of scenes with an overlapping pair of vehicles, of any agents.
+      scenes_overlap_iou_0.01, scenes_overlap_iou_0.1: of any agents with more than that intersection over union.
       Boxes of unrecorded size take no part in overlaps.
     """
     (scene,) = singles(scene)
@@ -38,6 +40,7 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
     distance, angle = lane_offsets(scene, ego=ego)
     on_lane = distance <= ON_LANE
     pairs = overlapping_pairs(scene, ego=ego)
+    shared = _intersections_over_unions(np.asarray(scene.agents, np.float64), pairs)
     vehicle = scene.agent_types == AgentType.VEHICLE
     among = pairs[vehicle[pairs].all(-1)]
     boxes = vehicle & _boxed(scene, ego)
@@ -51,6 +54,7 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
         "vehicle_overlap_pairs": (float(len(among)), 1.0),
         "scenes_vehicle_overlap": (float(len(among) > 0), 1.0),
         "scenes_any_overlap": (float(len(pairs) > 0), 1.0),
+        **{f"scenes_overlap_iou_{least:g}": (float((shared > least).any()), 1.0) for least in OVERLAPS},
     }
 
 
@@ -88,6 +92,13 @@ def overlapping_pairs(scene: Scene, *, ego: bool = True) -> Int[np.ndarray, "pai
     rows = np.flatnonzero(_boxed(scene, ego))
     found = np.argwhere(np.triu(overlaps(np.asarray(scene.agents)[rows])))
     return rows[found]
+
+
+def _intersections_over_unions(agents: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    if not len(pairs):
+        return np.zeros(0)
+    area, size = intersection_areas(agents[pairs[:, 0]], agents[pairs[:, 1]]), agents[:, 6] * agents[:, 7]
+    return area / np.maximum(size[pairs].sum(1) - area, 1e-9)
 
 
 def _boxed(scene: Scene, ego: bool) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from scjax.chains import compact
 from scjax.metrics.lines import lengths, resampled
@@ -51,8 +51,9 @@ def compact_lanes(scene: Scene) -> Lanes:
 def key_points(lanes: Lanes, mode: Mode) -> Bool[np.ndarray, "key_points key_points"]:
     """Adjacency of the key points: lane l leads from the point of its start to the point of its end."""
     label = _compat_labels(lanes) if mode == "compat" else _strict_labels(lanes)
-    points, index = np.unique(label, return_inverse=True)
-    adjacency = np.zeros((len(points), len(points)), bool)
+    _, first, index = np.unique(label, return_index=True, return_inverse=True)
+    index = np.argsort(np.argsort(first))[index]  # points in the order of their first ends, whatever the labels
+    adjacency = np.zeros((len(first), len(first)), bool)
     adjacency[index[0::2], index[1::2]] = True
     return adjacency
 
@@ -66,12 +67,17 @@ def reach_and_hops(
     adjacency: Bool[np.ndarray, "n n"],
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " reachable_pairs"]]:
     """How many other key points each one reaches, and the hops of a shortest path for every such ordered pair."""
-    if not len(adjacency):
-        return np.zeros(0, int), np.zeros(0, int)
-    hops = dijkstra(csr_array(adjacency.astype(np.float64)), unweighted=True)
-    np.fill_diagonal(hops, np.inf)
-    reachable = np.isfinite(hops)
-    return reachable.sum(1), hops[reachable].astype(int)
+    # Breadth first from all points at once: a tile has some dozens of points, a few hops apart.
+    hops = np.zeros(adjacency.shape, int)
+    seen, front, step = np.eye(len(adjacency), dtype=bool), adjacency, np.float32(1) * adjacency
+    for hop in range(1, len(adjacency)):
+        front = front & ~seen
+        if not front.any():
+            break
+        hops[front] = hop
+        seen = seen | front
+        front = (np.float32(1) * front) @ step > 0
+    return (hops > 0).sum(1), hops[hops > 0]
 
 
 def route_length(lanes: Lanes, mode: Mode) -> float:
@@ -106,9 +112,16 @@ def endpoint_gaps(lanes: Lanes) -> Float64[np.ndarray, " edges"]:
 
 def _strict_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
     """A label for the start (2 l) and the end (2 l + 1) of every lane; ends that any edges tie together share one."""
-    ends = 2 * len(lanes.points)
-    ties = csr_array((np.ones(len(lanes.edges)), (2 * lanes.edges[:, 0] + 1, 2 * lanes.edges[:, 1])), (ends, ends))
-    return connected_components(ties, directed=False)[1]
+    parent = list(range(2 * len(lanes.points)))
+
+    def root(end: int) -> int:
+        while parent[end] != end:
+            parent[end] = end = parent[parent[end]]
+        return end
+
+    for i, j in lanes.edges.tolist():
+        parent[root(2 * i + 1)] = root(2 * j)
+    return np.array([root(end) for end in range(len(parent))], int)
 
 
 def _compat_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:

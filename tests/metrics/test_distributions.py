@@ -98,6 +98,12 @@ def test_bins_close_at_the_top():
     assert len(histogram(np.zeros(0), *quantity[:3])) == 15
     np.testing.assert_array_equal(np.flatnonzero(histogram(np.array([1.5, 7.0]), *quantity[:3])), [14])
     assert len(histogram(np.zeros(0), *VEHICLE["length"][:3])) == 250
+    rng = np.random.default_rng(0)
+    for low, high, width, _ in VEHICLE.values():
+        edges = np.arange(low, high + width, width)
+        values = np.concatenate([rng.uniform(low - 1, high + 1, 500), edges, np.array([low, high])])
+        wanted = np.histogram(np.clip(values, low, high), edges)[0]
+        np.testing.assert_array_equal(histogram(values, low, high, width), wanted)
 
 
 def test_nothing_to_compare_is_nan_and_counted():

@@ -18,6 +18,7 @@ def test_a_flawless_world():
     assert result == {
         "joint_gap_m": 0, "open_joints": 0, "vehicles_on_lane": 1, "lane_angle_deg": 0, "off_heading": 0,
         "vehicles_overlapping": 0, "vehicle_overlap_pairs": 0, "scenes_vehicle_overlap": 0, "scenes_any_overlap": 0,
+        "scenes_overlap_iou_0.01": 0, "scenes_overlap_iou_0.1": 0,
     }  # fmt: skip
 
 
