@@ -89,5 +89,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.prompt_gain = ("",)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
     config.draws = 300  # of the bootstrap
     config.workers = 2  # processes that measure; 0: this one
-    config.shard = (0, 1)  # (i, n): measure every n-th part from the i-th on, in n calls on one folder
+    # (i, n): make or measure every n-th part from the i-th on. n calls on one folder, then, where a model makes scenes,
+    # n more; the last to finish writes the report.
+    config.shard = (0, 1)
     return config

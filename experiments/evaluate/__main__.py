@@ -28,7 +28,11 @@ def main(_) -> None:
         report = evaluate(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.evaluate: {error}")
-    print(f"report: {report}" if report else "this shard is done; the report comes with the last one")
+    print(
+        f"report: {report}"
+        if report
+        else "this shard is done: run all shards once more, the last one writes the report"
+    )
 
 
 if __name__ == "__main__":

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +22,9 @@ from scjax.scene_io import save_npz
 
 PART = 250  # scenes a file
 
+Shard = tuple[int, int]
+"""(i, n): every n-th part from the i-th on."""
+
 Ask = Callable[[Scene, int], Condition]
 """(reference, its row) -> what is asked of the model."""
 
@@ -35,6 +36,10 @@ class Sampling:
     seed: int = 0
     steps: int | None = None
     guidance: float | None = None
+
+
+class Pending(Exception):
+    """Other shards have not made their parts of a row yet."""
 
 
 class Made(Npz):
@@ -53,9 +58,10 @@ class Made(Npz):
 
 
 def sampled(
-    model: Model, folder: Path, reference: Source, rows: Sequence[int], ask: Ask, how: Sampling, title: str
-) -> Made:
-    """One sample for every row of the reference, in files of ``folder``."""
+    model: Model, folder: Path, reference: Source, rows: Sequence[int], ask: Ask, how: Sampling, title: str,
+    shard: Shard = (0, 1),
+) -> Made:  # fmt: skip
+    """One sample for every row of the reference, in files of a folder that is named by ``folder`` and its content."""
     key = jax.random.key(how.seed)
 
     def make(part: Sequence[int], number: int) -> list[Scene]:
@@ -64,10 +70,12 @@ def sampled(
         return sample_many(part_key, conditions, model=model, steps=how.steps, guidance=how.guidance)
 
     name = digest("sampled", weights_hash(model), reference.fingerprint, _text(rows), title, str(how))
-    return _in_files(folder, name, rows, reference, make, title)
+    return _in_files(folder, name, rows, reference, make, title, shard)
 
 
-def decoded(model: Model, folder: Path, reference: Source, rows: Sequence[int], title: str) -> Made:
+def decoded(
+    model: Model, folder: Path, reference: Source, rows: Sequence[int], title: str, shard: Shard = (0, 1)
+) -> Made:
     """The autoencoder's reconstruction of every row of the reference, from its posterior mean."""
 
     def make(part: Sequence[int], number: int) -> list[Scene]:
@@ -75,7 +83,7 @@ def decoded(model: Model, folder: Path, reference: Source, rows: Sequence[int], 
         return reconstruct(model, scenes)
 
     name = digest("decoded", weights_hash(model), reference.fingerprint, _text(rows))
-    return _in_files(folder, name, rows, reference, make, title)
+    return _in_files(folder, name, rows, reference, make, title, shard)
 
 
 def counts_of(model: Model, scene: Scene, domain: str | None) -> Condition:
@@ -110,30 +118,22 @@ def weights_hash(model: Model) -> str:
 
 def _in_files(
     folder: Path, name: str, rows: Sequence[int], reference: Source,
-    make: Callable[[Sequence[int], int], list[Scene]], title: str,
+    make: Callable[[Sequence[int], int], list[Scene]], title: str, shard: Shard,
 ) -> Made:  # fmt: skip
+    folder = folder.with_name(f"{folder.name}-{name}")  # scenes of another model or seed stay where they are
     folder.mkdir(parents=True, exist_ok=True)
-    marker = folder / "made.json"
-    if not marker.exists() or json.loads(marker.read_text()).get("of") != name:
-        for old in folder.glob("part-*.npz"):  # of another model, or other references
-            old.unlink()
-        _write(marker, json.dumps({"of": name, "scenes": len(rows)}))
     pause = 0.5 if sys.stderr.isatty() else 30.0
     with tqdm(total=len(rows), desc=title, unit="scene", mininterval=pause) as bar:
         for number, start in enumerate(range(0, len(rows), PART)):
             part, path = rows[start : start + PART], folder / f"part-{number:05d}.npz"
-            if not path.exists():
+            if number % shard[1] == shard[0] and not path.exists():
                 save_npz(stack(make(part, number)), path)
             bar.update(len(part))
+    if len(list(folder.glob("part-*.npz"))) < -(-len(rows) // PART):
+        raise Pending
     every = reference.clusters
     return Made(folder, [every[int(row)] for row in rows])
 
 
 def _text(rows: Sequence[int]) -> str:
     return np.asarray(rows, int).tobytes().hex()
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    temporary.write_text(text)
-    temporary.replace(path)

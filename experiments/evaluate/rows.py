@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.evaluate.corruption import LADDER, Corrupted
 from experiments.evaluate.lane_aligned import LaneAligned
-from experiments.evaluate.made import Ask, Sampling, counts_of, decoded, lanes_of, nothing_of, sampled
+from experiments.evaluate.made import Ask, Sampling, Shard, counts_of, decoded, lanes_of, nothing_of, sampled
 from experiments.evaluate.population import Population
 from experiments.evaluate.retrieval import RULES, Index, retrieve
 from experiments.evaluate.sources import Chosen, Source, open_source
@@ -94,6 +94,7 @@ class Rows:
     consensus: int = 1
     wedge: tuple[float, float] | None = None
     facts: bool = False
+    shard: Shard = (0, 1)
     models: dict[str, Model] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
@@ -106,6 +107,7 @@ class Rows:
 
         Raises:
           ValueError: a text that means nothing, or a baseline that needs a bank without one.
+          Pending: other shards have not made their parts yet.
         """
         row = RowText.parse(text)
         first, *siblings = (self._source(row, draw) for draw in range(self.consensus if row.random else 1))
@@ -169,12 +171,12 @@ class Rows:
     def _made(self, row: RowText, draw: int) -> Source:
         model, place = self.model(row.place), self.folder / _file_name(row.name, draw)
         if row.how == DECODED:
-            made = decoded(model, place, self.reference, self.rows, row.name)
+            made = decoded(model, place, self.reference, self.rows, row.name, self.shard)
             made.decoded_by = row.place
             return made
         how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw)
         ask, title = self._ask(model, ASKED[row.how]), f"{row.name} ({row.how})"
-        return sampled(model, place, self.reference, self.rows, ask, how, title)
+        return sampled(model, place, self.reference, self.rows, ask, how, title, self.shard)
 
     def _ask(self, model: Model, request) -> Ask:
         domains = getattr(self.reference, "domains", ())

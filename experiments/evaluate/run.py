@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import time
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from experiments.evaluate import page, pictures, tables
 from experiments.evaluate.latent import latent_section
-from experiments.evaluate.made import Sampling, weights_hash
+from experiments.evaluate.made import Pending, Sampling, weights_hash
 from experiments.evaluate.novelty import diversity_section, novelty_section, of_interest
 from experiments.evaluate.population import Population, measured
 from experiments.evaluate.reconstruction import reconstruction_section
@@ -35,12 +36,20 @@ def evaluate(config, workdir: Path) -> Path | None:
     builder = Rows(
         reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
         Sampling(config.seed, config.steps or None, config.guidance or None), consensus=max(config.consensus, 1),
-        wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts,
+        wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts, shard=tuple(config.shard),
     )  # fmt: skip
     texts = [named(text, config) for text in (*config.rows, *config.more) if text]
     if not texts:
         raise ValueError("there is nothing to compare: give --config.rows or --config.more")
-    rows = {one.name: one for one in map(builder.population, texts)}
+    made: list[Population] = []
+    for text in texts:
+        with contextlib.suppress(Pending):
+            made.append(builder.population(text))
+    if len(made) < len(texts):
+        return None
+    rows = {one.name: one for one in made}
+    if len(rows) < len(made) or rows.keys() & {"real", "bank"}:
+        raise ValueError(f"rows need names of their own, not real or bank: {', '.join(one.name for one in made)}")
     extra = {"real": Population("real", reference)}
     if bank is not None:
         extra["bank"] = Population("bank", bank)

@@ -220,6 +220,16 @@ def test_a_report_of_a_model(worlds, tmp_path, stand_in):
     assert len(stand_in) == 80
 
 
+def test_shards_share_the_making(worlds, tmp_path, stand_in, monkeypatch):
+    monkeypatch.setattr(made, "PART", 8)
+    rows = ("samples=model:m#counts", "copy")
+    calls = [config(worlds, rows=rows, shard=(k, 2), novelty=0) for k in (0, 1, 0, 1)]
+    found = [program.evaluate(one, tmp_path / "out") for one in calls]
+    assert found[:2] == [None, found[1]] and found[-1] is not None
+    assert len(stand_in) == 16
+    assert report(tmp_path / "out")["tables"]["Placement of agents"]["rows"]["samples"]["scenes"] == 16
+
+
 def test_traffic_on_given_lanes(worlds, tmp_path, stand_in):
     program.evaluate(config(worlds, "placement", model="m", novelty=0), tmp_path / "out")
     rows = report(tmp_path / "out")["tables"]["Faults of single scenes"]["rows"]
@@ -283,6 +293,7 @@ def test_what_a_condition_adds(worlds, tmp_path):
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
         ({"rows": ("copy",), "prompt_gain": ("copy",)}, "prompt_gain 'copy': write two rows"),
+        ({"rows": ("copy", "copy=npz:HERE")}, "rows need names of their own"),
         ({"rows": ()}, "there is nothing to compare"),
     ],
 )
