@@ -11,10 +11,9 @@ from tqdm import tqdm
 
 from experiments.evaluate.population import Population
 from experiments.evaluate.sources import BUCKET, Source
-from experiments.evaluate.tables import Number, Row, Section
+from experiments.evaluate.tables import Number, Row, Section, control_frame
 from scjax.data.pipeline import clip_counts
 from scjax.embedding import Embedding, embed
-from scjax.metrics.control import ControlFrame
 from scjax.metrics.descriptors import Descriptor
 from scjax.metrics.perceptual import Gaussian, frechet, latent_descriptor
 from scjax.model import Model
@@ -45,11 +44,7 @@ def latent_section(
         if population.references is not None:
             chosen = [int(row) for row in population.rows]
             raw = Descriptor(*(x[chosen] for x in descriptor))
-            rng = np.random.default_rng(seed)
-            try:
-                frame = ControlFrame.of(raw, clusters, rng)
-            except ValueError:  # most references lie at one place
-                frame = ControlFrame.of(raw, clusters, rng, shuffles=0)
+            frame = control_frame(raw, clusters, seed)
             values, bounds = frame(_descriptor(ours)), frame.intervals(_descriptor(ours), clusters, draws=draws)
             numbers |= {key: Number(value, *bounds[key]) for key, value in values.items()}
         made[name] = Row(numbers, len(population), len(set(clusters)))

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from experiments.evaluate.sources import BUCKET, Npz, Source, digest
+from experiments.evaluate.sources import BUCKET, Npz, Source, digest, row_text
 from scjax.condition import Condition
 from scjax.data.pipeline import clip_counts
 from scjax.model import Model
@@ -69,7 +69,7 @@ def sampled(
         part_key = jax.random.fold_in(key, number)
         return sample_many(part_key, conditions, model=model, steps=how.steps, guidance=how.guidance)
 
-    name = digest("sampled", weights_hash(model), reference.fingerprint, _text(rows), title, str(how))
+    name = digest("sampled", weights_hash(model), reference.fingerprint, row_text(rows), title, str(how))
     return _in_files(folder, name, rows, reference, make, title, shard)
 
 
@@ -82,7 +82,7 @@ def decoded(
         scenes = [clip_counts(model.representation.select(scene), BUCKET) for scene in reference.read(part)]
         return reconstruct(model, scenes)
 
-    name = digest("decoded", weights_hash(model), reference.fingerprint, _text(rows))
+    name = digest("decoded", weights_hash(model), reference.fingerprint, row_text(rows))
     return _in_files(folder, name, rows, reference, make, title, shard)
 
 
@@ -133,7 +133,3 @@ def _in_files(
         raise Pending
     every = reference.clusters
     return Made(folder, [every[int(row)] for row in rows])
-
-
-def _text(rows: Sequence[int]) -> str:
-    return np.asarray(rows, int).tobytes().hex()

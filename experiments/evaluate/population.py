@@ -15,10 +15,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
-from experiments.evaluate.sources import Source, digest
+from experiments.evaluate.sources import Source, digest, row_text
 from scjax.data.captions.agreement import agreement
 from scjax.data.captions.facts import parse
 from scjax.metrics.measure import measure
@@ -60,9 +59,8 @@ class Population:
         """Of everything that its numbers depend on, but the code."""
         references = "" if self.references is None else self.references.fingerprint
         siblings = [sibling.fingerprint for sibling in self.siblings]
-        rows = np.asarray(self.rows, int).tobytes().hex()
         options = (str(FORMAT), str(self.wedge), str(self.facts))
-        return digest(self.source.fingerprint, references, rows, *options, *siblings)
+        return digest(self.source.fingerprint, references, row_text(self.rows), *options, *siblings)
 
     def clusters(self, start: int, stop: int) -> list[str]:
         """Location of scenes: that of their references, where there are any."""

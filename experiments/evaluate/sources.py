@@ -145,7 +145,7 @@ class Chosen:
 
     def __init__(self, source: Source, rows: Sequence[int] | np.ndarray):
         self.source, self.rows, self.ego = source, np.asarray(rows, int), source.ego
-        self.fingerprint = digest("chosen", source.fingerprint, self.rows.tobytes().hex())
+        self.fingerprint = digest("chosen", source.fingerprint, row_text(self.rows))
 
     @property
     def clusters(self) -> list[str]:
@@ -180,6 +180,11 @@ def open_source(text: str) -> Source:
 def digest(*parts: str) -> str:
     """A short hash of texts."""
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+
+def row_text(rows: Sequence[int] | np.ndarray) -> str:
+    """Row numbers as a text to be hashed."""
+    return np.asarray(rows, int).tobytes().hex()
 
 
 def tile_scene(arrays: dict[str, np.ndarray], tile: int, variant: str) -> Scene:

@@ -119,17 +119,21 @@ def control_section(
         if chosen not in frames:
             raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
             places = [real.clusters[row] for row in chosen]
-            rng = np.random.default_rng(seed)
-            try:
-                frame = ControlFrame.of(raw, places, rng)
-            except ValueError:
-                frame = ControlFrame.of(raw, places, rng, shuffles=0)
-            frames[chosen] = frame, places
+            frames[chosen] = control_frame(raw, places, seed), places
         frame, places = frames[chosen]
         values, bounds = frame(one.descriptors), frame.intervals(one.descriptors, places, draws=draws)
         numbers = {key: Number(value, *bounds[key]) for key, value in values.items()}
         made[name] = Row(numbers, len(one), len(set(places)))
     return Section("Control", NOTES["control"], made)
+
+
+def control_frame(raw: Descriptor, places: Sequence[str], seed: int) -> ControlFrame:
+    """Of references; without shuffles, hence SPG, where most of them lie at one place."""
+    rng = np.random.default_rng(seed)
+    try:
+        return ControlFrame.of(raw, places, rng)
+    except ValueError:
+        return ControlFrame.of(raw, places, rng, shuffles=0)
 
 
 def caption_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Section:

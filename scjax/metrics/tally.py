@@ -7,7 +7,7 @@ dealt out to a fixed number of groups.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float64
@@ -111,7 +111,7 @@ class Tally:
         names = list(self.clusters)
         if len(names) < 2:
             raise ValueError(f"a floor needs scenes of two locations or more, not {len(names)}")
-        held = np.array([next(iter(_scene_counts(sums))) for sums in self.clusters.values()])
+        held = np.array([_scene_count(sums) for sums in self.clusters.values()])
         wanted = min(scenes or np.inf, held.sum() / 2)
         rng, matrix, rows = np.random.default_rng(seed), self._matrix(), []
         for _ in range(splits):
@@ -150,10 +150,10 @@ def group_of(index: int) -> str:
     return f"group {index % GROUPS}"
 
 
-def _scene_counts(sums: Sums) -> Iterator[float]:
-    """Numbers of scenes that sums of either mode hold; 1 a cluster where they are not counted."""
-    yield from (float(value[0]) for name, value in sums.items() if name.rpartition("/")[2] == "scenes")
-    yield 1.0
+def _scene_count(sums: Sums) -> float:
+    """Number of scenes that sums of either mode hold; 1 a cluster where they are not counted."""
+    counts = (float(value[0]) for name, value in sums.items() if name.rpartition("/")[2] == "scenes")
+    return next(counts, 1.0)
 
 
 def _is_distance(name: str) -> bool:
