@@ -12,7 +12,7 @@ import numpy as np
 from scjax import representation
 from scjax.data.build import build
 from scjax.data.procedural import write_scenes
-from scjax.data.shards import BuildOptions
+from scjax.data.sources import BuildOptions
 from scjax.model import Model
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.model import autoencoder

@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _build(args: argparse.Namespace) -> int:
     from scjax.data.build import build
-    from scjax.data.shards import BuildOptions, PoseOptions
+    from scjax.data.sources import BuildOptions, PoseOptions
 
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
+import gzip
 import hashlib
 import json
 import multiprocessing
@@ -18,16 +19,16 @@ import numpy as np
 from tqdm import tqdm
 
 from scjax.data.records import RECORD_FORMAT
-from scjax.data.shards import MANIFEST_FORMAT, BuildOptions, Scanned, Shard, build_shard, scan, write_text
+from scjax.data.shards import MANIFEST_FORMAT, Shard, build_shard, scan, write_text
+from scjax.data.sources import BuildOptions, Recordings, Scanned, Source
 from scjax.data.statistics import SceneStatistics
 
 SPLITS = ("train", "val")
-SKIPPED_FOLDERS = ("peer_outputs", "images")  # generated scenes; pictures (any name that starts like this)
 _NONE = "{}: none of {} files can be used; the first: {}"
 
 
 def build(
-    source: str | Path,
+    source: str | Path | Source,
     out: str | Path,
     options: BuildOptions | None = None,
     *,
@@ -36,12 +37,13 @@ def build(
     resume: bool = True,
     strict: bool = False,
 ) -> dict[str, Any]:
-    """Builds records from every ``*.json.gz`` under ``source``; returns the manifest, also written to ``out``.
+    """Builds records from every scene of ``source``; returns the manifest, also written to ``out``.
 
     Finished shards whose sources, options and format are unchanged are kept, so a build that was killed continues. The
     split is by location cluster: a stable hash of (data set, cluster), so that adding scenes moves none.
 
     Args:
+      source: a folder of ``*.json.gz`` files, or any other source.
       workers: processes; 0 works in this one.
       limit: use only the first files, by name.
       strict: stop at the first file that cannot be used instead of listing it in the manifest.
@@ -50,8 +52,8 @@ def build(
       ValueError: no scene files in ``source``, none usable, ``out`` is a file or, if ``strict``, the first bad file.
     """
     options = options or BuildOptions()
-    source, out = Path(source), Path(out)
-    files = find_files(source)[:limit]
+    source, out = Recordings(str(source)) if isinstance(source, str | Path) else source, Path(out)
+    files = source.names()[:limit]
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is not a folder: choose another output folder")
     (out / "progress").mkdir(parents=True, exist_ok=True)
@@ -61,7 +63,7 @@ def build(
         left.unlink()
 
     with _mapper(workers) as run:
-        scanned = list(_progress(run(scan, [(str(source), file) for file in files]), len(files), "scan", "file"))
+        scanned = list(_progress(run(scan, [(source, file) for file in files]), len(files), "scan", "file"))
         _stop_if_strict(strict, [{"file": item.file, "reason": item.reason} for item in scanned if item.reason])
         usable = [item for item in scanned if not item.reason]
         if not usable:
@@ -70,7 +72,7 @@ def build(
         domains = tuple(sorted({item.domain for item in usable}))
         shards = _plan(usable, domains, options)
         _remove_stale(out, shards)
-        tasks = [(str(source), str(out), shard, resume) for shard in shards]
+        tasks = [(source, str(out), shard, resume) for shard in shards]
         reports = []
         for report in _progress(run(build_shard, tasks), len(tasks), "build", "shard"):
             _stop_if_strict(strict, report["skipped"])
@@ -82,6 +84,7 @@ def build(
     manifest = _manifest(scanned, shards, reports, domains, options)
     for split in SPLITS:
         _write_index(out, split, [r for r in reports if r["name"].startswith(split)])
+        _write_labels(out, split, [r for r in reports if r["name"].startswith(split)])
     write_text(manifest_path, json.dumps(manifest, indent=1))
     return manifest
 
@@ -111,22 +114,6 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
             f"{MANIFEST_FORMAT}/{RECORD_FORMAT}: build the records again"
         )
     return manifest
-
-
-def find_files(source: str | Path) -> list[str]:
-    """Scene files under ``source``, relative and sorted; folders of pictures and of generated scenes are left out.
-
-    Raises:
-      ValueError: if ``source`` is no folder or holds none.
-    """
-    source = Path(source)
-    if not source.is_dir():
-        raise ValueError(f"{source}: no such folder: give the folder that holds the *.json.gz scenes")
-    found = (path.relative_to(source) for path in source.rglob("*.json.gz"))
-    files = sorted(p.as_posix() for p in found if not any(part.startswith(SKIPPED_FOLDERS) for part in p.parts[:-1]))
-    if not files:
-        raise ValueError(f"{source}: no *.json.gz scenes there: give the folder that holds them")
-    return files
 
 
 def split_of(domain: str, cluster: str, percent: float) -> str:
@@ -198,6 +185,18 @@ def _write_index(out: Path, split: str, reports: list[dict]) -> None:
     with temporary.open("wb") as file:
         arrays: dict[str, Any] = {name: np.array(c) for name, c in zip(_INDEX_COLUMNS, columns, strict=True)}
         np.savez_compressed(file, **arrays)
+    os.replace(temporary, path)
+
+
+def _write_labels(out: Path, split: str, reports: list[dict]) -> None:
+    """``<split>-labels.jsonl.gz``: one line a record, for sources that know what their scenes show."""
+    path = out / f"{split}-labels.jsonl.gz"
+    lines = [json.dumps(label, separators=(",", ":")) for report in reports for label in report.get("labels", [])]
+    if not lines:
+        path.unlink(missing_ok=True)
+        return
+    temporary = out / f".{split}-labels.{os.getpid()}.part"
+    temporary.write_bytes(gzip.compress("\n".join(lines).encode() + b"\n", mtime=0))
     os.replace(temporary, path)
 
 

@@ -109,10 +109,11 @@ def find_poses(
         turn = np.abs(np.angle(np.exp(1j * (raw.headings[who, step] - heading))))
         for vehicle in who[(distance <= EGO_LANE_DISTANCE) & (turn <= EGO_HEADING)]:
             accept(step, int(vehicle))
-    return [*first, *(_pose(raw, index, step, who) for step, who in accepted[len(first) :])]
+    return [*first, *(pose_of(raw, index, step, who) for step, who in accepted[len(first) :])]
 
 
-def _pose(raw: RawScene, index: SegmentIndex, step: int, who: int) -> Pose:
+def pose_of(raw: RawScene, index: SegmentIndex, step: int, who: int) -> Pose:
+    """The pose of an object at a step."""
     x, y, z = raw.positions[who, step]
     height = raw.sizes[who, 2]
     ground = z if np.isnan(height) else z - height / 2

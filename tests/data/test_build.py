@@ -7,7 +7,7 @@ from scjax.data import build as building
 from scjax.data import records, shards
 from scjax.data.__main__ import main
 from scjax.data.build import build, load_manifest, split_of
-from scjax.data.shards import BuildOptions, PoseOptions
+from scjax.data.sources import BuildOptions, PoseOptions
 from scjax.scene import validate
 from tests.data import raw_scenes
 

@@ -1,0 +1,192 @@
+"""Rare events, staged in otherwise ordinary traffic; each leaves a label behind."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from scjax.data.synthetic import actors
+from scjax.data.synthetic.actors import Actors
+from scjax.data.synthetic.network import Network
+from scjax.data.synthetic.tracks import Tracks
+from scjax.data.synthetic.traffic import Fleet
+from scjax.scene import AgentType
+
+Event = Literal[
+    "wrong-way driver", "jaywalker", "stopped vehicle in lane", "double parking", "emergency corridor", "cut-in"
+]
+EVENTS: tuple[Event, ...] = (
+    "wrong-way driver", "jaywalker", "stopped vehicle in lane", "double parking", "emergency corridor", "cut-in",
+)  # fmt: skip
+_STANDS = 1e-3  # pace of a vehicle that will not move
+_CLEAR = 22.0  # metres of road before a stopped vehicle, and from a junction
+_MIDDLE = 75.0  # metres from the origin within which events happen
+
+
+@dataclasses.dataclass(frozen=True)
+class Staged:
+    """An event to be: its kind, the lane where it happens and the place along it [m]."""
+
+    kind: Event
+    lane: int
+    at: float
+
+
+def stage(kind: Event, net: Network, tracks: Tracks, rng: np.random.Generator) -> Staged | None:
+    """A place for an event of ``kind``; None where the network has none."""
+    options = [
+        k
+        for k, lane in enumerate(net.lanes)
+        if lane.junction < 0 and not lane.centre and tracks.length[k] > 2 * _CLEAR + 15 and _suits(kind, net, k)
+    ]
+    rng.shuffle(options)
+    for lane in options:
+        for at in rng.uniform(_CLEAR, tracks.length[lane] - _CLEAR, 3):
+            place, _ = tracks.place(np.array([lane]), np.array([at]))
+            if np.hypot(*place[0]) < _MIDDLE:
+                return Staged(kind, int(lane), float(at))
+    return None
+
+
+def obstruct(staged: Staged, net: Network, tracks: Tracks, fleet: Fleet, rng: np.random.Generator) -> Fleet:
+    """The fleet with what must be there before traffic runs: a vehicle that stands, or a jam.
+
+    A standing vehicle is the last of the fleet.
+    """
+    if staged.kind == "emergency corridor":
+        jammed = np.isin(fleet.lane, _abreast(net, staged.lane))
+        fleet.pace[jammed] = rng.uniform(0.02, 0.09)
+        return fleet
+    if staged.kind not in ("stopped vehicle in lane", "double parking"):
+        return fleet
+    box = actors.vehicle_sizes(1, rng, long=staged.kind == "double parking")
+    clear = (fleet.lane != staged.lane) | (np.abs(fleet.at - staged.at) > 12.0)
+    width = net.lanes[staged.lane].width
+    aside = -(0.5 * width - 0.9) if staged.kind == "double parking" else rng.normal(0, 0.15)
+    ends = {"lane": staged.lane, "at": staged.at, "speed": 0.0, "after": _next(tracks, staged.lane), "holds": -1,
+            "sizes": box, "pace": _STANDS, "aside": aside}  # fmt: skip
+    return Fleet(
+        **{
+            name: np.concatenate([getattr(fleet, name)[clear], np.reshape(value, (1, *np.shape(value)[1:]))])
+            for name, value in ends.items()
+        }
+    )
+
+
+def happen(
+    staged: Staged, net: Network, tracks: Tracks, scene: Actors, rng: np.random.Generator
+) -> tuple[Actors, int] | None:
+    """The event in a moment's scene and the index of the agent it is about; None where there is no room for it."""
+    if staged.kind in ("stopped vehicle in lane", "double parking"):
+        place, _ = tracks.place(np.array([staged.lane]), np.array([staged.at]))
+        near = np.hypot(*(scene.places - place).T)
+        there = np.flatnonzero((scene.lane == staged.lane) & (scene.speeds < 0.1) & (near < 2.0))
+        return (scene, int(there[0])) if len(there) else None
+    if staged.kind == "emergency corridor":
+        return _corridor(staged, net, tracks, scene, rng)
+    if staged.kind == "cut-in":
+        return _cut_in(staged, net, tracks, scene, rng)
+    places, headings = tracks.place(np.array([staged.lane]), np.array([staged.at]))
+    if staged.kind == "wrong-way driver":
+        new = actors.make(
+            AgentType.VEHICLE, places, headings + np.pi, rng.uniform(4, 12), actors.vehicle_sizes(1, rng, long=False),
+            lane=staged.lane,
+        )  # fmt: skip
+        margin = 6.0
+    else:
+        across = headings + rng.choice([-1, 1]) * np.pi / 2 + rng.normal(0, 0.2)
+        places = places + rng.uniform(-0.8, 0.8) * np.stack([-np.sin(headings), np.cos(headings)], -1)
+        size = actors.sizes_of(AgentType.PEDESTRIAN, 1, rng)
+        new = actors.make(AgentType.PEDESTRIAN, places, across, rng.uniform(1.0, 2.2), size, lane=staged.lane)
+        margin = 3.0
+    if net.lanes[staged.lane].height != 0.0:
+        return None
+    # Whoever is in the way was not there.
+    gone = np.hypot(*(scene.places - places).T) < margin
+    scene = actors.together([scene.select(~gone), new])
+    return scene, len(scene) - 1
+
+
+def _suits(kind: Event, net: Network, k: int) -> bool:
+    lane = net.lanes[k]
+    if np.any(np.asarray(lane.height) != 0):
+        return False
+    freeway = lane.subtype == "freeway"
+    if kind == "double parking":
+        return k in net.parking and lane.left is None and not freeway
+    if kind == "jaywalker":
+        return not freeway
+    if kind == "emergency corridor":
+        return lane.left is not None and lane.right is None
+    if kind == "cut-in":
+        return lane.left is not None or lane.right is not None
+    return True
+
+
+def _next(tracks: Tracks, lane: int) -> int:
+    return int(tracks.successors[lane, 0])
+
+
+def _abreast(net: Network, lane: int) -> list[int]:
+    """All lanes side by side with ``lane``, from the left."""
+    while (left := net.lanes[lane].left) is not None:
+        lane = left
+    found = [lane]
+    while (right := net.lanes[found[-1]].right) is not None:
+        found.append(right)
+    return found
+
+
+def _corridor(staged, net, tracks, scene: Actors, rng) -> tuple[Actors, int] | None:
+    """Those in the leftmost lane keep left, all others right; an ambulance comes through between."""
+    lanes = _abreast(net, staged.lane)
+    queued = np.isin(scene.lane, lanes) & (scene.types == AgentType.VEHICLE)
+    if (scene.lane[queued] == lanes[0]).sum() < 2 or (scene.lane[queued] != lanes[0]).sum() < 2:
+        return None
+    left = np.where(scene.lane == lanes[0], 0.85, -0.75) * queued
+    normal = np.stack([-np.sin(scene.headings), np.cos(scene.headings)], -1)
+    places = scene.places + left[:, None] * normal
+    border, heading = tracks.place(np.array([lanes[0]]), np.array([staged.at]))
+    right = 0.5 * net.lanes[lanes[0]].width * np.stack([np.sin(heading), -np.cos(heading)], -1)
+    ambulance = actors.make(
+        AgentType.VEHICLE, border + right, heading, rng.uniform(3, 8), (5.6, 2.0, 2.6), lane=lanes[0]
+    )
+    moved = Actors(scene.types, places, scene.headings, scene.speeds, scene.sizes, scene.level, scene.lane)
+    together = actors.together([moved, ambulance])
+    pairs = actors.overlapping(together)
+    in_way = np.unique(pairs[pairs[:, 1] == len(together) - 1, 0])
+    keep = np.setdiff1d(np.arange(len(together)), in_way)
+    return together.select(keep), len(keep) - 1
+
+
+def _cut_in(staged, net, tracks, scene: Actors, rng) -> tuple[Actors, int] | None:
+    """Somebody halfway into the next lane, shortly before a vehicle that drives there."""
+    lane = net.lanes[staged.lane]
+    other = lane.left if lane.left is not None else lane.right
+    assert other is not None  # only lanes with a neighbour suit
+    sign = 1.0 if lane.left is not None else -1.0
+    behind = np.flatnonzero((scene.lane == other) & (scene.speeds > 3.0) & (scene.types == AgentType.VEHICLE))
+    rng.shuffle(behind)
+    for follower in behind:
+        ahead = np.array([np.cos(scene.headings[follower]), np.sin(scene.headings[follower])])
+        left = np.array([-ahead[1], ahead[0]])
+        box = actors.vehicle_sizes(1, rng, long=False)
+        gap = (scene.sizes[follower, 0] + box[0, 0]) / 2 + rng.uniform(3.0, 7.0)
+        place = scene.places[follower] + gap * ahead - sign * rng.uniform(0.9, 1.6) * left
+        if np.hypot(*place) > _MIDDLE:
+            continue
+        heading = scene.headings[follower] + sign * rng.uniform(0.06, 0.16)
+        new = actors.make(
+            AgentType.VEHICLE, place[None], heading, scene.speeds[follower] * rng.uniform(0.85, 1.05), box,
+            lane=staged.lane,
+        )  # fmt: skip
+        together = actors.together([scene, new])
+        pairs = actors.overlapping(together, 0.4)
+        in_way = np.unique(pairs[pairs[:, 1] == len(together) - 1, 0])
+        if follower in in_way:
+            continue
+        keep = np.setdiff1d(np.arange(len(together)), in_way)
+        return together.select(keep), len(keep) - 1
+    return None

@@ -1,0 +1,110 @@
+"""What a scene cut from a world shows, known from how it was made; no label where that is a matter of taste."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+import numpy as np
+
+from scjax.data.synthetic.curves import wrapped
+from scjax.data.synthetic.world import Ego, World
+from scjax.scene import TILE_SIZE, Signal
+
+LayoutLabel = Literal["four-way", "T", "roundabout", "straight", "curve"]
+
+_HALF = TILE_SIZE / 2
+_WELL_INSIDE = 24.0  # metres from the ego to the middle of a junction that is seen as a whole
+_FAR = 4.0  # metres outside of the window from which a junction is not seen at all
+_ALONG = 30.0  # metres before and behind the ego that decide whether its road bends
+_STRAIGHT, _CURVED = np.deg2rad(9.0), np.deg2rad(27.0)
+_SIGNALS = {Signal.GO: "green", Signal.CAUTION: "yellow", Signal.STOP: "red"}
+_NAMES: dict[str, LayoutLabel] = {
+    "four-way": "four-way", "T": "T", "Y": "T", "driveway": "T", "roundabout": "roundabout",
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Label:
+    """Labels of one scene; None: unclear.
+
+    Attributes:
+      domain, network: of the world. layout: the one junction that is seen, or how the road runs.
+      signal: what the ego's light shows; "" without a light ahead that was recorded.
+      event: the rare event in the scene; ``about`` is the place of who it is about, in the ego's frame [m].
+    """
+
+    domain: str
+    network: str
+    layout: LayoutLabel | None
+    signal: str | None
+    event: str | None
+    about: tuple[float, float] | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return dataclasses.asdict(self)
+
+
+def label(world: World, ego: Ego) -> Label:
+    """Labels of the scene around ``ego``."""
+    moment = world.moments[ego.moment]
+    cos, sin = np.cos(moment.headings[ego.agent]), np.sin(moment.headings[ego.agent])
+    flip = -1.0 if world.mirrored else 1.0
+
+    def local(place: np.ndarray) -> tuple[float, float]:
+        x, y = place - moment.places[ego.agent]
+        return float(cos * x + sin * y), float(flip * (cos * y - sin * x))
+
+    about = local(moment.places[ego.about]) if ego.about >= 0 else None
+    return Label(world.domain, world.kind, _layout(world, ego, local), _signal(world, ego), ego.event, about)
+
+
+def _layout(world: World, ego: Ego, local) -> LayoutLabel | None:
+    seen: list[LayoutLabel] = []
+    for junction in world.net.junctions:
+        distance = max(map(abs, local(junction.centre)))
+        if distance > _HALF + junction.radius + _FAR:
+            continue
+        if distance > _WELL_INSIDE or junction.kind not in _NAMES:
+            return None
+        seen.append(_NAMES[junction.kind])
+    if seen:
+        return seen[0] if len(seen) == 1 else None
+    headings = _road_ahead(world, ego)
+    if headings is None:
+        return None
+    turn, spread = abs(headings[-1] - headings[0]), np.ptp(headings)
+    if spread < _STRAIGHT:
+        return "straight"
+    return "curve" if turn > _CURVED else None
+
+
+def _road_ahead(world: World, ego: Ego) -> np.ndarray | None:
+    """Directions of the ego's road from 30 m behind to 30 m ahead; None where it forks or ends before."""
+    tracks = world.tracks
+    moment = world.moments[ego.moment]
+    lane = int(moment.lane[ego.agent])
+    row = slice(tracks.start[lane], tracks.start[lane] + tracks.count[lane])
+    at = float(np.linalg.norm(tracks.points[row] - moment.places[ego.agent], axis=-1).argmin())
+    at *= tracks.length[lane] / (tracks.count[lane] - 1)
+    if at < _ALONG or tracks.length[lane] - at < _ALONG:
+        return None
+    places = np.linspace(at - _ALONG, at + _ALONG, 13)
+    _, headings = tracks.place(np.full(13, lane), places)
+    return headings[0] + np.concatenate([[0.0], np.cumsum(wrapped(np.diff(headings)))])
+
+
+def _signal(world: World, ego: Ego) -> str | None:
+    """The ego's light: its own lane's while it is on a connector, else that of the connectors that follow."""
+    lights, tracks = world.lights[ego.moment], world.tracks
+    lane = int(world.moments[ego.moment].lane[ego.agent])
+    ways = [lane, *(int(k) for k in tracks.successors[lane] if k >= 0)]
+    moment = world.moments[ego.moment]
+    end = tracks.points[tracks.start[lane] + tracks.count[lane] - 1]
+    if np.hypot(*(end - moment.places[ego.agent])) > _WELL_INSIDE:
+        ways = ways[:1]
+    states = {int(lights[k]) for k in ways} - {int(Signal.UNKNOWN)}
+    if not states:
+        return "" if not lights.any() else None
+    return _SIGNALS[Signal(states.pop())] if len(states) == 1 else None
