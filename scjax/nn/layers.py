@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from scjax.nn.initial import Draws
 from scjax.nn.precision import Compute, matmul
 
-EPS = 1e-5  # of every layer norm with parameters
+EPS = 1e-5  # of the official model's layer norms
 
 
 class Linear(nnx.Module):
@@ -55,12 +55,13 @@ def together(linears: Sequence[Linear], x: Float[Array, "*b i"]) -> list[Float[A
 class LayerNorm(nnx.Module):
     """Layer norm over the last axis with scale and offset, biased variance."""
 
-    def __init__(self, features: int):
+    def __init__(self, features: int, eps: float = EPS):
         self.scale = nnx.Param(jnp.ones(features))
         self.bias = nnx.Param(jnp.zeros(features))
+        self.eps = eps
 
     def __call__(self, x: Float[Array, "*b d"]) -> Float[Array, "*b d"]:
-        return standardise(x, EPS) * _lift(self.scale[...], x.ndim) + _lift(self.bias[...], x.ndim)
+        return standardise(x, self.eps) * _lift(self.scale[...], x.ndim) + _lift(self.bias[...], x.ndim)
 
 
 def standardise(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:

@@ -17,6 +17,7 @@ from scjax.data.captions.ego_road import (
     ego_path,
     joints,
 )
+from scjax.data.captions.events import find_events
 from scjax.data.captions.intersections import Intersection, Kind, Side, find_intersections, has_roundabout
 from scjax.data.captions.road import Road, road_of, wrapped
 from scjax.data.captions.traffic import Traffic, traffic_of
@@ -24,7 +25,7 @@ from scjax.data.captions.turn_lanes import find_turn_lanes
 from scjax.metrics.pooling import singles
 from scjax.scene import Scene, Signal
 
-FORMAT = 1
+FORMAT = 2
 Layout = Literal[
     "no road", "straight", "curve", "winding", "four-way", "T", "complex", "roundabout", "parking area",
     "intersection at the edge", "side road", "several side streets", "lane added", "lane ends", "split", "merge",
@@ -52,6 +53,7 @@ class Facts:
       ego_options: where the ego may go at the next fork.
       bridge: lanes pass over each other.
       signals: None where none is recorded; else the state of the ego's way ahead, "green", "yellow", "red" or "other".
+      events: rare ones, of which each is named once.
       traffic: numbers of agents by relation to the ego.
     """
 
@@ -72,6 +74,7 @@ class Facts:
     ego_options: tuple[str, ...] = ()
     bridge: bool = False
     signals: str | None = None
+    events: tuple[str, ...] = ()
     traffic: Traffic = dataclasses.field(default_factory=Traffic)
 
     def to_json(self) -> dict[str, Any]:
@@ -92,7 +95,7 @@ class Facts:
         if unknown := sorted(set(values) - known):
             raise ValueError(f"facts hold unknown fields: {', '.join(unknown)}")
         values["traffic"] = Traffic(**values.get("traffic", {}))
-        for name in ("turn_lanes", "ego_options"):
+        for name in ("turn_lanes", "ego_options", "events"):
             values[name] = tuple(values.get(name, ()))
         return cls(**values)
 
@@ -107,6 +110,7 @@ def parse(scene: Scene) -> Facts:
     lane = ego_lane(road)
     path = None if lane is None else ego_path(road, lane)
     values: dict[str, Any] = {"bridge": bridges > 0, "traffic": traffic_of(scene, road, path)}
+    values["events"] = find_events(scene, road, intersections)
     met = []
     if lane is not None and path is not None:
         section = cross_section(road, path, intersections)

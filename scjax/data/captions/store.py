@@ -21,7 +21,7 @@ from scjax.data.build import load_manifest
 from scjax.data.captions.facts import Facts, parse
 from scjax.data.captions.text import STYLES, write
 
-FORMAT = 1
+FORMAT = 2
 MISSING = "A realistic driving scene."  # what the release's loader says where a caption file is absent
 
 

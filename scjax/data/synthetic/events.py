@@ -77,17 +77,23 @@ def obstruct(staged: Staged, net: Network, tracks: Tracks, fleet: Fleet, rng: np
 
 def happen(
     staged: Staged, net: Network, tracks: Tracks, scene: Actors, rng: np.random.Generator
-) -> tuple[Actors, int] | None:
-    """The event in a moment's scene and the index of the agent it is about; None where there is no room for it."""
+) -> tuple[Actors, int, Event] | None:
+    """A moment's scene with the event, the agent that it is about, and what it has become; None without room for it."""
     if staged.kind in ("stopped vehicle in lane", "double parking"):
         place, _ = tracks.place(np.array([staged.lane]), np.array([staged.at]))
         near = np.hypot(*(scene.places - place).T)
         there = np.flatnonzero((scene.lane == staged.lane) & (scene.speeds < 0.1) & (near < 2.0))
-        return (scene, int(there[0])) if len(there) else None
-    if staged.kind == "emergency corridor":
-        return _corridor(staged, net, tracks, scene, rng)
-    if staged.kind == "cut-in":
-        return _cut_in(staged, net, tracks, scene, rng)
+        if not len(there):
+            return None
+        kind, about = staged.kind, int(there[0])
+        if kind == "double parking":
+            scene = _parked_beside(scene, about, rng)
+            kind = kind if _has_parked_beside(scene, about) else "stopped vehicle in lane"
+        return scene, about, kind
+    if staged.kind in ("emergency corridor", "cut-in"):
+        act = _corridor if staged.kind == "emergency corridor" else _cut_in
+        acted = act(staged, net, tracks, scene, rng)
+        return None if acted is None else (*acted, staged.kind)
     places, headings = tracks.place(np.array([staged.lane]), np.array([staged.at]))
     if staged.kind == "wrong-way driver":
         new = actors.make(
@@ -106,7 +112,36 @@ def happen(
     # Whoever is in the way was not there.
     gone = np.hypot(*(scene.places - places).T) < margin
     scene = actors.together([scene.select(~gone), new])
-    return scene, len(scene) - 1
+    return scene, len(scene) - 1, staged.kind
+
+
+def shows(kind: Event, net: Network, scene: Actors, about: int, ego: int) -> bool:
+    """Whether the surroundings of ``ego`` show all of an event: a corridor needs traffic on both its sides."""
+    if kind != "emergency corridor":
+        return True
+    lanes = _abreast(net, int(scene.lane[about]))
+    near = np.abs(scene.places - scene.places[ego]).max(-1) < 22.0
+    near[[about, ego]] = False
+    left, right = near & (scene.lane == lanes[0]), near & np.isin(scene.lane, lanes[1:2])
+    return bool(left.sum() >= 2 and right.sum() >= 2)
+
+
+def _has_parked_beside(scene: Actors, who: int) -> bool:
+    to = scene.places - scene.places[who]
+    heading = scene.headings[who]
+    right = np.sin(heading) * to[:, 0] - np.cos(heading) * to[:, 1]
+    parked = (scene.types == AgentType.VEHICLE) & (scene.lane < 0) & (scene.speeds < 0.1)
+    return bool((parked & (np.hypot(*to.T) < 8.0) & (right > 1.0)).any())
+
+
+def _parked_beside(scene: Actors, who: int, rng: np.random.Generator) -> Actors:
+    """With a vehicle parked at the kerb beside one that stands in the lane, if there is room for it."""
+    heading = scene.headings[who]
+    right = np.array([np.sin(heading), -np.cos(heading)])
+    place = scene.places[who] + rng.uniform(-2, 2) * np.array([-right[1], right[0]]) + rng.uniform(2.3, 2.6) * right
+    box = actors.vehicle_sizes(1, rng, long=False)
+    together = actors.together([scene, actors.make(AgentType.VEHICLE, place[None], heading, 0.0, box)])
+    return scene if (actors.overlapping(together)[:, 1] == len(scene)).any() else together
 
 
 def _suits(kind: Event, net: Network, k: int) -> bool:

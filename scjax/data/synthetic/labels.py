@@ -14,7 +14,7 @@ from scjax.scene import TILE_SIZE, Signal
 LayoutLabel = Literal["four-way", "T", "roundabout", "straight", "curve"]
 
 _HALF = TILE_SIZE / 2
-_WELL_INSIDE = 24.0  # metres from the ego to the middle of a junction that is seen as a whole
+_WELL_INSIDE = 20.0  # metres from the ego to the middle of a junction that is seen as a whole
 _FAR = 4.0  # metres outside of the window from which a junction is not seen at all
 _ALONG = 30.0  # metres before and behind the ego that decide whether its road bends
 _STRAIGHT, _CURVED = np.deg2rad(9.0), np.deg2rad(27.0)
@@ -68,9 +68,14 @@ def _layout(world: World, ego: Ego, local) -> LayoutLabel | None:
             continue
         if distance > _WELL_INSIDE or junction.kind not in _NAMES:
             return None
+        if not all(arm.inbound and arm.outbound for arm in junction.arms):
+            return None  # beside one-way roads it is a matter of taste what is a side road
         seen.append(_NAMES[junction.kind])
     if seen:
         return seen[0] if len(seen) == 1 else None
+    for lane in world.net.lanes:  # a lane is added, or ends
+        if len(lane.successors) > 1 and max(map(abs, local(lane.points[-1]))) < _HALF + _FAR:
+            return None
     headings = _road_ahead(world, ego)
     if headings is None:
         return None
@@ -96,15 +101,16 @@ def _road_ahead(world: World, ego: Ego) -> np.ndarray | None:
 
 
 def _signal(world: World, ego: Ego) -> str | None:
-    """The ego's light: its own lane's while it is on a connector, else that of the connectors that follow."""
+    """The light of the connectors that follow the ego's lane; unclear while it is on one of them."""
     lights, tracks = world.lights[ego.moment], world.tracks
     lane = int(world.moments[ego.moment].lane[ego.agent])
-    ways = [lane, *(int(k) for k in tracks.successors[lane] if k >= 0)]
+    if not lights.any():
+        return ""
     moment = world.moments[ego.moment]
     end = tracks.points[tracks.start[lane] + tracks.count[lane] - 1]
-    if np.hypot(*(end - moment.places[ego.agent])) > _WELL_INSIDE:
-        ways = ways[:1]
-    states = {int(lights[k]) for k in ways} - {int(Signal.UNKNOWN)}
-    if not states:
-        return "" if not lights.any() else None
+    if tracks.junction[lane] >= 0 or np.hypot(*(end - moment.places[ego.agent])) > _WELL_INSIDE:
+        return None
+    states = {int(lights[k]) for k in tracks.successors[lane] if k >= 0}
+    if states <= {int(Signal.UNKNOWN)}:
+        return None
     return _SIGNALS[Signal(states.pop())] if len(states) == 1 else None

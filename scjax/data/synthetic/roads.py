@@ -83,7 +83,7 @@ def _add_side(net: Network, line: Line, profile: Profile, side: Side) -> Ends:
             for before, after in zip(sections[-1], lanes, strict=True):
                 net.join(before, after)
         sections.append(lanes)
-        if profile.parking:
+        if profile.parking and not widened:
             net.parking += lanes[-1:]
         if profile.walks:
             net.walks += lanes[-1:]

@@ -90,6 +90,7 @@ class Simulation:
         limit = np.minimum(limit, np.sqrt(coming**2 + 2 * _BRAKING * 0.75 * np.maximum(left, 0.0)))
         change = _ACCELERATION * (1 - (speed / limit) ** 4 - interaction)
         new = np.maximum(0.0, speed + DT * np.clip(change, -_HARDEST, _ACCELERATION))
+        new = np.minimum(new, np.maximum(limit, speed))  # however slow somebody wants to be
         move = np.minimum((speed + new) / 2 * DT, np.maximum(gaps.min(0) - 0.3, 0.0))
         new = np.minimum(new, np.maximum(2 * move / DT - speed, 0.0) + 2.0 * (move > 0))
         fleet.at[order], fleet.speed[order] = at + move, new

@@ -93,12 +93,12 @@ def make_world(seed: int, k: int) -> World:
                 ]
             )
         )
-        about = -1
+        about, event = -1, None
         if staged is not None and (happened := events.happen(staged, net, tracks, scene, rng)) is not None:
-            scene, about = happened
+            scene, about, event = happened
         moments.append(scene)
         lights.append(simulation.lights.copy() if shown else np.zeros_like(simulation.lights))
-        found += _egos(scene, net, moment, about, staged, rng)
+        found += _egos(scene, net, moment, about, event, rng)
     return World(
         f"{domain.name}-{seed}-{k:06d}", domain.name, kind, domain.left_hand, net, tracks, Ground.drawn(rng),
         tuple(moments), tuple(lights), tuple(_spread(found, moments)),
@@ -123,7 +123,7 @@ def _clear(scene: Actors) -> Actors:
     return scene.select(np.setdiff1d(np.arange(len(scene)), pairs[:, 1]))
 
 
-def _egos(scene: Actors, net: Network, moment: int, about: int, staged, rng: np.random.Generator) -> list[Ego]:
+def _egos(scene: Actors, net: Network, moment: int, about: int, event: events.Event | None, rng) -> list[Ego]:
     """Vehicles on lanes near the middle, by chance; first of all those that see the event."""
     drives = (scene.types == AgentType.VEHICLE) & (scene.lane >= 0) & (np.hypot(*scene.places.T) < _VIEW)
     rows = np.flatnonzero(drives & (scene.level == 0))
@@ -132,12 +132,13 @@ def _egos(scene: Actors, net: Network, moment: int, about: int, staged, rng: np.
     near = (np.linalg.norm(scene.places[rows] - centres, axis=-1) < _BUSY).any(0)
     rows = rows[near | (rng.random(len(rows)) < (_ELSEWHERE if near.any() else 1.0))]
     found = []
-    if about >= 0:
+    if event is not None:
         ahead = np.stack([np.cos(scene.headings), np.sin(scene.headings)], -1)
         to = scene.places[about] - scene.places[rows]
         along, left = (to * ahead[rows]).sum(-1), ahead[rows, 0] * to[:, 1] - ahead[rows, 1] * to[:, 0]
-        sees = rows[(np.abs(along) < 27) & (np.abs(left) < 24) & (rows != about)]
-        found += [Ego(moment, int(row), staged.kind, about) for row in sees[:3]]
+        sees = rows[(np.abs(along) < 21) & (np.abs(left) < 20) & (rows != about)]
+        sees = [int(row) for row in sees if events.shows(event, net, scene, about, int(row))]
+        found += [Ego(moment, row, event, about) for row in sees[:3]]
         # Other scenes must not show the event at their edge, unlabelled.
         far = np.hypot(*(scene.places - scene.places[about]).T) > 50.0
         rows = rows[far[rows]]

@@ -1,0 +1,125 @@
+"""BERT (Devlin et al. 2019) as a frozen text encoder: post-norm, exact GELU, absolute positions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.convert.strict import SAME, TRANSPOSE, Rules
+from scjax.nn.attention import attend
+from scjax.nn.initial import Draws
+from scjax.nn.layers import LayerNorm, Linear
+
+_STD = 0.02
+UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias")  # keys of weights never needed
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BertConfig:
+    """Sizes, named as in ``config.json`` of the transformers library."""
+
+    vocab_size: int = 30522
+    hidden_size: int = 384
+    num_hidden_layers: int = 6
+    num_attention_heads: int = 12
+    intermediate_size: int = 1536
+    max_position_embeddings: int = 512
+    type_vocab_size: int = 2
+    layer_norm_eps: float = 1e-12
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> BertConfig:
+        """From a ``config.json``.
+
+        Raises:
+          ValueError: a variant that this network is not.
+        """
+        for name, wanted in (("hidden_act", "gelu"), ("position_embedding_type", "absolute")):
+            if content.get(name, wanted) != wanted:
+                raise ValueError(f"{name} is {content[name]!r}: only {wanted!r} is supported for BERT")
+        return cls(**{field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content})
+
+    @property
+    def width(self) -> int:
+        """Features of a token."""
+        return self.hidden_size
+
+    @property
+    def longest(self) -> int:
+        """Tokens that have a position."""
+        return self.max_position_embeddings
+
+
+class BertLayer(nnx.Module):
+    """x = LN(x + attention(x)), x = LN(x + MLP(x))."""
+
+    def __init__(self, config: BertConfig, *, draws: Draws):
+        width, eps = config.hidden_size, config.layer_norm_eps
+        self.query = Linear(width, width, draws=draws, std=_STD)
+        self.key = Linear(width, width, draws=draws, std=_STD)
+        self.value = Linear(width, width, draws=draws, std=_STD)
+        self.out = Linear(width, width, draws=draws, std=_STD)
+        self.norm = LayerNorm(width, eps)
+        self.up = Linear(width, config.intermediate_size, draws=draws, std=_STD)
+        self.down = Linear(config.intermediate_size, width, draws=draws, std=_STD)
+        self.out_norm = LayerNorm(width, eps)
+        self.heads = config.num_attention_heads
+
+    def __call__(self, x: Float[Array, "b t d"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
+        read = attend(self.query(x), self.key(x), self.value(x), mask[:, None], self.heads)
+        x = self.norm(x + self.out(read))
+        return self.out_norm(x + self.down(jax.nn.gelu(self.up(x), approximate=False)))
+
+
+class Bert(nnx.Module):
+    """Token ids -> last hidden states."""
+
+    def __init__(self, config: BertConfig, *, draws: Draws):
+        def table(rows: int) -> nnx.Param:
+            return nnx.Param(draws.normal((rows, config.hidden_size), _STD))
+
+        self.words, self.positions, self.kinds = (
+            table(config.vocab_size), table(config.max_position_embeddings), table(config.type_vocab_size)
+        )  # fmt: skip
+        self.norm = LayerNorm(config.hidden_size, config.layer_norm_eps)
+        self.layers = nnx.List([BertLayer(config, draws=draws) for _ in range(config.num_hidden_layers)])
+
+    def __call__(self, ids: Int[Array, "b t"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
+        """Features of every token; padding (``mask`` False) never changes those of others."""
+        x = self.words[...][ids] + self.positions[...][None, : ids.shape[1]] + self.kinds[...][:1][None]
+        x = self.norm(x)
+        for layer in self.layers:
+            x = layer(x, mask)
+        return jnp.where(mask[..., None], x, 0.0)
+
+
+def rules(config: BertConfig) -> Rules:
+    """Keys of a transformers state dict (without the prefix "bert.") -> parameters."""
+    found: dict[str, Any] = {
+        "embeddings.word_embeddings.weight": (("words",), SAME),
+        "embeddings.position_embeddings.weight": (("positions",), SAME),
+        "embeddings.token_type_embeddings.weight": (("kinds",), SAME),
+        **_norm("embeddings.LayerNorm", ("norm",)),
+    }
+    linears = {
+        "attention.self.query": "query", "attention.self.key": "key", "attention.self.value": "value",
+        "attention.output.dense": "out", "intermediate.dense": "up", "output.dense": "down",
+    }  # fmt: skip
+    for k in range(config.num_hidden_layers):
+        start, path = f"encoder.layer.{k}", ("layers", k)
+        for foreign, own in linears.items():
+            found[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
+            found[f"{start}.{foreign}.bias"] = ((*path, own, "bias"), SAME)
+        found |= _norm(f"{start}.attention.output.LayerNorm", (*path, "norm"))
+        found |= _norm(f"{start}.output.LayerNorm", (*path, "out_norm"))
+    return found
+
+
+def _norm(foreign: str, path: tuple) -> dict[str, Any]:
+    return {f"{foreign}.weight": ((*path, "scale"), SAME), f"{foreign}.bias": ((*path, "bias"), SAME)}

@@ -1,0 +1,175 @@
+"""T5 and UMT5 encoders (Raffel et al. 2020; Chung et al. 2023): relative position biases, no scaling of scores.
+
+UMT5 has a table of biases in every layer, T5 one for all of them. The paper's text encoder is UMT5-XXL.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.convert.strict import SAME, TRANSPOSE, Rules
+from scjax.nn.attention import merge_heads, split_heads
+from scjax.nn.initial import Draws
+from scjax.nn.layers import Linear
+
+_STD = 0.02
+ALIASES = {"encoder.embed_tokens.weight": "shared.weight"}
+_GATED, _PLAIN = "gated-gelu", "relu"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class T5Config:
+    """Sizes, named as in ``config.json`` of the transformers library.
+
+    Attributes:
+      feed_forward_proj: "gated-gelu" (T5 1.1, UMT5) or "relu" (the first T5).
+      bias_per_layer: a table of position biases in every layer (UMT5) or in the first one, for all (T5).
+    """
+
+    vocab_size: int = 256384
+    d_model: int = 512
+    d_kv: int = 64
+    d_ff: int = 1024
+    num_layers: int = 8
+    num_heads: int = 6
+    relative_attention_num_buckets: int = 32
+    relative_attention_max_distance: int = 128
+    layer_norm_epsilon: float = 1e-6
+    feed_forward_proj: str = _GATED
+    bias_per_layer: bool = True
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> T5Config:
+        """From a ``config.json``.
+
+        Raises:
+          ValueError: a variant that this network is not.
+        """
+        values = {field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content}
+        config = cls(**{**values, "bias_per_layer": content.get("model_type") == "umt5"})
+        if config.feed_forward_proj not in (_GATED, _PLAIN):
+            raise ValueError(f"feed_forward_proj is {config.feed_forward_proj!r}: only {_GATED!r} and {_PLAIN!r} exist")
+        return config
+
+    @property
+    def width(self) -> int:
+        """Features of a token."""
+        return self.d_model
+
+    @property
+    def longest(self) -> int:
+        """Tokens that the release feeds at most; positions are relative and set no limit."""
+        return 512
+
+
+class RMSNorm(nnx.Module):
+    """x / sqrt(mean(x^2) + eps) * scale."""
+
+    def __init__(self, features: int, eps: float):
+        self.scale = nnx.Param(jnp.ones(features))
+        self.eps = eps
+
+    def __call__(self, x: Float[Array, "b t d"]) -> Float[Array, "b t d"]:
+        x = x * jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + self.eps)
+        return x * self.scale[...][None, None]
+
+
+class T5Layer(nnx.Module):
+    """x = x + attention(norm(x)), x = x + MLP(norm(x)); no biases."""
+
+    def __init__(self, config: T5Config, has_bias: bool, *, draws: Draws):
+        width, inner = config.d_model, config.num_heads * config.d_kv
+
+        def linear(before: int, after: int) -> Linear:
+            return Linear(before, after, draws=draws, bias=False, std=_STD)
+
+        self.norm = RMSNorm(width, config.layer_norm_epsilon)
+        self.query, self.key, self.value = (linear(width, inner) for _ in range(3))
+        self.out = linear(inner, width)
+        shape = (config.relative_attention_num_buckets, config.num_heads)
+        self.biases = nnx.Param(draws.normal(shape, _STD)) if has_bias else None
+        self.mlp_norm = RMSNorm(width, config.layer_norm_epsilon)
+        self.gate = linear(width, config.d_ff) if config.feed_forward_proj == _GATED else None
+        self.up = linear(width, config.d_ff)
+        self.down = linear(config.d_ff, width)
+        self.heads = config.num_heads
+
+    def __call__(
+        self, x: Float[Array, "b t d"], mask: Bool[Array, "b t"], biases: Float[Array, "h t t"]
+    ) -> Float[Array, "b t d"]:
+        normed = self.norm(x)
+        q, k, v = (split_heads(part(normed), self.heads) for part in (self.query, self.key, self.value))
+        scores = q @ k.swapaxes(-1, -2) + biases[None]
+        weights = jax.nn.softmax(jnp.where(mask[:, None, None], scores.astype(jnp.float32), -1e30))
+        x = x + self.out(merge_heads(weights.astype(x.dtype) @ v))
+        normed = self.mlp_norm(x)
+        up = self.up(normed)
+        inner = jax.nn.relu(up) if self.gate is None else jax.nn.gelu(self.gate(normed), approximate=True) * up
+        return x + self.down(inner)
+
+
+class T5(nnx.Module):
+    """Token ids -> features after the last norm."""
+
+    def __init__(self, config: T5Config, *, draws: Draws):
+        self.words = nnx.Param(draws.normal((config.vocab_size, config.d_model), 1.0))
+        self.layers = nnx.List(
+            [T5Layer(config, config.bias_per_layer or k == 0, draws=draws) for k in range(config.num_layers)]
+        )
+        self.norm = RMSNorm(config.d_model, config.layer_norm_epsilon)
+        self.config = config
+
+    def __call__(self, ids: Int[Array, "b t"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
+        """Features of every token, zero at padding (as the release does), which never changes those of others."""
+        config = self.config
+        position = np.arange(ids.shape[1])
+        bucket = bucket_of(
+            position[None] - position[:, None], config.relative_attention_num_buckets,
+            config.relative_attention_max_distance,
+        )  # fmt: skip
+        x, biases = self.words[...][ids], None
+        for layer in self.layers:
+            if layer.biases is not None:
+                biases = layer.biases[...][bucket].transpose(2, 0, 1)
+            assert biases is not None  # the first layer always has its own
+            x = layer(x, mask, biases)
+        return jnp.where(mask[..., None], self.norm(x), 0.0)
+
+
+def bucket_of(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int) -> Int[np.ndarray, "q k"]:
+    """Bucket of key position - query position: one a step nearby, then logarithmic, both directions apart."""
+    half = buckets // 2
+    near = half // 2
+    distance = np.abs(offset)
+    scale = (half - near) / math.log(farthest / near)
+    far = near + (np.log(np.maximum(distance, 1).astype(np.float32) / near) * scale).astype(int)
+    return half * (offset > 0) + np.where(distance < near, distance, np.minimum(far, half - 1))
+
+
+def rules(config: T5Config) -> Rules:
+    """Keys of a transformers state dict -> parameters."""
+    found: dict[str, Any] = {
+        "shared.weight": (("words",), SAME), "encoder.final_layer_norm.weight": (("norm", "scale"), SAME)
+    }  # fmt: skip
+    gated = config.feed_forward_proj == _GATED
+    for k in range(config.num_layers):
+        start, path = f"encoder.block.{k}.layer", ("layers", k)
+        names = {f"0.SelfAttention.{a}": b for a, b in zip("qkvo", ("query", "key", "value", "out"), strict=True)}
+        mlp = {"wi_0": "gate", "wi_1": "up", "wo": "down"} if gated else {"wi": "up", "wo": "down"}
+        names |= {f"1.DenseReluDense.{foreign}": own for foreign, own in mlp.items()}
+        for foreign, own in names.items():
+            found[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
+        found[f"{start}.0.layer_norm.weight"] = ((*path, "norm", "scale"), SAME)
+        found[f"{start}.1.layer_norm.weight"] = ((*path, "mlp_norm", "scale"), SAME)
+        if config.bias_per_layer or k == 0:
+            found[f"{start}.0.SelfAttention.relative_attention_bias.weight"] = ((*path, "biases"), SAME)
+    return found
