@@ -39,8 +39,8 @@ def build(config) -> Stage:
     def init(key: jax.Array) -> TrainState:
         return initial(network.init(key), optimiser)
 
-    def objective(params, scenes, key):
-        tokens = representation.tokens(scenes)
+    def objective(params, batch, key):
+        tokens = representation.tokens(batch.scene)
         posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, model), method="reconstruct")
         return loss(decoded, posterior, tokens, weights, **options)
 
@@ -75,7 +75,7 @@ def build(config) -> Stage:
         stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
-            tokens = representation.tokens(next(stream))
+            tokens = representation.tokens(next(stream).scene)
             draw = sampled(params, tokens, jax.random.fold_in(jax.random.key(1), i))
             latents.append(jax.tree.map(np.asarray, draw))
             masks.append(Nodes(agents=np.asarray(tokens.agent_mask), lanes=np.asarray(tokens.lane_mask)))

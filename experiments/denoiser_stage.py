@@ -7,25 +7,31 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 import scjax
 from experiments.reporting import Reporter
 from experiments.state import Stage, TrainState, initial, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
-from scjax.data.pipeline import validation_scenes
+from scjax.data.captions.embeddings import TextStore
+from scjax.data.pipeline import Example, batch_of, validation_scenes
+from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.optimiser import adamw, unchanged
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.model import Model
 from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.counts import count_table
-from scjax.models.denoiser.config import DenoiserConfig
+from scjax.models.denoiser.config import DenoiserConfig, TextCondition
+from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
-from scjax.sampling import sample_many
-from scjax.scene import Layout, pad, stack
+from scjax.nn.functional import Params, flatten, unflatten
+from scjax.representation import Representation
+from scjax.sampling import decode, sample_many
+from scjax.scene import AgentType, Layout
 from scjax.viz import grid
 
 _PICTURED = 8
@@ -38,26 +44,33 @@ def build(config) -> Stage:
     representation, coder = frozen.representation, autoencoder(frozen.autoencoder_config)
     manifest = load_manifest(config.records)
     fields = config.model.to_dict()
+    texts = _texts(config)
     fields |= {
+        "condition": None if texts is None else TextCondition(texts.width),
         "lane_latent": frozen.autoencoder_config.lane_latent,
         "agent_latent": frozen.autoencoder_config.agent_latent,
         "domains": max(len(manifest["domains"]), 1),
     }
     model = DenoiserConfig(**fields)
     network = denoiser(model)
+    base = _base(config)
+    kept = frozenset(flatten(base)) if config.freeze else frozenset()
+    optimiser = optax.chain(adamw(**config.optimiser.to_dict(), steps=config.steps), unchanged(kept))
     schedule = cosine_schedule()
-    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     loss = config.loss
-    validation = validation_scenes(config.records, representation)
+    if texts is None:
+        validation = [Example(scene=scene) for scene in validation_scenes(config.records, representation)]
+    else:
+        validation = with_captions(config, representation)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
 
     def init(key: jax.Array) -> TrainState:
-        return initial(network.init(key), optimiser)
+        return initial(started(network.init(key), base), optimiser)
 
-    def latent_batch(scenes, key: jax.Array) -> LatentBatch:
-        tokens = representation.tokens(scenes)
+    def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
+        tokens = representation.tokens(batch.scene)
         posterior = coder.apply(coder_params, tokens, method="encode")
         latents = reparameterise(jax.random.fold_in(key, 0), posterior)
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
@@ -66,39 +79,53 @@ def build(config) -> Stage:
         return LatentBatch(
             latents=frozen.latents.normalise(latents), masks=masks, given=given,
             label=model.domains * tokens.layout + tokens.domain,
+            condition=None if texts is None else TextFeatures(
+                tokens=batch.tokens.astype(jnp.float32), mask=batch.token_mask
+            ),
         )  # fmt: skip
 
-    def objective(params, scenes, key):
-        batch, key = latent_batch(scenes, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
+    def penalty_of(masks: Nodes, scene):
+        def penalty(latents: Nodes, step):
+            made = decode(
+                coder, coder_params, representation, frozen.latents.denormalise(latents), masks, scene.layout,
+                scene.domain,
+            )  # fmt: skip
+            vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
+            return loss.collision * noise_weight(schedule, step) * collision_penalty(made.agents, vehicles)
+
+        return penalty
+
+    def objective(params, example: Example, key):
+        batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
-            network, params, schedule, batch, key, null_label=model.null_label, prediction=model.prediction,
-            label_dropout=loss.label_dropout, condition_dropout=loss.condition_dropout, count_given=loss.count_given,
+            network, held(params, kept), schedule, batch, key, null_label=model.null_label,
+            prediction=model.prediction, label_dropout=loss.label_dropout, condition_dropout=loss.condition_dropout,
+            count_given=loss.count_given,
+            penalty=penalty_of(batch.masks, example.scene) if loss.collision else None,
         )  # fmt: skip
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:
         return dataclasses.replace(
             frozen, denoiser=jax.device_get(state.ema), denoiser_config=model, domains=tuple(manifest["domains"]),
-            counts=_counts(manifest, model), notes=notes or {},
+            counts=_counts(manifest, model), text_encoder="" if texts is None else texts.encoder, notes=notes or {},
         )  # fmt: skip
 
     @jax.jit
-    def validation_loss(params, scenes, key):
-        return objective(params, scenes, key)[1]
+    def validation_loss(params, example, key):
+        return objective(params, example, key)[1]
 
     def evaluate(state: TrainState) -> dict[str, float]:
         size, totals, params = config.batch.batch_size, [], jax.device_get(state.ema)
         for draw in range(_VALIDATION_DRAWS):
             for start in range(0, len(validation) - len(validation) % size or len(validation), size):
-                scenes = stack([pad(scene, *bucket) for scene in validation[start : start + size]])
+                examples = batch_of(validation[start : start + size], bucket)
                 key = jax.random.fold_in(jax.random.key(2), draw * len(validation) + start)
-                totals.append(jax.device_get(validation_loss(params, scenes, key)))
+                totals.append(jax.device_get(validation_loss(params, examples, key)))
         return {name: float(np.mean([terms[name] for terms in totals])) for name in totals[0]}
 
     def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
-        real = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
-        conditions = [
-            Condition(num_lanes=int(s.num_lanes), num_agents=int(s.num_agents), domain=int(s.domain)) for s in real
-        ]
+        chosen = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
+        real, conditions = [example.scene for example in chosen], [_like(example) for example in chosen]
         made = sample_many(jax.random.key(3), conditions, model=as_model(state))
         titles = [f"{kind} {i}" for i in range(len(real)) for kind in ("recorded", "sampled")]
         pairs = [scene for pair in zip(real, made, strict=True) for scene in pair]
@@ -111,7 +138,72 @@ def build(config) -> Stage:
     step = training_step(
         objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(representation, init, step, evaluate, pictures, export)
+    return Stage(representation, init, step, evaluate, pictures, export, texts)
+
+
+def started(params: Params, base: Params) -> Params:
+    """Fresh parameters, with those of a base wherever it has any.
+
+    Raises:
+      ValueError: a parameter of the base that this network lacks, or one of another shape.
+    """
+    leaves = flatten(params)
+    for path, value in flatten(base).items():
+        if path not in leaves or leaves[path].shape != np.shape(value):
+            raise ValueError(
+                f"config.start: its parameter {'/'.join(map(str, path))} {np.shape(value)} does not fit this network: "
+                "choose a base of the same sizes, domains and autoencoder"
+            )
+        leaves[path] = jnp.asarray(value)
+    return unflatten(leaves)
+
+
+def held(params: Params, kept: frozenset) -> Params:
+    """``params`` whose leaves at paths in ``kept`` get no gradient, which spares its computation."""
+    leaves = flatten(params)
+    return unflatten({path: jax.lax.stop_gradient(leaf) if path in kept else leaf for path, leaf in leaves.items()})
+
+
+def _base(config) -> Params:
+    """Parameters to begin with; nothing without ``config.start``."""
+    if not config.start:
+        if config.freeze:
+            raise ValueError(
+                "config.freeze keeps the parameters of a base as they are: name its folder in config.start"
+            )
+        return {}
+    base = scjax.load(config.start)
+    if base.denoiser is None:
+        raise ValueError(f"config.start: {config.start} holds no denoiser: give the model folder of that stage")
+    return base.denoiser
+
+
+def _texts(config) -> TextStore | None:
+    if config.condition not in ("none", "text"):
+        raise ValueError(f'config.condition is {config.condition!r}: choose "none" or "text"')
+    return TextStore(config.records, "train") if config.condition == "text" else None
+
+
+def with_captions(config, representation: Representation) -> list[Example]:
+    """Held-back scenes of ``config.records``, each with the first of its captions."""
+    store, slots, found = TextStore(config.records, "val"), config.batch.text_slots, []
+    for row, scene in enumerate(validation_scenes(config.records, representation)):
+        features = store.features(int(store.texts_of(row)[0]))[:slots]
+        tokens = np.zeros((slots, store.width), np.float16)
+        tokens[: len(features)] = features
+        found.append(Example(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features)))
+    return found
+
+
+def _like(example: Example) -> Condition:
+    """Counts, domain and caption of a scene."""
+    scene = example.scene
+    tokens = None
+    if example.tokens is not None and example.token_mask is not None:
+        tokens = np.asarray(example.tokens[example.token_mask], np.float32)
+    return Condition(
+        num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain), tokens=tokens
+    )
 
 
 def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:

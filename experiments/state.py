@@ -12,18 +12,18 @@ import optax
 from jax.sharding import NamedSharding, PartitionSpec
 
 from experiments.reporting import Reporter
-from scjax.data.pipeline import PipelineConfig
+from scjax.data.captions.embeddings import TextStore
+from scjax.data.pipeline import Example, PipelineConfig
 from scjax.devices import AXIS, scene_mesh
 from scjax.diffusion.ema import update_ema
 from scjax.model import Model
 from scjax.nn.functional import Params
 from scjax.pytree import pytree
 from scjax.representation import Representation
-from scjax.scene import Scene
 
 _AT_ONCE = 16
 
-Objective = Callable[[Params, Scene, jax.Array], tuple[jax.Array, dict[str, jax.Array]]]
+Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, jax.Array]]]
 
 
 @pytree
@@ -37,14 +37,18 @@ class TrainState:
 
 
 class Stage(NamedTuple):
-    """One training stage as functions over a ``TrainState``; ``step`` is a ``training_step``."""
+    """One training stage as functions over a ``TrainState``; ``step`` is a ``training_step``.
+
+    ``texts`` are the captions that its batches carry, if any.
+    """
 
     representation: Representation
     init: Callable[[jax.Array], TrainState]
-    step: Callable[[TrainState, Scene], tuple[TrainState, dict[str, jax.Array]]]
+    step: Callable[[TrainState, Example], tuple[TrainState, dict[str, jax.Array]]]
     evaluate: Callable[[TrainState], dict[str, float]]
     pictures: Callable[[TrainState, int, Reporter], None]
     export: Callable[[TrainState, dict], Model]
+    texts: TextStore | None = None
 
 
 def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainState:
@@ -62,34 +66,34 @@ def training_step(
     batch_size: int,
     devices: Sequence[jax.Device] | None = None,
     at_once: int | None = None,
-) -> Callable[[TrainState, Scene], tuple[TrainState, dict[str, jax.Array]]]:
+) -> Callable[[TrainState, Example], tuple[TrainState, dict[str, jax.Array]]]:
     """A step of the whole batch over all devices: each takes a share of the scenes, the gradients are averaged.
 
     Args:
-      objective: (params, scenes, key) -> (loss, terms), means over the scenes; draws its randomness from the key.
+      objective: (params, batch, key) -> (loss, terms), means over the scenes; draws its randomness from the key.
       batch_size: scenes a step over all processes; as many devices are used as divide it.
       devices: defaults to all. Their number decides which random numbers a scene gets.
       at_once: scenes that a device works on at once, the rest of its share after them, gradients adding up; defaults
         to 16 on a CPU, where memory is dear and more scenes at once are no faster, and to all elsewhere.
 
     Returns:
-      (state, scenes of this process) -> (new state, metrics); the given state is donated.
+      (state, batch of this process) -> (new state, metrics); the given state is donated.
     """
     mesh = scene_mesh(batch_size, devices)
     most = at_once or (_AT_ONCE if jax.default_backend() == "cpu" else batch_size)
     whole, shared = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
 
-    def share(params: Params, scenes: Scene, key: jax.Array):
+    def share(params: Params, batch: Example, key: jax.Array):
         key = jax.random.fold_in(key, jax.lax.axis_index(AXIS))
         gradient = jax.value_and_grad(objective, has_aux=True)
-        parts = _parts(len(jax.tree.leaves(scenes)[0]), most)
+        parts = _parts(len(jax.tree.leaves(batch)[0]), most)
         if parts == 1:
-            return jax.lax.pmean(gradient(params, scenes, key), AXIS)
-        split = jax.tree.map(lambda x: x.reshape(parts, -1, *x.shape[1:]), scenes)
+            return jax.lax.pmean(gradient(params, batch, key), AXIS)
+        split = jax.tree.map(lambda x: x.reshape(parts, -1, *x.shape[1:]), batch)
 
         def add(total, part):
-            scenes, number = part
-            found = gradient(params, scenes, jax.random.fold_in(key, number))
+            batch, number = part
+            found = gradient(params, batch, jax.random.fold_in(key, number))
             return jax.tree.map(jnp.add, total, found), None
 
         like = jax.eval_shape(gradient, params, jax.tree.map(lambda x: x[0], split), key)
@@ -102,9 +106,9 @@ def training_step(
         out_specs=PartitionSpec(), check_vma=False,
     )  # fmt: skip
 
-    def step(state: TrainState, scenes: Scene):
+    def step(state: TrainState, batch: Example):
         key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
-        (loss, terms), gradients = gradients_of(state.params, scenes, key)
+        (loss, terms), gradients = gradients_of(state.params, batch, key)
         updates, moments = optimiser.update(gradients, state.optimiser, state.params)
         params = optax.apply_updates(state.params, updates)
         ema = update_ema(state.ema, params, state.step + 1, ema_decay)
@@ -114,9 +118,9 @@ def training_step(
 
     program = jax.jit(step, donate_argnums=0, out_shardings=whole)
 
-    def run(state: TrainState, scenes: Scene):
-        scenes = jax.tree.map(lambda x: jax.make_array_from_process_local_data(shared, np.asarray(x)), scenes)
-        return program(jax.device_put(state, whole), scenes)
+    def run(state: TrainState, batch: Example):
+        batch = jax.tree.map(lambda x: jax.make_array_from_process_local_data(shared, np.asarray(x)), batch)
+        return program(jax.device_put(state, whole), batch)
 
     return run
 

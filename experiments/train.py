@@ -1,6 +1,7 @@
 """Trains one stage: python -m experiments.train --config=experiments/configs/<stage>.py:<variant> --workdir=runs/x
 
-Stages: ``autoencoder``, then ``denoiser`` (which reads the first one's exported model). Variants: tiny, small, base,
+Stages: ``autoencoder``, then ``denoiser`` (which reads the first one's exported model), for prompts once more with
+--config.condition=text and then ``counter``. Variants: tiny, small, base,
 official. Any field is changed on the command line: --config.batch.batch_size=32. A run that is started again in the
 same --workdir continues at the very next batch; Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the
 trained model for scjax.load.
@@ -22,7 +23,7 @@ import numpy as np
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from experiments import autoencoder_stage, denoiser_stage
+from experiments import autoencoder_stage, counter_stage, denoiser_stage
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
 from experiments.state import pipeline_config
@@ -34,7 +35,7 @@ _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and varia
 _WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the run: checkpoints, metrics, pictures, the model.")
 flags.mark_flags_as_required(["config", "workdir"])
 
-STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage}
+STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage, "counter": counter_stage}
 
 
 def main(_) -> None:
@@ -59,7 +60,7 @@ def train(config, workdir: Path) -> None:
     # --- data and stage: pure functions over a state
     stage = STAGES[config.stage].build(config)
     batches = training_batches(
-        config.records, stage.representation, pipeline_config(resolved["batch"]),
+        config.records, stage.representation, pipeline_config(resolved["batch"]), texts=stage.texts,
         process=jax.process_index(), processes=jax.process_count(),
     )  # fmt: skip
     state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))

@@ -18,8 +18,11 @@ class Condition:
       num_lanes, num_agents: totals, ego and known elements included; by default drawn from the data's joint table.
       domain: a name or index from the model's list; by default drawn from the data's frequencies.
       layout: which window: centred on the ego (the default), or ahead of it.
-      tokens: condition tokens [n, features] for a model with a condition branch; None for unconditional.
+      prompt: what the scene shall show, for a model trained on text; its tokens come from the model's text encoder.
+      negative_prompt: what it shall not show: guidance leads away from it instead of from no prompt at all.
+      tokens: condition tokens [n, features] instead of a prompt.
       token_mask: [n] True for real tokens; by default all.
+      negative_tokens: tokens instead of a negative prompt, all of them real.
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
     """
@@ -28,8 +31,11 @@ class Condition:
     num_agents: int | None = None
     domain: str | int | None = None
     layout: Layout = Layout.CENTRED
+    prompt: str | None = None
+    negative_prompt: str | None = None
     tokens: Array | np.ndarray | None = None
     token_mask: Array | np.ndarray | None = None
+    negative_tokens: Array | np.ndarray | None = None
     known: Scene | None = None
 
     def __post_init__(self):
@@ -44,5 +50,9 @@ class Condition:
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
                 "with known[i]"
             )
-        if self.tokens is not None and np.ndim(self.tokens) != 2:
-            raise ValueError(f"Condition.tokens must be [tokens, features], not of rank {np.ndim(self.tokens)}")
+        for name, text in (("tokens", self.prompt), ("negative_tokens", self.negative_prompt)):
+            tokens = getattr(self, name)
+            if tokens is not None and np.ndim(tokens) != 2:
+                raise ValueError(f"Condition.{name} must be [tokens, features], not of rank {np.ndim(tokens)}")
+            if tokens is not None and text is not None:
+                raise ValueError(f"Condition.{name} and a prompt are both given: leave one of them out")

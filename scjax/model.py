@@ -6,22 +6,25 @@ import dataclasses
 import json
 import shutil
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import safetensors
-import safetensors.numpy
 
+from scjax.encoders.kept import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.counter import CounterConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.representation import Representation
 from scjax.scene import AgentType, Link
+from scjax.weights import read_arrays, write_arrays
 
 FORMAT = 1
-_JSON, _WEIGHTS = "model.json", "weights.safetensors"
+SHIPPED = Path(__file__).parent / "pretrained"
+_JSON, _WEIGHTS, PROMPTS = "model.json", "weights.safetensors", "prompts.safetensors"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,6 +38,9 @@ class Model:
       latents: mean and standard deviation of the latents of each kind.
       counts: [domains, layouts, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
       domains: names behind the domain labels.
+      text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
+      prompts: features of texts that ship with the model, so that they need no encoder.
+      counter, counter_config: network that tells counts from a prompt (``scjax.models.counter``), or None.
       notes: free JSON: training data, steps, licence.
     """
 
@@ -46,11 +52,19 @@ class Model:
     denoiser: Params | None = None
     denoiser_config: DenoiserConfig | None = None
     counts: np.ndarray | None = None
+    text_encoder: str = ""
+    prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    counter: Params | None = None
+    counter_config: CounterConfig | None = None
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def save(model: Model, folder: str | Path) -> Path:
-    """Writes ``folder`` (replaced as a whole at the end, never half-written) and returns it."""
+def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest: float | None = None) -> Path:
+    """Writes ``folder`` (replaced as a whole at the end, never half-written) and returns it.
+
+    Args:
+      dtype, largest: precision and megabytes of the weight files, as in ``weights.write_arrays``.
+    """
     folder = Path(folder)
     description = {
         "format": FORMAT,
@@ -59,18 +73,21 @@ def save(model: Model, folder: str | Path) -> Path:
         "denoiser": dataclasses.asdict(model.denoiser_config) if model.denoiser_config else None,
         "latents": dataclasses.asdict(model.latents),
         "domains": list(model.domains),
+        "text_encoder": model.text_encoder,
+        "counter": dataclasses.asdict(model.counter_config) if model.counter_config else None,
         "notes": model.notes,
     }
-    networks = {"autoencoder": model.autoencoder or {}, "denoiser": model.denoiser or {}}
-    # safetensors writes an array's memory as it lies, whatever its strides: a transposed one would come back garbled.
-    arrays = {".".join(map(str, path)): np.array(leaf, order="C") for path, leaf in flatten(networks).items()}
+    networks = {name: getattr(model, name) or {} for name in ("autoencoder", "denoiser", "counter")}
+    arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(networks).items()}
     if model.counts is not None:
-        arrays["counts"] = np.array(model.counts, order="C")
+        arrays["counts"] = np.asarray(model.counts)
     temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
     temporary.mkdir(parents=True)
     try:
+        description["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest)
         (temporary / _JSON).write_text(json.dumps(description, indent=1))
-        safetensors.numpy.save_file(arrays, temporary / _WEIGHTS, metadata={"format": str(FORMAT)})
+        if model.prompts:
+            write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)
         retired = folder.with_name(f"{temporary.name}.old")
         if folder.exists():
             folder.rename(retired)
@@ -81,22 +98,27 @@ def save(model: Model, folder: str | Path) -> Path:
     return folder
 
 
-def load(path: str | Path) -> Model:
+def load(path: str | Path | None = None) -> Model:
     """Reads a model folder written by ``save``, by training or by ``python -m scjax.convert``.
 
+    Args:
+      path: the folder; None: the model that ships with scjax, trained on its synthetic world alone.
+
     Raises:
-      ValueError: if the folder is missing, incomplete, damaged, or of a newer format.
+      ValueError: if the folder is missing, incomplete, damaged (by the hashes of its files), or of a newer format.
     """
-    folder = Path(path)
+    folder = Path(path) if path is not None else SHIPPED
+    if path is None and not (folder / _JSON).is_file():
+        raise ValueError("no model ships with this version of scjax: train one with python -m experiments.train")
     if not (folder / _JSON).is_file():
         raise ValueError(f"{folder} is no model folder: it has no {_JSON}. Train one with python -m experiments.train")
     try:
         description = json.loads((folder / _JSON).read_text())
-        flat = safetensors.numpy.load_file(folder / _WEIGHTS)
-    except (OSError, json.JSONDecodeError, safetensors.SafetensorError) as error:
+    except (OSError, json.JSONDecodeError) as error:
         raise ValueError(f"{folder} is damaged ({error}): copy or export the model again") from error
     if description.get("format", 0) > FORMAT:
         raise ValueError(f"{folder} has model format {description['format']}, this code reads {FORMAT}: update scjax")
+    flat = read_arrays(folder, description.get("files", {_WEIGHTS: ""}))
     counts = flat.pop("counts", None)
     paths = {tuple(int(part) if part.isdigit() else part for part in name.split(".")): a for name, a in flat.items()}
     params = unflatten(paths)
@@ -109,6 +131,10 @@ def load(path: str | Path) -> Model:
         latents=LatentStatistics(**description["latents"]),
         domains=tuple(description["domains"]),
         counts=counts,
+        text_encoder=description.get("text_encoder", ""),
+        prompts=load_prompts(folder / PROMPTS, description.get("text_encoder", "")),
+        counter=params.get("counter"),
+        counter_config=CounterConfig(**description["counter"]) if description.get("counter") else None,
         notes=description["notes"],
     )
 

@@ -16,17 +16,19 @@ from scjax.devices import spread
 from scjax.diffusion.guidance import Denoise, guided, join
 from scjax.diffusion.sampler import sample as sample_latents
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.model import Model
+from scjax.model import Model, load
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
+from scjax.models.counter import CounterConfig, counter
 from scjax.models.counts import draw_counts
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, Params
+from scjax.prompts import with_tokens
 from scjax.representation import Representation, Tokens
-from scjax.scene import Scene, empty, pad, permute, stack, unpadded
+from scjax.scene import Layout, Scene, empty, pad, permute, stack, unpadded
 
 BUCKETS = ((12, 16), (16, 28), (32, 48), (61, 100))  # (agent, lane) slots
 GROUP = 8  # scenes a compiled call, when there is more than one
@@ -50,7 +52,7 @@ def sample(
     Args:
       key: typed key, ``jax.random.key(0)``.
       cond: what to hold fixed; None draws everything.
-      model: from ``scjax.load``.
+      model: from ``scjax.load``; None: the one that ships.
       steps: diffusion steps; by default all steps of training.
       guidance: w in eps_u + w (eps_c - eps_u); 1, the default without condition tokens, is plain sampling.
 
@@ -75,6 +77,7 @@ def sample_many(
     model = _with_denoiser(model)
     config = model.denoiser_config
     assert config is not None
+    conditions = with_tokens(conditions, model)
     if config.condition is None and any(cond.tokens is not None for cond in conditions):
         raise ValueError("Condition.tokens is given, but this model is unconditional: leave it out")
     weight = guidance if guidance is not None else (4.0 if config.condition is not None else 1.0)
@@ -183,14 +186,32 @@ def _request(key: Array, cond: Condition, model: Model) -> _Request:
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, 0xC0)))
     rng = np.random.default_rng(seed.astype(np.uint32))
     domain, lanes, agents = draw_counts(
-        rng, model.counts, cond.layout, domain=domain, num_lanes=cond.num_lanes, num_agents=cond.num_agents,
-        least_lanes=least[1], least_agents=least[0],
+        rng, _count_table(cond, domain, model), cond.layout, domain=domain, num_lanes=cond.num_lanes,
+        num_agents=cond.num_agents, least_lanes=least[1], least_agents=least[0],
     )  # fmt: skip
     return _Request(key, (agents, lanes), domain, cond, known)
 
 
+def _count_table(cond: Condition, domain: int | None, model: Model) -> np.ndarray | None:
+    """Probabilities of (domain, layout, N_l, N_o): of the prompt where the model has learnt that, else of the data."""
+    config = model.counter_config
+    if cond.tokens is None or model.counter is None or config is None or cond.layout == Layout.FORWARD:
+        return model.counts
+    text = TextCondition(config.text_width)
+    features = _text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
+    label = jnp.array([config.domains if domain is None else domain])
+    told = np.exp(np.asarray(_counter_program(config)(model.counter, features, label)[0], np.float64))
+    shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
+    return (shares / shares.sum())[:, None, None, None] * np.broadcast_to(told, (1, len(Layout), *told.shape))
+
+
+@functools.lru_cache(maxsize=4)
+def _counter_program(config: CounterConfig) -> Callable[..., Array]:
+    return jax.jit(counter(config).apply)
+
+
 def _collate(requests: list[_Request], bucket: tuple[int, int], config: DenoiserConfig):
-    """Requests -> (keys, masks, layout, domain, known scenes, text features) as batched arrays."""
+    """Requests -> (keys, masks, layout, domain, known scenes, features of prompts, of negative prompts), batched."""
     agent_slots, lane_slots = bucket
     masks = Nodes(
         agents=np.stack([np.arange(agent_slots) < request.counts[0] for request in requests]),
@@ -202,27 +223,33 @@ def _collate(requests: list[_Request], bucket: tuple[int, int], config: Denoiser
         parts = [none if r.known is None else pad(r.known, agent_slots, lane_slots) for r in requests]
         layouts = [np.asarray(request.cond.layout, np.int32) for request in requests]
         known = stack([part.replace(layout=layout) for part, layout in zip(parts, layouts, strict=True)])
-    features = None
+    features = away = None
     if isinstance(config.condition, TextCondition):
-        features = _text_features([request.cond for request in requests], config.condition)
+        told = [request.cond for request in requests]
+        texts = [(cond.tokens, cond.token_mask) for cond in told]
+        negative = [(cond.negative_tokens, None) for cond in told if cond.negative_tokens is not None]
+        longest = max(0 if tokens is None else len(tokens) for tokens, _ in [*texts, *negative])
+        features = _text_features(texts, longest, config.condition)
+        if negative:
+            away = _text_features([(cond.negative_tokens, None) for cond in told], longest, config.condition)
     layout = np.array([request.cond.layout for request in requests], np.int32)
     domain = np.array([request.domain for request in requests], np.int32)
-    return jnp.stack([request.key for request in requests]), masks, layout, domain, known, features
+    return jnp.stack([request.key for request in requests]), masks, layout, domain, known, features, away
 
 
-def _text_features(conditions: list[Condition], config: TextCondition) -> TextFeatures:
-    """Token features padded to a multiple of 64, so that few programs are compiled."""
-    lengths = [0 if cond.tokens is None else len(cond.tokens) for cond in conditions]
-    slots = max(64, -(-max(lengths) // 64) * 64)
-    tokens, mask = np.zeros((len(lengths), slots, config.width), np.float32), np.zeros((len(lengths), slots), bool)
-    for row, (cond, length) in enumerate(zip(conditions, lengths, strict=True)):
-        if cond.tokens is None:
+def _text_features(texts: list[tuple], longest: int, config: TextCondition) -> TextFeatures:
+    """(tokens, mask) of every scene, padded to 64 or 128, ... of them, so that few programs are compiled."""
+    lengths = [0 if tokens is None else len(tokens) for tokens, _ in texts]
+    slots = max(64, -(-longest // 64) * 64)
+    padded, valid = np.zeros((len(lengths), slots, config.width), np.float32), np.zeros((len(lengths), slots), bool)
+    for row, ((tokens, mask), length) in enumerate(zip(texts, lengths, strict=True)):
+        if tokens is None:
             continue
-        if np.shape(cond.tokens)[1] != config.width:
-            raise ValueError(f"Condition.tokens are {np.shape(cond.tokens)[1]} wide, the model takes {config.width}")
-        tokens[row, :length] = cond.tokens
-        mask[row, :length] = True if cond.token_mask is None else cond.token_mask
-    return TextFeatures(tokens=jnp.asarray(tokens), mask=jnp.asarray(mask))
+        if np.shape(tokens)[1] != config.width:
+            raise ValueError(f"Condition.tokens are {np.shape(tokens)[1]} wide, the model takes {config.width}")
+        padded[row, :length] = tokens
+        valid[row, :length] = True if mask is None else mask
+    return TextFeatures(tokens=jnp.asarray(padded), mask=jnp.asarray(valid))
 
 
 @functools.lru_cache(maxsize=32)
@@ -233,7 +260,7 @@ def _program(
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = respaced(cosine_schedule(), steps)
 
-    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features) -> Scene:
+    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features, away) -> Scene:
         label = config.domains * layout + domain
         given = values = None
         if known is not None:
@@ -253,7 +280,10 @@ def _program(
         if two_branches:
             labels = join(label, jnp.full_like(label, config.null_label))
             twice, both, caches = join(masks, masks), join(given, given), cache
-            if features is not None and config.attend_padding:  # else nothing can be read from "no condition"
+            if away is not None:
+                absent = ~jnp.asarray(away.mask).any(-1)
+                caches = join(cache, network.apply(params, away, absent, method="encode_condition"))
+            elif features is not None and config.attend_padding:  # else nothing can be read from "no condition"
                 caches = join(cache, network.apply(params, features, ~dropped, method="encode_condition"))
             denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
         latents = sample_latents(
@@ -303,11 +333,7 @@ def bucket_of(agents: int, lanes: int) -> tuple[int, int]:
 
 
 def _with_denoiser(model: Model | None) -> Model:
-    if model is None:
-        raise ValueError(
-            "no model is given and none ships yet: train one with python -m experiments.train "
-            "--config=experiments/configs/denoiser.py:tiny --workdir=runs/tiny and pass model=scjax.load(folder)"
-        )
+    model = load() if model is None else model
     if model.denoiser is None or model.autoencoder is None:
         lacking = "denoiser" if model.denoiser is None else "autoencoder"
         raise ValueError(f"this model has no {lacking}: train that stage (or convert its checkpoint) first")

@@ -33,6 +33,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.stage = "denoiser"
     config.records = "runs/records"  # folder made by python -m scjax.data build
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
+    config.condition = "none"  # or "text": captions of the records, embedded by python -m scjax.data embed
+    config.start = ""  # model folder of a denoiser to begin with, e.g. the unconditional base of a text model
+    config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
     config.steps = steps
     config.model = dataclasses.asdict(getattr(sizes, variant)())
@@ -44,6 +47,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "jitter_heading": 0.0 if official else 10.0,  # degrees
         "order": "recursive",
         "seed": 0,
+        "text_slots": 96,  # tokens of a caption at most
         "workers": 1,
     }
     config.optimiser = {
@@ -59,6 +63,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "condition_dropout": 0.1,
         "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
         "count_given": official,  # whether given tokens stay in the loss mean
+        "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)

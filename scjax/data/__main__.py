@@ -25,6 +25,16 @@ Describe every record: facts read off lanes and agents by rule, and sentences ma
 
 RECORDS receives captions-train.jsonl.gz and captions-val.jsonl.gz, a line a record in record order, with texts in
 three styles: one or two short sentences; "ROAD & CONTROL: ... AGENTS: ..."; a paragraph."""
+SYNTHETIC = """\
+Make training records of a synthetic world: streets, motorways, traffic, people, rare events. No data set is needed.
+
+Every world is a location of its own and gives up to 15 records; OUT receives shards and manifest.json as from build,
+and labels (train-labels.jsonl.gz): what is known of each scene because it was made."""
+EMBED = """\
+Encode the captions of records with a frozen text encoder, once, for training on text.
+
+RECORDS receives text-train.npz and text-train.bin (and the same of val). Without --encoder it is all-MiniLM-L6-v2,
+which is found or fetched."""
 EPILOG = """\
 exit codes: 0 all files used; 1 nothing built (bad arguments, no usable file, or a bad file under --strict);
 2 wrong usage; 3 records built, but some files were skipped (listed above and in manifest.json); 130 interrupted.
@@ -74,6 +84,24 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--scenes", type=int, default=100, metavar="N", help="how many (default %(default)s)")
     made.add_argument("--seed", type=int, default=0, metavar="S",
                       help="scene k depends on S and k alone (default %(default)s)")  # fmt: skip
+    world = commands.add_parser(
+        "synthetic", help="training records of a synthetic world", description=SYNTHETIC,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    world.add_argument("out", metavar="OUT", help="folder for the records; made if it is not there")
+    world.add_argument("--worlds", type=int, default=1000, metavar="N", help="how many (default %(default)s)")
+    world.add_argument("--seed", type=int, default=0, metavar="S",
+                       help="world k depends on S and k alone (default %(default)s)")  # fmt: skip
+    world.add_argument("--workers", type=int, default=2, metavar="N",
+                       help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
+    world.add_argument("--split-percent", type=float, default=5.0, metavar="P",
+                       help="share of worlds held back as the val split (default %(default)s)")  # fmt: skip
+    text = commands.add_parser(
+        "embed", help="token features of captions", description=EMBED,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    text.add_argument("records", metavar="RECORDS", help="folder with captions")
+    text.add_argument("--encoder", metavar="DIR", help="folder of a text encoder (BERT, T5 or UMT5, Hugging Face)")
     said = commands.add_parser(
         "caption", help="facts and sentences for records", description=CAPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -91,6 +119,8 @@ def main(argv: list[str] | None = None) -> int:
     run, interrupted = {
         "build": (_build, "run the same command again to continue"),
         "procedural": (_procedural, "files that are there are whole"),
+        "synthetic": (_synthetic, "run the same command again to continue"),
+        "embed": (_embed, "nothing was written for the split under way"),
         "caption": (_caption, "nothing was written for the split under way"),
     }[args.command]
     try:
@@ -146,6 +176,29 @@ def _procedural(args: argparse.Namespace) -> int:
 
     paths = write_scenes(args.out, args.scenes, args.seed)
     print(f"{len(paths)} scenes in {paths[0].parent}")
+    return 0
+
+
+def _synthetic(args: argparse.Namespace) -> int:
+    from scjax.data.build import build
+    from scjax.data.sources import BuildOptions
+    from scjax.data.synthetic.source import Worlds
+
+    if args.workers < 0:
+        raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
+    options = BuildOptions(split_percent=args.split_percent, files_per_shard=64)
+    manifest = build(Worlds(args.seed, args.worlds), args.out, options, workers=args.workers)
+    for split, entry in manifest["splits"].items():
+        print(f"{split}: {entry['records']} records of {entry['scenes']} worlds")
+    return 0
+
+
+def _embed(args: argparse.Namespace) -> int:
+    from scjax.data.captions.embeddings import embed_captions
+    from scjax.encoders.text import load_text_encoder
+
+    for split, count in embed_captions(args.records, load_text_encoder(args.encoder)).items():
+        print(f"{split}: {count} different texts embedded")
     return 0
 
 

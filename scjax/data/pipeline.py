@@ -1,6 +1,6 @@
 """Record shards -> batches of scenes: pose jitter, crop, token order, buckets of padded shapes, exact resume.
 
-Every training example is a pure function of (seed, index): which record, which jitter, which crop, which order. So the
+Every training example is a pure function of (seed, index): which record, which jitter, crop, order and text. So the
 whole state of the stream is one index and, per bucket, the indices of the examples that wait for a full batch.
 """
 
@@ -9,18 +9,39 @@ from __future__ import annotations
 import collections
 import concurrent.futures
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import grain
 import numpy as np
+from jaxtyping import Bool, Float
 
 from scjax.data import ordering, records
+from scjax.data.captions.embeddings import TextStore
+from scjax.pytree import pytree
 from scjax.representation import Representation
-from scjax.scene import Layout, Scene, pad, permute, stack
+from scjax.scene import AnyArray, Layout, Scene, pad, permute, stack
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
+
+
+@pytree
+class Example:
+    """One training example, or a batch of them.
+
+    Attributes:
+      scene: in the pipeline's layout and order.
+      tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
+    """
+
+    scene: Scene
+    tokens: Float[AnyArray, "*b slots width"] | None = None
+    token_mask: Bool[AnyArray, "*b slots"] | None = None
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Example: ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,6 +55,7 @@ class PipelineConfig:
       jitter_position: the crop's pose is moved by up to this many metres along x and y.
       jitter_heading: and turned by up to this many degrees.
       order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
+      text_slots: tokens of a caption at most; the rest is cut off.
       seed: of everything random in the stream.
       workers: threads that prepare examples ahead.
     """
@@ -44,6 +66,7 @@ class PipelineConfig:
     jitter_position: float = 2.0
     jitter_heading: float = 10.0
     order: Literal["shuffle", "recursive"] = "shuffle"
+    text_slots: int = 96
     seed: int = 0
     workers: int = 1
 
@@ -58,13 +81,13 @@ class PipelineConfig:
             raise ValueError(f'order must be "shuffle" or "recursive", not {self.order!r}')
 
 
-class Batches(Iterator[Scene]):
+class Batches(Iterator[Example]):
     """Endless batches [batch_size, ...] of one bucket each; ``state`` and ``restore`` resume to the very next batch.
 
-    ``example`` maps an index to a single unpadded scene and must be pure; examples are prepared ahead by threads.
+    ``example`` maps an index to a single example of an unpadded scene and must be pure; threads prepare them ahead.
     """
 
-    def __init__(self, example: Callable[[int], Scene], config: PipelineConfig, *, processes: int = 1):
+    def __init__(self, example: Callable[[int], Example], config: PipelineConfig, *, processes: int = 1):
         self._example = example
         self._batch_size = config.batch_size // processes
         if config.batch_size % processes:
@@ -84,28 +107,38 @@ class Batches(Iterator[Scene]):
         """Continues after the batch at which ``state`` was taken."""
         self._start(int(state["next"]), state["waiting"])
 
-    def __next__(self) -> Scene:
+    def __next__(self) -> Example:
         while True:
-            index, scene = self._next, self._futures.popleft().result()
+            index, example = self._next, self._futures.popleft().result()
             self._next += 1
             self._futures.append(self._pool.submit(self._example, self._next + len(self._futures)))
-            bucket = bucket_of(scene, self._buckets)
+            bucket = bucket_of(example.scene, self._buckets)
             queue = self._waiting[bucket]
-            queue.append((index, scene))
+            queue.append((index, example))
             if len(queue) == self._batch_size:
-                batch = stack([pad(ready, *self._buckets[bucket]) for _, ready in queue])
+                batch = batch_of([ready for _, ready in queue], self._buckets[bucket])
                 queue.clear()
                 return batch
 
     def _start(self, first: int, waiting: dict[str, list[int]]) -> None:
         self._next = first
-        self._waiting: list[list[tuple[int, Scene]]] = [
+        self._waiting: list[list[tuple[int, Example]]] = [
             [(index, self._example(index)) for index in waiting.get(str(bucket), [])]
             for bucket in range(len(self._buckets))
         ]
         self._futures = collections.deque(
             self._pool.submit(self._example, first + offset) for offset in range(self._ahead)
         )
+
+
+def batch_of(examples: Sequence[Example], bucket: Bucket) -> Example:
+    """Examples, padded to ``bucket``, as one batch."""
+    scenes = stack([pad(example.scene, *bucket) for example in examples])
+    tokens = [example.tokens for example in examples if example.tokens is not None]
+    masks = [example.token_mask for example in examples if example.token_mask is not None]
+    if not tokens:
+        return Example(scene=scenes)
+    return Example(scene=scenes, tokens=np.stack(tokens), token_mask=np.stack(masks))
 
 
 def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
@@ -124,23 +157,57 @@ def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
 
 
 def training_batches(
-    folder: str | Path, representation: Representation, config: PipelineConfig, *, process: int = 0, processes: int = 1
-) -> Batches:
-    """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``)."""
-    source = grain.MapDataset.source(records.source(folder, "train"))
+    folder: str | Path, representation: Representation, config: PipelineConfig, *, texts: TextStore | None = None,
+    process: int = 0, processes: int = 1,
+) -> Batches:  # fmt: skip
+    """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``).
+
+    Args:
+      texts: captions of that split, of which every example gets one. They describe the centred window, so that the
+        forward one goes without.
+
+    Raises:
+      ValueError: the texts are not those of the records.
+    """
+    held = records.source(folder, "train")
+    if texts is not None and len(texts) != len(held):
+        raise ValueError(f"{folder}: {len(texts)} captions for {len(held)} records: caption and embed them again")
+    source = grain.MapDataset.source(_Numbered(held))
     stream = source.seed(config.seed).shuffle().repeat(None)[process::processes]
     frequencies = np.cumsum(config.layouts) / np.sum(config.layouts)
 
-    def augment(data: bytes, rng: np.random.Generator) -> Scene:
+    def augment(item: tuple[int, bytes], rng: np.random.Generator) -> Example:
+        number, data = item
         layout = Layout(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
         scene = records.sample_scene(records.decode(data), layout, dx, dy, turn)
         scene = clip_counts(representation.select(scene), config.buckets[-1])
-        return shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
+        scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
+        if texts is None:
+            return Example(scene=scene)
+        features = np.zeros((0, texts.width), np.float16)
+        if layout != Layout.FORWARD:
+            features = texts.features(int(rng.choice(texts.texts_of(number))))[: config.text_slots]
+        tokens = np.zeros((config.text_slots, texts.width), np.float16)
+        tokens[: len(features)] = features
+        return Example(scene=scene, tokens=tokens, token_mask=np.arange(config.text_slots) < len(features))
 
     examples = stream.random_map(augment)
-    return Batches(lambda index: cast(Scene, examples[index]), config, processes=processes)
+    return Batches(lambda index: cast(Example, examples[index]), config, processes=processes)
+
+
+class _Numbered:
+    """A source whose items know their place."""
+
+    def __init__(self, source: Any):
+        self._source = source
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def __getitem__(self, index: int) -> tuple[int, bytes]:
+        return index, self._source[index]
 
 
 def validation_scenes(

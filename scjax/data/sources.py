@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from scjax.data.lane_graph import LaneGraph, SegmentIndex, build_graph, index_segments
 from scjax.data.scene_json import RawScene, parse_scene, read_bytes
@@ -77,6 +77,7 @@ class Loaded:
     labels: list[dict[str, Any]] | None = None
 
 
+@runtime_checkable
 class Source(Protocol):
     """Scenes by name. Implementations are small and can be sent to worker processes."""
 

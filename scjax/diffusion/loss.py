@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import q_sample
+from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
@@ -18,6 +19,9 @@ from scjax.nn.functional import Functional, Params
 from scjax.pytree import pytree
 
 LANE_WEIGHT = 10.0
+
+Penalty = Callable[[Nodes, Int[Array, " b"]], Float[Array, " b"]]
+"""(estimate of x_0, step) -> a number a scene that is added to its loss."""
 
 
 @pytree
@@ -67,6 +71,7 @@ def diffusion_loss(
     prediction: Prediction = "noise",
     agent_weight: Float[Array, "b agents"] | None = None,
     count_given: bool = False,
+    penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, " b"]]]:
     """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
 
@@ -76,9 +81,10 @@ def diffusion_loss(
       prediction: what ``denoise`` estimates.
       count_given: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
         noise must be found; a scene in which every token of a kind is given has loss 0 there.
+      penalty: added to the loss of every scene, from the estimate of x_0 with given tokens as they are.
 
     Returns:
-      loss, and its terms a scene [B]: agent, lane, total.
+      loss, and its terms a scene [B]: agent, lane, total, and penalty where there is one.
     """
     clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
     x, target = noised(schedule, clean, noise, step, given, prediction)
@@ -90,7 +96,13 @@ def diffusion_loss(
     error = jax.tree.map(_token_error, eps, target, masks)
     terms = jax.tree.map(lambda e, w: (e * w).sum(-1) / jnp.maximum(w.sum(-1), 1e-6), error, weights)
     total = terms.agents + LANE_WEIGHT * terms.lanes
-    return total.mean(), {"agent": terms.agents, "lane": terms.lanes, "total": total}
+    found = {"agent": terms.agents, "lane": terms.lanes}
+    if penalty is not None:
+        estimate = estimate_x0(schedule, x, eps, step, prediction)
+        estimate = jax.tree.map(lambda flag, x0, guess: jnp.where(flag[..., None], x0, guess), given, clean, estimate)
+        found["penalty"] = penalty(estimate, step)
+        total = total + found["penalty"]
+    return total.mean(), {**found, "total": total}
 
 
 def training_loss(
@@ -105,11 +117,12 @@ def training_loss(
     label_dropout: float | Float[Array, ""] = 0.1,
     condition_dropout: float | Float[Array, ""] = 0.1,
     count_given: bool = False,
+    penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.
 
     Returns:
-      loss, and the batch means of its terms: agent, lane, total.
+      loss, and the batch means of its terms: agent, lane, total (and penalty).
     """
     key_step, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
@@ -130,7 +143,7 @@ def training_loss(
 
     loss, terms = diffusion_loss(
         denoise, schedule, batch.latents, noise, step, batch.masks, batch.given,
-        prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given,
+        prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given, penalty=penalty,
     )  # fmt: skip
     return loss, {name: term.mean() for name, term in terms.items()}
 

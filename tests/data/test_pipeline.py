@@ -23,7 +23,7 @@ def equal(first: Scene, second: Scene) -> bool:
 
 
 def take(batches: Batches, number: int) -> list[Scene]:
-    return [next(batches) for _ in range(number)]
+    return [next(batches).scene for _ in range(number)]
 
 
 def test_batches_are_valid_scenes_of_one_bucket(records):
@@ -50,7 +50,7 @@ def test_resumes_to_the_very_next_batch(records):
 
 def test_seed_decides_everything(records):
     first, second, other = (
-        next(training_batches(records, scjax(), config))
+        next(training_batches(records, scjax(), config)).scene
         for config in (CONFIG, CONFIG, PipelineConfig(batch_size=4, buckets=CONFIG.buckets, seed=4))
     )
     assert equal(first, second)
@@ -58,7 +58,7 @@ def test_seed_decides_everything(records):
 
 
 def test_processes_share_the_stream_and_the_bucket(records):
-    parts = [next(training_batches(records, scjax(), CONFIG, process=i, processes=2)) for i in range(2)]
+    parts = [next(training_batches(records, scjax(), CONFIG, process=i, processes=2)).scene for i in range(2)]
     assert [part.batch_shape for part in parts] == [(2,), (2,)]
     assert all(part.lane_mask.shape[1] == 100 for part in parts)
     assert not equal(*parts)

@@ -51,7 +51,7 @@ def add_captions(folder: str | Path, *, paraphrases: int = 2, seed: int = 0, pro
         if not entry["records"]:
             continue
         tiles = records.source(folder, split)
-        path = _path(folder, split)
+        path = captions_path(folder, split)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         bar = tqdm(range(len(tiles)), f"captions of {split}", unit="tile", disable=not progress)
         with gzip.open(temporary, "wt", encoding="utf-8") as file:
@@ -75,7 +75,7 @@ def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
     Raises:
       ValueError: there are none, or they belong to other records or another format.
     """
-    path, cure = _path(Path(folder), split), f"run python -m scjax.data caption {folder}"
+    path, cure = captions_path(Path(folder), split), f"run python -m scjax.data caption {folder}"
     if not path.is_file():
         raise ValueError(f"{path} is not there: {cure}")
     with gzip.open(path, "rt", encoding="utf-8") as file:
@@ -109,5 +109,6 @@ def read_official(folder: str | Path, split: str, name: str) -> str | None:
     return caption
 
 
-def _path(folder: Path, split: str) -> Path:
+def captions_path(folder: Path, split: str) -> Path:
+    """The file of a split's captions."""
     return folder / f"captions-{split}.jsonl.gz"

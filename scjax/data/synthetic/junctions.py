@@ -64,7 +64,9 @@ def _allowed(arm: Arm, exits: dict[Turn, list[int]], rng: np.random.Generator) -
     """The turns that every inbound lane may take."""
     pockets = [pocket for _, pocket in arm.inbound]
     count = len(pockets)
-    found: list[list[Turn]] = [[pocket] if pocket and exits[pocket] else [] for pocket in pockets]
+    found: list[list[Turn]] = []
+    for pocket in pockets:
+        found.append([pocket] if pocket is not None and exits[pocket] else [])
     plain = [k for k in range(count) if pockets[k] is None]
     if not plain:
         return found
@@ -75,11 +77,14 @@ def _allowed(arm: Arm, exits: dict[Turn, list[int]], rng: np.random.Generator) -
         if left and right:
             middle = (len(plain) + 1) // 2
             for k, lane in enumerate(plain):
-                found[lane] = ["left", "right"] if len(plain) == 1 else ["left"] if k < middle else ["right"]
+                if k < middle:
+                    found[lane].append("left")
+                if k >= middle or len(plain) == 1:
+                    found[lane].append("right")
         else:
             either: Turn = "left" if exits["left"] else "right"
-            for lane in plain:
-                found[lane] = [either] if exits[either] else []
+            for lane in plain if exits[either] else []:
+                found[lane].append(either)
         return found
     for lane in plain:
         found[lane].append("through")

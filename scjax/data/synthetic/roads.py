@@ -87,7 +87,8 @@ def _add_side(net: Network, line: Line, profile: Profile, side: Side) -> Ends:
             net.parking += lanes[-1:]
         if profile.walks:
             net.walks += lanes[-1:]
-    first, last = list(sections[0]), [(k, None) for k in sections[-1]]
+    first = list(sections[0])
+    last: list[tuple[int, Turn | None]] = [(k, None) for k in sections[-1]]
     inner, outer = offsets[0], offsets[-1]
     if ending:
         left = outer - width * smooth((ending - arc) / 30.0)

@@ -1,0 +1,71 @@
+"""Stage 3: the network that tells counts from a prompt (f_count), trained on the captions of the records."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import scjax
+from experiments.denoiser_stage import with_captions
+from experiments.reporting import Reporter
+from experiments.state import Stage, TrainState, initial, training_step
+from scjax.data.captions.embeddings import TextStore
+from scjax.data.pipeline import Example, batch_of
+from scjax.diffusion.optimiser import adamw
+from scjax.model import Model
+from scjax.models.counter import CounterConfig, counter, counter_loss
+from scjax.models.denoiser.context import TextFeatures
+
+
+def build(config) -> Stage:
+    """The stage's functions from its resolved config; the trained network joins the model of ``config.denoiser``."""
+    base = scjax.load(config.denoiser)
+    texts = TextStore(config.records, "train")
+    if base.text_encoder != texts.encoder:
+        raise ValueError(
+            f"config.denoiser: {config.denoiser} was trained on {base.text_encoder or 'no text'}, the captions of "
+            f"{config.records} are embedded by {texts.encoder}: give the text-conditioned model of these records"
+        )
+    domains = len(base.domains)
+    model = CounterConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
+    network = counter(model)
+    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    validation = with_captions(config, base.representation)
+
+    def init(key: jax.Array) -> TrainState:
+        return initial(network.init(key), optimiser)
+
+    def objective(params, example: Example, key):
+        told = jax.random.bernoulli(key, 1 - config.domain_dropout, example.scene.domain.shape)
+        domain = jnp.where(told, example.scene.domain, domains)
+        text = TextFeatures(tokens=example.tokens.astype(jnp.float32), mask=example.token_mask)
+        tables = network.apply(params, text, domain)
+        lanes = jnp.minimum(example.scene.lane_mask.sum(-1), model.max_lanes)
+        agents = jnp.minimum(example.scene.agent_mask.sum(-1), model.max_agents)
+        return counter_loss(tables, lanes, agents)
+
+    @jax.jit
+    def held_back(params, example, key):
+        return objective(params, example, key)[1]
+
+    def evaluate(state: TrainState) -> dict[str, float]:
+        size, found = config.batch.batch_size, []
+        for start in range(0, len(validation) - len(validation) % size or len(validation), size):
+            batch = batch_of(validation[start : start + size], config.batch.buckets[-1])
+            found.append(jax.device_get(held_back(jax.device_get(state.ema), batch, jax.random.key(start))))
+        return {name: float(np.mean([terms[name] for terms in found])) for name in found[0]}
+
+    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
+        """Counts are no pictures."""
+
+    def export(state: TrainState, resolved: dict) -> Model:
+        notes = {**base.notes, "counter": {"steps": int(state.step), "config": resolved}}
+        return dataclasses.replace(base, counter=jax.device_get(state.ema), counter_config=model, notes=notes)
+
+    step = training_step(
+        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+    )
+    return Stage(base.representation, init, step, evaluate, pictures, export, texts)

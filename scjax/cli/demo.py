@@ -1,0 +1,63 @@
+"""scjax demo: one picture of scenes for several prompts, without any network."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from scjax.cli.output import Clock, say, slug, writable_folder, write_scene
+
+PROMPTS = (
+    "a busy four-way intersection with a red light, five vehicles and two pedestrians",
+    "a T-intersection with several vehicles",
+    "a straight road with three lanes in each direction, ten vehicles",
+    "a curved road with one lane in each direction and a single vehicle",
+    "a roundabout with a few vehicles",
+    "a wrong-way driver on a motorway",
+)
+"""Their token features ship with the model."""
+
+
+@click.command()
+@click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
+@click.option("--steps", type=click.IntRange(1, 100), help="Denoising steps. [default: all 100]")
+@click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
+@click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
+def demo(seed, steps, folder, model_folder, as_json) -> None:
+    """Draws a scene for each of some prompts and saves them in one labelled picture, and each as npz."""
+    out = writable_folder(folder)
+    clock = Clock()
+    with clock.part("start"):
+        import textwrap
+
+        import jax
+
+        import scjax
+        from scjax.cli.start import start
+        from scjax.prompts import with_tokens
+        from scjax.viz.grid import grid
+
+        start()
+        model = scjax.load(model_folder)
+        told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
+    scenes = []
+    key = jax.random.key(seed)
+    with click.progressbar(told, label="scenes", file=click.get_text_stream("stderr")) as bar:
+        for k, condition in enumerate(bar):
+            with clock.part("first scene (with compiling)" if not k else "later scenes"):
+                made = scjax.sample_many(jax.random.fold_in(key, k), [condition], model=model, steps=steps)
+            scenes += made
+    with clock.part("files"):
+        titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]
+        picture = out / f"scjax-demo-{seed}.png"
+        grid(scenes, columns=3, titles=titles, path=picture)
+        files = [picture]
+        for prompt, scene in zip(PROMPTS, scenes, strict=True):
+            files += write_scene(scene, out, f"{slug(prompt)}-{seed}", ("npz",), None)
+    if as_json:
+        click.echo(json.dumps({"files": [str(path) for path in files], "seconds": clock.parts}, indent=1))
+    else:
+        click.echo(str(picture))
+    say(f"{len(scenes)} scenes: {clock.told()}", quiet=as_json)

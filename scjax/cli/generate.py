@@ -1,0 +1,89 @@
+"""scjax generate: scenes for prompts, in files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+
+
+@click.command()
+@click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
+@click.option("-n", "number", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes a prompt.")
+@click.option(
+    "--seed", default=0, show_default=True, help="Another seed, other scenes; the same seed, the same scenes."
+)
+@click.option("--steps", type=click.IntRange(1, 100), help="Denoising steps; fewer are faster. [default: all 100]")
+@click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed.")
+@click.option(
+    "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
+)
+@click.option("--lanes", type=click.IntRange(1), help="Lanes in the scene. [default: as the prompt asks]")
+@click.option("--negative", help="What the scene shall not show.")
+@click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
+@click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
+@click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
+              help="May be given several times.")  # fmt: skip
+@click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
+def generate(
+    prompts, number, seed, steps, guidance, agents, lanes, negative, domain, folder, formats, model_folder, as_json
+) -> None:
+    """Generates scenes for every PROMPT and writes them to files.
+
+    \b
+    scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
+    scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
+
+    Numbers that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is
+    fetched once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
+    """
+    out = writable_folder(folder)
+    clock = Clock()
+    with clock.part("start"):
+        import jax
+
+        import scjax
+        from scjax.cli.start import start
+        from scjax.data.captions.facts import parse
+        from scjax.prompts import contradictions
+
+        start()
+        model = scjax.load(model_folder)
+        conditions = [
+            scjax.Condition(
+                prompt=prompt, negative_prompt=negative, num_agents=agents, num_lanes=lanes, domain=domain
+            )
+            for prompt in prompts
+        ]  # fmt: skip
+    for condition in conditions:
+        for warning in contradictions(condition):
+            say(f"scjax: warning: {warning}")
+    with clock.part("text"):
+        from scjax.prompts import with_tokens
+
+        told = with_tokens(conditions, model)
+    with clock.part("scenes"):
+        scenes = scjax.sample_many(
+            jax.random.key(seed), [one for one in told for _ in range(number)], model=model, steps=steps,
+            guidance=guidance,
+        )  # fmt: skip
+    made = []
+    with clock.part("files"):
+        for k, scene in enumerate(scenes):
+            prompt = prompts[k // number]
+            name = f"{slug(prompt)}-{seed}-{k % number}"
+            files = write_scene(scene, out, name, formats, title=None)
+            facts = parse(scene).to_json()
+            made.append({"prompt": prompt, "seed": seed, "number": k % number, "files": [str(path) for path in files],
+                         "lanes": int(scene.num_lanes), "agents": int(scene.num_agents), "facts": facts})  # fmt: skip
+    if as_json:
+        click.echo(json.dumps({"scenes": made, "seconds": clock.parts}, indent=1))
+    else:
+        for one in made:
+            for path in one["files"]:
+                click.echo(str(Path(path)))
+    say(f"{len(scenes)} scenes: {clock.told()}", quiet=as_json)

@@ -1,0 +1,74 @@
+"""Prompts -> token features: from those that ship with a model, else from its text encoder."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import warnings
+from collections.abc import Sequence
+
+from scjax.condition import Condition
+from scjax.encoders.text import TextEncoder, checked, load_text_encoder
+from scjax.model import Model
+
+
+def with_tokens(conditions: Sequence[Condition], model: Model, encoder: TextEncoder | None = None) -> list[Condition]:
+    """Conditions whose prompts are replaced by token features; each different text is encoded once.
+
+    Args:
+      encoder: by default the one that ``load_text_encoder`` finds, and only if a text is not among the model's own.
+
+    Raises:
+      ValueError: the model is not trained on text, the encoder is another one than the model's, or no text is given.
+    """
+    wanted = dict.fromkeys(checked(text) for cond in conditions for text in _texts(cond))
+    if not wanted:
+        return list(conditions)
+    if not model.text_encoder:
+        raise ValueError("a prompt is given, but this model was not trained on text: leave it out, or load another one")
+    features = dict(model.prompts)
+    missing = [text for text in wanted if text not in features]
+    if missing:
+        encoder = encoder or load_text_encoder()
+        if encoder.name != model.text_encoder:
+            raise ValueError(
+                f"the text encoder is {encoder.name}, but this model was trained with {model.text_encoder}: "
+                "give the folder of that one by the variable SCJAX_TEXT_ENCODER"
+            )
+        for text in missing:
+            if encoder.is_cut(text):
+                warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=3)
+        features |= {text: found.features for text, found in zip(missing, encoder(missing), strict=True)}
+
+    def told(cond: Condition) -> Condition:
+        changes = {
+            tokens: features[checked(text)]
+            for tokens, text in (("tokens", cond.prompt), ("negative_tokens", cond.negative_prompt))
+            if text is not None
+        }
+        return dataclasses.replace(cond, prompt=None, negative_prompt=None, **changes) if changes else cond
+
+    return [told(cond) for cond in conditions]
+
+
+def _texts(cond: Condition) -> list[str]:
+    return [text for text in (cond.prompt, cond.negative_prompt) if text is not None]
+
+
+_NUMBER_WORDS = {word: n for n, word in enumerate("no one two three four five six seven eight nine ten".split())}
+_COUNTED = r"(\d+|" + "|".join(_NUMBER_WORDS) + r")\s+(?:other\s+|parked\s+|oncoming\s+)?"
+_AGENT_NOUNS = r"(vehicles?|cars?|trucks?|buses|bus|pedestrians?|people|person|cyclists?|bicycles?)"
+
+
+def contradictions(cond: Condition) -> list[str]:
+    """Sentences about numbers that a prompt names and that given counts do not allow. The given counts win."""
+    if cond.prompt is None or cond.num_agents is None:
+        return []
+    found = re.findall(_COUNTED + _AGENT_NOUNS, cond.prompt.lower())
+    asked = sum(_NUMBER_WORDS.get(number, 0) or (int(number) if number.isdigit() else 0) for number, _ in found)
+    if asked + 1 > cond.num_agents:
+        return [
+            f"the prompt speaks of {asked} agents besides the ego, but the number of agents is given as "
+            f"{cond.num_agents}: the given number is taken"
+        ]
+    return []
