@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scjax.data.records import RECORD_FORMAT, encode, make_record, sample_scene, simplified, write_shard
 from scjax.data.sources import BuildOptions, Scanned, Source
 from scjax.data.statistics import SceneStatistics
@@ -81,6 +83,9 @@ def _records_of(
     encoded, rows, cleaned = [], [], Counter()
     for rank, pose in enumerate(loaded.poses):
         record, counts = make_record(raw, lanes, loaded.index, pose, domain)
+        if loaded.keep_parked:
+            off_road = np.zeros_like(record.context.off_road)
+            record = dataclasses.replace(record, context=dataclasses.replace(record.context, off_road=off_road))
         scene = sample_scene(record)
         if not len(scene.lanes):
             continue

@@ -67,7 +67,10 @@ class Scanned:
 
 @dataclasses.dataclass(frozen=True)
 class Loaded:
-    """A scene ready to be cut: the first ``num_standard`` poses are standard ones; labels of each, if there are any."""
+    """A scene ready to be cut: the first ``num_standard`` poses are standard ones; labels of each, if there are any.
+
+    With ``keep_parked`` vehicles parked off the lanes are agents like all others (``Context.off_road``).
+    """
 
     raw: RawScene
     graph: LaneGraph
@@ -75,6 +78,7 @@ class Loaded:
     poses: list[Pose]
     num_standard: int
     labels: list[dict[str, Any]] | None = None
+    keep_parked: bool = False
 
 
 @runtime_checkable

@@ -22,10 +22,12 @@ Event = Literal[
 _MARGIN = 25.0  # metres from the ego within which an event is seen as a whole
 _IN_LANE = 1.3  # metres from a centreline
 _WRONG = (np.deg2rad(150.0), np.deg2rad(60.0), 2.6)  # against a lane; with one, and how near that may be [m]
-_MOVES, _STANDS = 1.0, 0.3  # m/s
+_MOVES, _STANDS = 1.0, 0.1  # m/s
 _WALKS_INTO = (1.6, np.deg2rad(40.0), 0.5)  # metres from a centreline, radians off its direction, m/s
 _JUNCTION = 18.0  # metres of road around a fork, a merge or an intersection in which nothing is an event
+_SHARP = (0.6, 1 / 40)  # radians of a lane, and radians a metre where it is a turn and no bend
 _STOP = 8.0  # metres from an intersection in which vehicles wait
+_WINDOW = 32.0  # metres
 _LEADER = 14.0  # metres ahead in which another vehicle explains why one stands
 _BESIDE = (0.5, 9.0, 1.6)  # metres off the middle of a lane; to a parked vehicle; that vehicle off any lane
 _CORRIDOR = (0.35, 3.5, 2)  # metres off the middle, m/s at most, vehicles of each lane
@@ -94,6 +96,12 @@ def _near_junction(places: np.ndarray, road: Road, intersections: list[Intersect
     near = np.zeros(len(places), bool)
     if spots:
         near |= (np.linalg.norm(places[:, None] - np.array(spots)[None], axis=-1) < _JUNCTION).any(1)
+    # Turns whose approach has a lane of its own start at no fork.
+    tight = np.abs(road.bend) > _SHARP[1] * road.length[:, None] / (road.line.shape[1] - 1)
+    sharp = (np.abs(road.bend).sum(1) > _SHARP[0])[:, None] & tight
+    if sharp.any():
+        bends = road.line[:, 1:-1][sharp]
+        near |= (np.linalg.norm(places[:, None] - bends[None], axis=-1) < _JUNCTION).any(1)
     for item in intersections:
         near |= np.linalg.norm(places - item.centre, axis=-1) < item.radius + _STOP
     return near
@@ -126,7 +134,8 @@ def _standing(seen: _Seen, calm: np.ndarray, scene: Scene) -> np.ndarray:
         to = everyone[:, :2] - seen.places[k]
         along, left = cos * to[:, 0] + sin * to[:, 1], cos * to[:, 1] - sin * to[:, 0]
         gap = along - (everyone[:, 6] + seen.lengths[k]) / 2
-        stands[k] = not ((along > 0.5) & (gap < _LEADER) & (np.abs(left) < 1.6)).any()
+        view = np.abs(seen.places[k] + _LEADER * np.array([cos, sin])).max() < _WINDOW
+        stands[k] = view and not ((along > 0.5) & (gap < _LEADER) & (np.abs(left) < 1.6)).any()
     return stands
 
 

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float64, Int
-from numpy.typing import ArrayLike
 
 from scjax.scene import AgentType
 
@@ -53,7 +52,9 @@ class Actors:
         return Actors(**{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
 
 
-def make(kind: AgentType, places, headings, speeds, sizes, level: ArrayLike = 0.0, lane: ArrayLike = -1) -> Actors:
+def make(
+    kind: AgentType, places, headings, speeds, sizes, level: np.ndarray | float = 0.0, lane: np.ndarray | int = -1
+) -> Actors:
     """Agents of one kind; scalars stand for all."""
     count = len(places)
     spread = [np.broadcast_to(np.asarray(value, float), (count,)).copy() for value in (headings, speeds, level)]

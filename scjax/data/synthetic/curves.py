@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64
 
 SPACING = 2.0  # metres between the points of a road
 FINE = 1.0  # metres between the points of a turn
 
-Line = Float64[np.ndarray, "points 2"]
+Line = Float64[np.ndarray, "_ 2"]
 
 
-def by_curvature(lengths: list[float], curvatures: list[float], spacing: float = SPACING) -> Line:
+def by_curvature(lengths: Sequence[float | int], curvatures: Sequence[float | int], spacing: float = SPACING) -> Line:
     """From the origin along +x: curvature [1/m] changes linearly over each of ``lengths`` (clothoids; equal: arcs).
 
     Args:
       lengths: of the n pieces [m]; curvatures: at their n + 1 ends.
     """
-    knots = np.concatenate([[0.0], np.cumsum(lengths)])
+    knots = np.concatenate([[0.0], np.cumsum(np.asarray(lengths, float))])
     arc = np.linspace(0, knots[-1], max(2, round(knots[-1] / spacing) + 1))
-    curvature = np.interp(arc, knots, curvatures)
+    curvature = np.interp(arc, knots, np.asarray(curvatures, float))
     step = arc[1] - arc[0]
     heading = np.concatenate([[0.0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * step)])
     middle = (heading[1:] + heading[:-1]) / 2

@@ -73,7 +73,7 @@ _CITY = Style(
     one_way=0.16, parking=0.3, signals=0.65, pockets=0.5, bends=0.2,
 )  # fmt: skip
 _SUBURB = Style(
-    limits=(25, 30, 35, 40, 45, 50), widths=(3.3, 3.75), lanes=(0.12, 0.38, 0.33, 0.17), medians=(0.0, 1.2, 3.4, 4.5),
+    limits=(30, 35, 40, 45, 50, 55), widths=(3.3, 3.75), lanes=(0.12, 0.38, 0.33, 0.17), medians=(0.0, 1.2, 3.4, 4.5),
     centre_turn=0.25, parking=0.15, walks=0.8, signals=0.6, pockets=0.8, bends=0.35,
 )  # fmt: skip
 _COUNTRY = Style(
@@ -83,13 +83,13 @@ _COUNTRY = Style(
 _TOWN = {"crossing": 0.56, "blocks": 0.14, "side streets": 0.15, "road": 0.06, "dead end": 0.03, "roundabout": 0.04,
          "parking lot": 0.03}  # fmt: skip
 DOMAINS = (
-    Domain("city", 0.36, _TOWN, _CITY, (0.9, 0.6), (0.45, 1.2), (0.45, 0.4)),
+    Domain("city", 0.33, _TOWN, _CITY, (0.9, 0.6), (0.45, 1.2), (0.45, 0.4)),
     Domain("suburb", 0.34, _TOWN | {"road": 0.1, "roundabout": 0.05}, _SUBURB, (0.95, 0.6), (0.3, 0.8), (0.25, 0.3)),
     Domain(
-        "country", 0.06, {"road": 0.55, "crossing": 0.2, "side streets": 0.2, "roundabout": 0.05}, _COUNTRY,
+        "country", 0.07, {"road": 0.55, "crossing": 0.2, "side streets": 0.2, "roundabout": 0.05}, _COUNTRY,
         (0.8, 0.6), (0.08, 0.3), (0.1, 0.1),
     ),
-    Domain("motorway", 0.12, {"motorway": 1.0}, _SUBURB, (1.6, 0.6), (0.0, 0.0), (0.0, 0.0)),
+    Domain("motorway", 0.14, {"motorway": 1.0}, _SUBURB, (1.6, 0.6), (0.0, 0.0), (0.0, 0.0)),
     Domain("left-hand city", 0.12, _TOWN, _CITY, (0.9, 0.6), (0.45, 1.2), (0.45, 0.4), left_hand=True),
 )  # fmt: skip
 

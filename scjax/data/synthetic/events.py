@@ -83,7 +83,7 @@ def happen(
         place, _ = tracks.place(np.array([staged.lane]), np.array([staged.at]))
         near = np.hypot(*(scene.places - place).T)
         there = np.flatnonzero((scene.lane == staged.lane) & (scene.speeds < 0.1) & (near < 2.0))
-        if not len(there):
+        if not len(there) or _has_leader(scene, int(there[0])):
             return None
         kind, about = staged.kind, int(there[0])
         if kind == "double parking":
@@ -124,6 +124,14 @@ def shows(kind: Event, net: Network, scene: Actors, about: int, ego: int) -> boo
     near[[about, ego]] = False
     left, right = near & (scene.lane == lanes[0]), near & np.isin(scene.lane, lanes[1:2])
     return bool(left.sum() >= 2 and right.sum() >= 2)
+
+
+def _has_leader(scene: Actors, who: int) -> bool:
+    """Whether somebody ahead explains why a vehicle stands."""
+    to, heading = scene.places - scene.places[who], scene.headings[who]
+    along = np.cos(heading) * to[:, 0] + np.sin(heading) * to[:, 1]
+    left = np.cos(heading) * to[:, 1] - np.sin(heading) * to[:, 0]
+    return bool(((along > 1.0) & (along < 22.0) & (np.abs(left) < 1.8)).any())
 
 
 def _has_parked_beside(scene: Actors, who: int) -> bool:
@@ -210,7 +218,8 @@ def _cut_in(staged, net, tracks, scene: Actors, rng) -> tuple[Actors, int] | Non
         box = actors.vehicle_sizes(1, rng, long=False)
         gap = (scene.sizes[follower, 0] + box[0, 0]) / 2 + rng.uniform(3.0, 7.0)
         place = scene.places[follower] + gap * ahead - sign * rng.uniform(0.9, 1.6) * left
-        if np.hypot(*place) > _MIDDLE:
+        near = [np.hypot(*(place - junction.centre)) < junction.radius + 16.0 for junction in net.junctions]
+        if np.hypot(*place) > _MIDDLE or any(near):
             continue
         heading = scene.headings[follower] + sign * rng.uniform(0.06, 0.16)
         new = actors.make(

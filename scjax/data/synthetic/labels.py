@@ -15,6 +15,7 @@ LayoutLabel = Literal["four-way", "T", "roundabout", "straight", "curve"]
 
 _HALF = TILE_SIZE / 2
 _WELL_INSIDE = 20.0  # metres from the ego to the middle of a junction that is seen as a whole
+_APRON = 8.0  # metres from the ring of a roundabout to where its arms end, about
 _FAR = 4.0  # metres outside of the window from which a junction is not seen at all
 _ALONG = 30.0  # metres before and behind the ego that decide whether its road bends
 _STRAIGHT, _CURVED = np.deg2rad(9.0), np.deg2rad(27.0)
@@ -66,7 +67,8 @@ def _layout(world: World, ego: Ego, local) -> LayoutLabel | None:
         distance = max(map(abs, local(junction.centre)))
         if distance > _HALF + junction.radius + _FAR:
             continue
-        if distance > _WELL_INSIDE or junction.kind not in _NAMES:
+        ring = junction.kind == "roundabout" and distance + junction.radius - _APRON > _HALF
+        if ring or (distance > _WELL_INSIDE and junction.kind != "roundabout") or junction.kind not in _NAMES:
             return None
         if not all(arm.inbound and arm.outbound for arm in junction.arms):
             return None  # beside one-way roads it is a matter of taste what is a side road

@@ -93,18 +93,21 @@ def _add_side(net: Network, line: Line, profile: Profile, side: Side) -> Ends:
     if ending:
         left = outer - width * smooth((ending - arc) / 30.0)
         extra = lane(left, 0.0, ending, True)
+        net.lanes[extra].points[-1] = net.lanes[sections[1][-1]].points[0]
         net.beside(sections[0][-1], extra)
         net.join(extra, sections[1][-1])
         first.append(extra)
     if pocket and side.left_pocket:
         left = inner + width * smooth((arc - (total - pocket)) / _TAPER)
         extra = lane(left, total - pocket, total, False)
+        net.lanes[extra].points[0] = net.lanes[sections[-2][0]].points[-1]
         net.beside(extra, sections[-1][0])
         net.join(sections[-2][0], extra)
         last.insert(0, (extra, "left"))
     if pocket and side.right_pocket:
         left = outer - width * smooth((arc - (total - pocket)) / _TAPER)
         extra = lane(left, total - pocket, total, True)
+        net.lanes[extra].points[0] = net.lanes[sections[-2][-1]].points[-1]
         net.beside(sections[-1][-1], extra)
         net.join(sections[-2][-1], extra)
         last.append((extra, "right"))

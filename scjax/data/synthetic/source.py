@@ -53,4 +53,4 @@ class Worlds:
         index = index_segments(graph)
         poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego in world.egos]
         labels = [label(world, ego).to_json() for ego in world.egos]
-        return Loaded(raw, graph, index, poses, len(poses), labels)
+        return Loaded(raw, graph, index, poses, len(poses), labels, keep_parked=True)

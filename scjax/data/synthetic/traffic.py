@@ -17,7 +17,7 @@ from scjax.data.synthetic.tracks import Tracks
 from scjax.scene import Signal
 
 DT = 0.5  # seconds
-_ACCELERATION, _BRAKING, _HARDEST = 1.5, 2.0, 6.0  # m/s^2
+_ACCELERATION, _BRAKING, _COMFORTABLE, _HARDEST = 1.5, 2.0, 3.0, 6.0  # m/s^2
 _HEADWAY, _STANDSTILL = 1.3, 2.0  # seconds, metres
 _STOP_BEFORE = 1.2  # metres between bumper and stop line
 _MERGE = 60.0  # metres before a joint within which lanes take turns
@@ -138,6 +138,7 @@ class Simulation:
     def _grant(self, order, lane, after, left, speed, half, tail) -> None:
         """Hands out connectors to those who come near them, those of low rank and near ones first."""
         fleet, tracks = self.fleet, self.tracks
+        self._take_back(order, lane, after, left, speed, half)
         reach = speed**2 / (2 * _BRAKING) + 2.5 * speed + 6.0
         asks = (after >= 0) & (tracks.junction[after] >= 0) & (fleet.holds[order] != after) & (left - half < reach)
         asking = np.flatnonzero(asks)
@@ -155,7 +156,7 @@ class Simulation:
                 denied.add(here)
                 continue
             light = self._lights[way]
-            late = speed[row] ** 2 / (2 * 3.0) > left[row] - half[row]
+            late = speed[row] ** 2 / (2 * _COMFORTABLE) > left[row] - half[row] - _STOP_BEFORE
             allowed = light in (Signal.UNKNOWN, Signal.GO) or (light == Signal.CAUTION and late)
             then = tracks.successors[way, 0]
             last = tail[then] if then >= 0 else _NONE
@@ -171,6 +172,15 @@ class Simulation:
                     waiting[here].append(np.inf)
             else:
                 denied.add(here)
+
+    def _take_back(self, order, lane, after, left, speed, half) -> None:
+        """Whose light has turned yellow or red, and who can still stop, may not go any more."""
+        fleet = self.fleet
+        off = np.isin(self._lights[after], (Signal.CAUTION, Signal.STOP)) & (after >= 0)
+        can_stop = left - half - _STOP_BEFORE > speed**2 / (2 * _COMFORTABLE)
+        back = order[(fleet.holds[order] == after) & (lane != after) & off & can_stop]
+        np.subtract.at(self._held, fleet.holds[back], 1)
+        fleet.holds[back] = _NONE
 
     def _advance(self, order: np.ndarray) -> None:
         """On to the next lane, off the map; connectors that are left are free again."""
@@ -227,7 +237,7 @@ def fill(tracks: Tracks, density: Float64[np.ndarray, " lanes"], sizes, rng: np.
     at = (rank + rng.uniform(0.25, 0.75, len(lane))) * slot
     fits = slot > 2 * box[:, 0] + 3.0
     lane, at, box, slot = lane[fits], at[fits], box[fits], slot[fits]
-    pace = np.clip(rng.normal(0.95, 0.1, len(lane)), 0.6, 1.25)
+    pace = np.clip(rng.normal(1.05, 0.12, len(lane)), 0.7, 1.35)
     speed = np.minimum(tracks.speed[lane] * pace, np.maximum((slot - box[:, 0]) / 2.5, 0.0))
     after = tracks.after(lane, rng.random(len(lane)))
     # Most keep to the middle; some change lanes, turn wide, or make room.
