@@ -84,7 +84,7 @@ def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest:
     temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
     temporary.mkdir(parents=True)
     try:
-        description["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest)
+        description["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=("counts",))
         (temporary / _JSON).write_text(json.dumps(description, indent=1))
         if model.prompts:
             write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)

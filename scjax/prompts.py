@@ -8,11 +8,11 @@ import warnings
 from collections.abc import Sequence
 
 from scjax.condition import Condition
-from scjax.encoders.text import TextEncoder, checked, load_text_encoder
+from scjax.encoders.text import Encoder, checked, load_text_encoder
 from scjax.model import Model
 
 
-def with_tokens(conditions: Sequence[Condition], model: Model, encoder: TextEncoder | None = None) -> list[Condition]:
+def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder | None = None) -> list[Condition]:
     """Conditions whose prompts are replaced by token features; each different text is encoded once.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,24 +12,24 @@ import safetensors.numpy
 
 
 def write_arrays(
-    arrays: Mapping[str, np.ndarray], folder: Path, *, dtype: str | None = None, largest: float | None = None
-) -> dict[str, str]:
+    arrays: Mapping[str, np.ndarray], folder: Path, *, dtype: str | None = None, largest: float | None = None,
+    exact: Collection[str] = (),
+) -> dict[str, str]:  # fmt: skip
     """Writes ``weights.safetensors``, or ``weights-1.safetensors``, ...; returns file name -> sha256.
 
     Args:
       dtype: floating-point arrays are stored in it ("float16" halves a folder); None: as they are.
+      exact: names of arrays that are stored as they are all the same.
       largest: megabytes of a file at most; None: one file.
 
     Raises:
       ValueError: an array alone is larger than that.
     """
     # safetensors writes an array's memory as it lies, whatever its strides: a transposed one would come back garbled.
-    stored = {name: np.array(value, order="C") for name, value in arrays.items()}
-    if dtype is not None:
-        stored = {
-            name: value.astype(dtype) if np.issubdtype(value.dtype, np.floating) else value
-            for name, value in stored.items()
-        }
+    stored = {}
+    for name, value in arrays.items():
+        halved = np.issubdtype(value.dtype, np.floating) and name not in exact
+        stored[name] = np.array(value, dtype if halved else None, order="C")
     parts: list[dict[str, np.ndarray]] = [{}]
     size = 0.0
     for name, value in stored.items():

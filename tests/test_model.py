@@ -71,3 +71,21 @@ def test_public_api_is_what_the_docstring_shows():
     assert {"Scene", "Condition", "load", "sample"} <= set(scjax.__all__)
     with pytest.raises(ValueError, match=r"experiments\.train"):
         scjax.sample(jax.random.key(0))
+
+
+def test_weights_in_several_files_of_half_precision(tmp_path):
+    model = tiny_model()
+    folder = save(model, tmp_path / "model", dtype="float16", largest=0.16)
+    files = sorted(folder.glob("weights*.safetensors"))
+    assert len(files) > 1 and all(file.stat().st_size < 200_000 for file in files)
+    back = load(folder)
+    for one, two in zip(jax.tree.leaves(back.denoiser), jax.tree.leaves(model.denoiser), strict=True):
+        assert one.dtype == np.float32
+        np.testing.assert_allclose(one, two, rtol=1e-3, atol=1e-4)
+    assert np.array_equal(back.counts, model.counts)  # probabilities are too small for half precision
+    with pytest.raises(ValueError, match="more than a file"):
+        save(model, tmp_path / "other", largest=1e-5)
+    assert not (tmp_path / "other").exists()
+    files[0].unlink()
+    with pytest.raises(ValueError, match=f"{files[0].name} is missing"):
+        load(folder)

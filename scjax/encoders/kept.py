@@ -9,15 +9,15 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from scjax.encoders.text import TextEncoder, checked
+from scjax.encoders.text import Encoder, checked
 
 
-def save_prompts(texts: Iterable[str], encoder: TextEncoder, path: str | Path) -> None:
+def save_prompts(texts: Iterable[str], encoder: Encoder, path: str | Path) -> None:
     """Writes features of texts as float16, under the encoder's name; the file appears whole or not at all."""
     write_prompts(features_of(texts, encoder), encoder.name, path)
 
 
-def features_of(texts: Iterable[str], encoder: TextEncoder) -> dict[str, np.ndarray]:
+def features_of(texts: Iterable[str], encoder: Encoder) -> dict[str, np.ndarray]:
     """Text, its white space made plain -> features of its tokens."""
     plain = [checked(text) for text in texts]
     return {text: found.features for text, found in zip(plain, encoder(plain), strict=True)}

@@ -8,7 +8,7 @@ import json
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,20 @@ class Tokens(NamedTuple):
 
     features: Float[np.ndarray, "tokens width"]
     texts: tuple[str, ...]
+
+
+@runtime_checkable
+class Encoder(Protocol):
+    """Whatever turns texts into token features; ``name`` tells apart encoders whose features differ."""
+
+    name: str
+
+    @property
+    def width(self) -> int: ...
+
+    def __call__(self, texts: Sequence[str]) -> list[Tokens]: ...
+
+    def is_cut(self, text: str) -> bool: ...
 
 
 class TextEncoder:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from scjax.data.captions.store import captions_path, read_captions
-from scjax.encoders.text import TextEncoder
+from scjax.encoders.text import Encoder
 
 FORMAT = 1
 _AT_ONCE = 256  # texts
@@ -39,7 +39,7 @@ class TextStore:
         if not index.is_file() or not data.is_file():
             raise ValueError(f"{index} is not there: {cure}")
         try:
-            with np.load(index) as content:
+            with index.open("rb") as file, np.load(file) as content:
                 held = dict(content)
         except (ValueError, OSError, zipfile.BadZipFile) as error:
             raise ValueError(f"{index} is damaged ({error}): {cure} again") from error
@@ -68,7 +68,7 @@ class TextStore:
         return vars(self) | {"_tokens": None}
 
 
-def embed_captions(folder: str | Path, encoder: TextEncoder, *, progress: bool = True) -> dict[str, int]:
+def embed_captions(folder: str | Path, encoder: Encoder, *, progress: bool = True) -> dict[str, int]:
     """Encodes the captions of every split that has any; returns the number of different texts of each.
 
     A split whose captions and encoder are unchanged is left as it is.
@@ -99,7 +99,7 @@ def embed_captions(folder: str | Path, encoder: TextEncoder, *, progress: bool =
 
 
 def _write(
-    folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: TextEncoder, progress: bool
+    folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: Encoder, progress: bool
 ) -> int:
     index, data = _paths(folder, split)
     temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in (index, data)]

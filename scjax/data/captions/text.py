@@ -74,6 +74,7 @@ def _short(facts: Facts, chance: _Chance) -> list[str]:
         )
     elif not traffic.vehicles and chance.keep("said"):
         sentences.append("There are no other vehicles.")
+    sentences += _events(facts, rng)
     return [_grammar(sentence) for sentence in sentences]
 
 
@@ -148,7 +149,12 @@ def _agents(facts: Facts, chance: _Chance) -> list[str]:
         sentences.append(f"{_capital(wording.amount(traffic.cyclists, 'cyclist', rng))}.")
     if traffic.static and chance.keep("said"):
         sentences.append(f"{_capital(wording.amount(traffic.static, 'static object', rng))}.")
-    return sentences
+    return sentences + _events(facts, rng)
+
+
+def _events(facts: Facts, rng: np.random.Generator) -> list[str]:
+    found = wording.events(facts, rng)
+    return [f"There is {wording.join(found)}."] if found else []
 
 
 def _lane(facts: Facts) -> str:

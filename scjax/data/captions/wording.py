@@ -180,6 +180,19 @@ def pedestrians(facts: Facts, rng: np.random.Generator) -> str | None:
     return f"{phrase} {draw(rng, *places)}" if places else phrase
 
 
+def events(facts: Facts, rng: np.random.Generator) -> list[str]:
+    """Rare events as noun phrases, never left out: they are what a scene is picked for."""
+    ways = {
+        "wrong-way driver": ("a wrong-way driver", "a vehicle driving the wrong way", "a vehicle on the wrong side"),
+        "jaywalker": ("a jaywalker crossing the road", "a pedestrian crossing the road away from any crosswalk"),
+        "stopped vehicle in lane": ("a vehicle stopped in its lane", "a broken-down vehicle blocking a lane"),
+        "double parking": ("a double-parked vehicle", "a vehicle double parked beside the kerb"),
+        "emergency corridor": ("an emergency corridor", "vehicles making way for an emergency vehicle"),
+        "cut-in": ("a vehicle cutting in", "a vehicle that cuts into the next lane"),
+    }  # fmt: skip
+    return [draw(rng, *ways[event]) for event in facts.events]
+
+
 def draw(rng: np.random.Generator, *choices: str) -> str:
     """One of several ways of saying something."""
     return choices[int(rng.integers(len(choices)))]

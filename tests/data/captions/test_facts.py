@@ -7,7 +7,7 @@ import pytest
 
 from scjax.data import records
 from scjax.data.build import build
-from scjax.data.captions.facts import Facts, parse
+from scjax.data.captions.facts import FORMAT, Facts, parse
 from scjax.data.procedural import write_scenes
 from scjax.scene import AgentType, Signal, pad, permute
 from tests.data.captions.towns import WIDTH, Town
@@ -197,7 +197,7 @@ def test_facts_go_to_json_and_back():
     with pytest.raises(ValueError, match="format 7"):
         Facts.from_json({"format": 7})
     with pytest.raises(ValueError, match="unknown fields: colour"):
-        Facts.from_json({"format": 1, "layout": "T", "colour": "red"})
+        Facts.from_json({"format": FORMAT, "layout": "T", "colour": "red"})
 
 
 def test_procedural_maps_are_named_as_they_were_made(tmp_path):

@@ -1,0 +1,147 @@
+"""The command line on an untrained model: what it writes, and how it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+
+import scjax
+from scjax.cli import demo as demo_module
+from scjax.cli import main
+from scjax.cli.output import slug
+from scjax.models.denoiser.config import TextCondition
+from scjax.scene_io import load_json, load_npz, save_npz
+from tests.examples import example_batch
+from tests.test_prompts import Words
+from tests.worlds import tiny_model
+
+PROMPT = "a road with two cars"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model folder; the demo's prompts and one more need no encoder."""
+    texts = [PROMPT, "no cars", *demo_module.PROMPTS]
+    features = {text: found.features for text, found in zip(texts, Words()(texts), strict=True)}
+    model = dataclasses.replace(
+        tiny_model(TextCondition(Words.width)), text_encoder=Words.name, prompts=features, notes={"steps": 7}
+    )  # fmt: skip
+    return scjax.save(model, tmp_path_factory.mktemp("cli") / "model")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("scjax.cli.start.start", lambda: None)  # no cache folder, no other devices
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["scjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return int(stop.value.code or 0), out, err
+
+    return call
+
+
+def test_generate_writes_what_it_names(run, folder, tmp_path):
+    code, out, err = run(
+        "generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 3, "--lanes", 5, "-n", 2, "--seed", 4,
+        "--negative", "no cars", "--domain", "there", "--out", tmp_path / "made",
+        *(word for kind in ("png", "svg", "json", "npz") for word in ("--format", kind)),
+    )  # fmt: skip
+    assert code == 0 and "2 scenes" in err
+    names = sorted(line.rpartition("/")[2] for line in out.splitlines())
+    assert names == sorted(f"{slug(PROMPT)}-4-{k}.{kind}" for k in (0, 1) for kind in ("png", "svg", "json", "npz"))
+    one, two = (load_npz(tmp_path / "made" / f"{slug(PROMPT)}-4-{k}.npz") for k in (0, 1))
+    assert (one.num_agents, one.num_lanes) == (3, 5) and not np.allclose(one.lanes, two.lanes)
+    np.testing.assert_allclose(load_json(tmp_path / "made" / f"{slug(PROMPT)}-4-0.json").lanes, one.lanes, atol=1e-5)
+
+
+def test_generate_in_json_is_for_machines(run, folder):
+    code, out, _ = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 3, "--lanes", 5, "--json")
+    content = json.loads(out)
+    assert code == 0 and content["scenes"][0]["agents"] == 3 and content["scenes"][0]["facts"]["traffic"]
+    assert set(content["seconds"]) == {"start", "text", "scenes", "files"}
+
+
+def test_given_counts_win_with_a_warning(run, folder):
+    code, out, err = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 1, "--lanes", 5, "--json")
+    assert code == 0 and "warning: the prompt speaks of 2 agents" in err
+    assert json.loads(out)["scenes"][0]["agents"] == 1
+
+
+def test_demo_draws_all_prompts(run, folder):
+    code, out, err = run("demo", "--model", folder, "--steps", 2)
+    assert code == 0 and out.strip() == "scjax-demo-0.png" and "first scene" in err
+    assert len([name for name in os.listdir() if name.endswith(".npz")]) == len(demo_module.PROMPTS)
+
+
+def test_caption_plot_and_info(run, folder, tmp_path):
+    save_npz(example_batch(2), tmp_path / "scenes.npz")
+    code, out, _ = run("caption", "scenes.npz")
+    assert code == 0 and len(out.splitlines()) == 2 and out.startswith("The scene")
+    code, out, _ = run("caption", "scenes.npz", "--json")
+    assert code == 0 and len(json.loads(out)) == 2
+    code, out, _ = run("plot", "scenes.npz", "--speeds")
+    assert code == 0 and out.strip() == "scenes.png" and (tmp_path / "scenes.png").stat().st_size > 1000
+    code, out, _ = run("info", "--model", folder, "--json")
+    told = json.loads(out)
+    assert code == 0 and told["domains"] == ["here", "there"] and told["text encoder"] == Words.name
+    assert "there" in run("info", "--model", folder)[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["generate"], 2, "PROMPT"),
+        (["generate", PROMPT, "--agents", "0"], 2, "agents"),
+        (["generate", PROMPT, "--format", "gif"], 2, "gif"),
+        (["generate", "", "--model", "MODEL"], 1, "prompt is empty"),
+        (["generate", "\udcff", "--model", "MODEL"], 1, "no text"),
+        (["generate", PROMPT, "--agents", "62", "--model", "MODEL"], 1, "num_agents is 62"),
+        (["generate", PROMPT, "--lanes", "101", "--model", "MODEL"], 1, "num_lanes is 101"),
+        (["generate", PROMPT, "--domain", "moon", "--model", "MODEL"], 1, "this model has here, there"),
+        (["generate", PROMPT, "--model", "nowhere"], 1, "nowhere is no model folder"),
+        (["generate", PROMPT, "--out", "/proc/nothing", "--model", "MODEL"], 1, "cannot be written"),
+        (["plot", "nowhere.npz"], 1, "no such file"),
+        (["plot", "scenes.txt"], 1, ".npz and .json"),
+        (["caption", "broken.json"], 1, "broken.json"),
+        (["nonsense"], 2, "nonsense"),
+        (["data", "build"], 2, ""),
+    ],
+)
+def test_refusals(run, folder, tmp_path, arguments, code, said):
+    (tmp_path / "broken.json").write_text("{")
+    found, _, err = run(*(str(folder) if word == "MODEL" else word for word in arguments))
+    assert (found, said in err) == (code, True), err
+
+
+def test_damaged_weights_are_refused(run, folder, tmp_path):
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for path in folder.iterdir():
+        (copy / path.name).write_bytes(path.read_bytes())
+    data = bytearray((copy / "weights.safetensors").read_bytes())
+    data[-5] ^= 1
+    (copy / "weights.safetensors").write_bytes(bytes(data))
+    code, _, err = run("info", "--model", copy)
+    assert code == 1 and "sha256" in err
+
+
+def test_help_of_every_command(run):
+    for command in ((), ("demo",), ("generate",), ("caption",), ("plot",), ("info",), ("data",)):
+        code, out, _ = run(*command, "--help")
+        assert (code == 0 and "Usage" in out) or "usage" in out
+
+
+def test_slugs_are_file_names():
+    assert slug("A busy four-way intersection, 5 cars!") == "a-busy-four-way-intersection-5-cars"
+    assert slug("Straße über den Fluß") == "strae-uber-den-flu" and slug("交差点") == "scene"
+    assert len(slug("word " * 100)) <= 48
