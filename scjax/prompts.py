@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import warnings
 from collections.abc import Sequence
 
 from scjax.condition import Condition
+from scjax.data.captions.reading import read_prompt
 from scjax.encoders.text import Encoder, checked, load_text_encoder
 from scjax.model import Model
 
@@ -55,20 +55,15 @@ def _texts(cond: Condition) -> list[str]:
     return [text for text in (cond.prompt, cond.negative_prompt) if text is not None]
 
 
-_NUMBER_WORDS = {word: n for n, word in enumerate("no one two three four five six seven eight nine ten".split())}
-_COUNTED = r"(\d+|" + "|".join(_NUMBER_WORDS) + r")\s+(?:other\s+|parked\s+|oncoming\s+)?"
-_AGENT_NOUNS = r"(vehicles?|cars?|trucks?|buses|bus|pedestrians?|people|person|cyclists?|bicycles?)"
-
-
 def contradictions(cond: Condition) -> list[str]:
     """Sentences about numbers that a prompt names and that given counts do not allow. The given counts win."""
     if cond.prompt is None or cond.num_agents is None:
         return []
-    found = re.findall(_COUNTED + _AGENT_NOUNS, cond.prompt.lower())
-    asked = sum(_NUMBER_WORDS.get(number, 0) or (int(number) if number.isdigit() else 0) for number, _ in found)
-    if asked + 1 > cond.num_agents:
-        return [
-            f"the prompt speaks of {asked} agents besides the ego, but the number of agents is given as "
-            f"{cond.num_agents}: the given number is taken"
-        ]
-    return []
+    asked = read_prompt(cond.prompt)
+    least = sum(amount[0] for amount in (asked.vehicles, asked.pedestrians, asked.cyclists) if amount is not None)
+    if least + 1 <= cond.num_agents:
+        return []
+    return [
+        f"the prompt speaks of {least} agents or more besides the ego, but the number of agents is given as "
+        f"{cond.num_agents}: the given number is taken"
+    ]

@@ -73,7 +73,7 @@ def test_generate_in_json_is_for_machines(run, folder):
 
 def test_given_counts_win_with_a_warning(run, folder):
     code, out, err = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 1, "--lanes", 5, "--json")
-    assert code == 0 and "warning: the prompt speaks of 2 agents" in err
+    assert code == 0 and "warning: the prompt speaks of 2 agents or more" in err
     assert json.loads(out)["scenes"][0]["agents"] == 1
 
 

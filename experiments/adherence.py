@@ -1,0 +1,175 @@
+"""Do scenes show what their prompts ask for? One row a source of scenes, one column an attribute.
+
+    python -m experiments.adherence --model=runs/prompt/model --records=runs/synthetic --out=runs/adherence
+
+Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
+(scjax.data.captions). Rows: the model at several guidance weights, the model without prompts at true counts, the
+training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). Where the records have
+labels, the agreement of the rules with them is printed below.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import scjax
+from scjax.data import records
+from scjax.data.captions.embeddings import TextStore
+from scjax.data.captions.facts import Facts, parse
+from scjax.data.captions.reading import Asked, met, read_prompt
+from scjax.data.captions.store import read_captions
+from scjax.data.captions.text import STYLES
+from scjax.devices import use_every_core
+
+Scores = dict[str, tuple[int, int]]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    summary, _, more = (__doc__ or "").partition("\n")
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.adherence", description=summary, epilog=more,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = parser.add_argument
+    add("--model", required=True, help="model folder")
+    add("--records", required=True, help="captioned and embedded records")
+    add("--samples", type=int, default=500, help="prompts (default %(default)s)")
+    add("--guidance", type=float, nargs="+", default=[4.0], metavar="W", help="weights (default %(default)s)")
+    add("--steps", type=int, help="denoising steps (default: all)")
+    add("--seed", type=int, default=0)
+    add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
+    args = parser.parse_args(arguments)
+    try:
+        table, ceiling = measure(args.model, args.records, args.samples, args.guidance, args.steps, args.seed)
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.adherence: {error}")
+    content = {"rows": table, "labels": ceiling}
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.with_suffix(".json").write_text(json.dumps(content, indent=1))
+    text = markdown(table, ceiling)
+    args.out.with_suffix(".md").write_text(text)
+    print(text)
+
+
+def measure(
+    model_folder: str, folder: str, samples: int, weights: Sequence[float], steps: int | None, seed: int
+) -> tuple[dict[str, Scores], Scores]:
+    """Row -> attribute -> (met, asked for), and attribute -> (rules agree with labels, labelled)."""
+    model = scjax.load(model_folder)
+    captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
+    if store.encoder != model.text_encoder:
+        raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
+    rng = np.random.default_rng(seed)
+    rows = rng.permutation(len(captions))[:samples]
+    asked, told, plain, prompts = [], [], [], []
+    tiles = records.source(folder, "val")
+    for row in rows:
+        style = int(rng.integers(len(STYLES)))
+        texts = [text for each in captions[row].texts.values() for text in each]
+        number = style * (len(texts) // len(STYLES))
+        prompts.append(texts[number])
+        asked.append(read_prompt(texts[number]))
+        tokens = np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
+        told.append(scjax.Condition(tokens=tokens))
+        scene = records.sample_scene(records.decode(tiles[row]))
+        plain.append(scjax.Condition(num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents)))
+    table: dict[str, Scores] = {}
+    for weight in weights:
+        made = _sampled(told, model, seed, steps, weight, f"guidance {weight:g}")
+        table[f"prompt, guidance {weight:g}"] = scores(zip(asked, map(parse, made), strict=True))
+    made = _sampled(plain, model, seed, steps, 1.0, "no prompt")
+    table["no prompt, true counts"] = scores(zip(asked, map(parse, made), strict=True))
+    table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
+    table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
+    return table, label_agreement(folder, [caption.facts for caption in captions])
+
+
+def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:
+    """Attribute -> (met, asked for)."""
+    hits, total = Counter(), Counter()
+    for asked, facts in pairs:
+        for name, good in met(asked, facts).items():
+            hits[name] += good
+            total[name] += 1
+    return {name: (hits[name], total[name]) for name in sorted(total)}
+
+
+def label_agreement(folder: str, facts: Sequence[Facts]) -> Scores:
+    """How often the rules say of a held-back record what it was made to show; nothing without labels."""
+    path = Path(folder) / "val-labels.jsonl.gz"
+    if not path.is_file():
+        return {}
+    found: dict[str, list[bool]] = defaultdict(list)
+    with gzip.open(path, "rt") as file:
+        for line, fact in zip(file, facts, strict=True):
+            label = json.loads(line)
+            if label["layout"] in ("four-way", "T", "roundabout"):
+                found["intersection"].append(fact.layout == label["layout"])
+            elif label["layout"] is not None:
+                found["curved or straight"].append(fact.layout == label["layout"])
+            if label["signal"] is not None:
+                found["signal"].append((fact.signals or "") == label["signal"])
+            if label["event"] is not None:
+                found[f"event: {label['event']}"].append(label["event"] in fact.events)
+            found["no other event"].append(not set(fact.events) - {label["event"]})
+    return {name: (sum(values), len(values)) for name, values in sorted(found.items())}
+
+
+def markdown(table: dict[str, Scores], ceiling: Scores) -> str:
+    """Rows and columns in percent, with how often each attribute was asked for."""
+    names = sorted({name for row in table.values() for name in row})
+    lines = ["| scenes | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    for row, found in table.items():
+        cells = (f"{100 * found[n][0] / found[n][1]:.0f} % of {found[n][1]}" if n in found else "" for n in names)
+        lines.append(f"| {row} | " + " | ".join(cells) + " |")
+    if ceiling:
+        told = ", ".join(f"{name} {100 * good / total:.1f} % of {total}" for name, (good, total) in ceiling.items())
+        lines += ["", f"The rules agree with the labels of the synthetic world: {told}."]
+    return "\n".join(lines) + "\n"
+
+
+def _sampled(conditions, model, seed: int, steps: int | None, weight: float, title: str) -> list:
+    made, size = [], 32
+    for start in tqdm(range(0, len(conditions), size), title, disable=None):
+        key = jax.random.fold_in(jax.random.key(seed), start)
+        made += scjax.sample_many(key, conditions[start : start + size], model=model, steps=steps, guidance=weight)
+    return made
+
+
+def _nearest(folder: str, prompts: Sequence[str]) -> list[Facts]:
+    """Facts of the training record whose caption shares most words with each prompt, by tf-idf."""
+    bank = [(text, caption.facts) for caption in read_captions(folder, "train") for text in _all(caption.texts)]
+    words = [set(text.lower().split()) for text, _ in bank]
+    held = Counter(word for one in words for word in one)
+    weight = {word: np.log(len(words) / count) for word, count in held.items()}
+    norms = np.array([np.sqrt(sum(weight[w] ** 2 for w in one)) for one in words])
+    places = defaultdict(list)
+    for k, one in enumerate(words):
+        for word in one:
+            places[word].append(k)
+    found = []
+    for prompt in prompts:
+        score = np.zeros(len(bank))
+        for word in set(prompt.lower().split()) & weight.keys():
+            score[places[word]] += weight[word] ** 2
+        found.append(bank[int((score / np.maximum(norms, 1e-9)).argmax())][1])
+    return found
+
+
+def _all(texts: dict[str, list[str]]) -> list[str]:
+    return [text for style in texts.values() for text in style]
+
+
+if __name__ == "__main__":
+    use_every_core()
+    main()
