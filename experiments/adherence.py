@@ -4,7 +4,7 @@
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
 (scjax.data.captions). Rows: the model at several guidance weights, the model without prompts at true counts, the
-training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). Where the records have
+training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). Where records have
 labels, the agreement of the rules with them is printed below.
 """
 
