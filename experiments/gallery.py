@@ -1,0 +1,115 @@
+"""Pictures of what a model makes of a list of prompts.
+
+    python -m experiments.gallery --model=DIR --prompts=FILE --out=DIR
+
+FILE is a text with a prompt a line, or JSON (a list of texts, or of objects with a "prompt"). OUT receives a picture a
+prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import textwrap
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+from tqdm import tqdm
+
+import scjax
+from scjax.data.captions.facts import parse
+from scjax.data.captions.reading import met, read_prompt
+from scjax.devices import use_every_core
+from scjax.prompts import with_tokens
+from scjax.viz.grid import grid
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    summary, _, more = (__doc__ or "").partition("\n")
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.gallery", description=summary, epilog=more,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = parser.add_argument
+    add("--model", help="model folder (default: the one that ships)")
+    add("--prompts", required=True, type=Path, help="file of prompts")
+    add("--out", required=True, type=Path, help="folder for pictures and gallery.md")
+    add("--samples", type=int, default=3, help="scenes a prompt (default %(default)s)")
+    add("--guidance", type=float, help="weight (default: the model's)")
+    add("--steps", type=int, help="denoising steps (default: all)")
+    add("--seed", type=int, default=0)
+    add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
+    args = parser.parse_args(arguments)
+    try:
+        make(args)
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.gallery: {error}")
+
+
+def make(args: argparse.Namespace) -> None:
+    """The whole gallery, prompt by prompt."""
+    prompts = read_prompts(args.prompts)
+    model = scjax.load(args.model)
+    args.out.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "# Gallery",
+        "",
+        f"{args.samples} scenes a prompt, seed {args.seed}, by `python -m experiments.gallery`.",
+        "",
+    ]
+    for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            (condition,) = with_tokens([scjax.Condition(prompt=prompt)], model)
+        key = jax.random.fold_in(jax.random.key(args.seed), number)
+        scenes = scjax.sample_many(
+            key, [condition] * args.samples, model=model, steps=args.steps, guidance=args.guidance
+        )  # fmt: skip
+        name = f"prompt-{number:02d}.png"
+        grid(scenes, columns=args.samples, path=args.out / name, dpi=90)
+        lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]
+        lines += [f"![{number}]({name})", ""]
+        asked = read_prompt(prompt)
+        for scene in scenes:
+            facts = parse(scene)
+            checked = met(asked, facts)
+            said = (
+                ", ".join(f"{what} {'yes' if good else 'NO'}" for what, good in checked.items()) or "nothing to check"
+            )
+            traffic = facts.traffic
+            lines.append(
+                f"- {facts.layout}; {traffic.vehicles} vehicles, {traffic.pedestrians} pedestrians, "
+                f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
+                f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
+            )
+        lines += [*(f"- warning: {one.message}" for one in told), ""]
+    (args.out / "gallery.md").write_text("\n".join(lines))
+    print(args.out / "gallery.md")
+
+
+def read_prompts(path: Path) -> list[str]:
+    """Prompts of a file.
+
+    Raises:
+      ValueError: naming the file, if it holds none.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text) if path.suffix == ".json" else text.splitlines()
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path}: neither lines of text nor JSON ({error})") from error
+    if isinstance(content, dict):
+        content = next((value for value in content.values() if isinstance(value, list)), list(content.values()))
+    found = [item.get("prompt", "") if isinstance(item, dict) else str(item) for item in content]
+    found = [item.strip() for item in found if item.strip()]
+    if not found:
+        raise ValueError(f"{path}: holds no prompts: write one a line")
+    return found
+
+
+if __name__ == "__main__":
+    use_every_core()
+    main()
