@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import click
 
@@ -44,7 +45,7 @@ def demo(seed, steps, folder, model_folder, as_json) -> None:
         told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
     scenes = []
     key = jax.random.key(seed)
-    with click.progressbar(told, label="scenes", file=click.get_text_stream("stderr")) as bar:
+    with click.progressbar(told, label="scenes", file=sys.stderr) as bar:
         for k, condition in enumerate(bar):
             with clock.part("first scene (with compiling)" if not k else "later scenes"):
                 made = scjax.sample_many(jax.random.fold_in(key, k), [condition], model=model, steps=steps)

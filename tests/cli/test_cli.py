@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.cli import demo as demo_module
 from scjax.cli import main
+from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene_io import load_json, load_npz, save_npz
@@ -26,7 +26,7 @@ PROMPT = "a road with two cars"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A model folder; the demo's prompts and one more need no encoder."""
-    texts = [PROMPT, "no cars", *demo_module.PROMPTS]
+    texts = [PROMPT, "no cars", *DEMO]
     features = {text: found.features for text, found in zip(texts, Words()(texts), strict=True)}
     model = dataclasses.replace(
         tiny_model(TextCondition(Words.width)), text_encoder=Words.name, prompts=features, notes={"steps": 7}
@@ -80,7 +80,7 @@ def test_given_counts_win_with_a_warning(run, folder):
 def test_demo_draws_all_prompts(run, folder):
     code, out, err = run("demo", "--model", folder, "--steps", 2)
     assert code == 0 and out.strip() == "scjax-demo-0.png" and "first scene" in err
-    assert len([name for name in os.listdir() if name.endswith(".npz")]) == len(demo_module.PROMPTS)
+    assert len([name for name in os.listdir() if name.endswith(".npz")]) == len(DEMO)
 
 
 def test_caption_plot_and_info(run, folder, tmp_path):

@@ -89,9 +89,11 @@ def met(asked: Asked, facts: Facts) -> dict[str, bool]:
     if asked.layout in ("four-way", "T", "complex", "roundabout"):
         found["intersection"] = asked.layout in (facts.layout, facts.intersection)
     elif asked.layout in ("straight", "curve"):
+        # A gentle bend is called either.
+        gentle = (facts.curve or "").startswith("gently")
         bent = facts.curve in ("left", "right", "winding")
         plain = facts.intersection is None and facts.layout != "roundabout"
-        found["curved or straight"] = plain and bent == (asked.layout == "curve")
+        found["curved or straight"] = plain and (gentle or bent == (asked.layout == "curve"))
     elif asked.layout is not None:
         found["layout"] = facts.layout == asked.layout
     if asked.vehicles is not None:
