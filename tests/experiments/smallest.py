@@ -1,18 +1,18 @@
-"""Both stages at the smallest size that still runs every part: --config=tests/experiments/smallest.py:autoencoder"""
+"""Every stage at the smallest size that still runs every part: --config=tests/experiments/smallest.py:autoencoder"""
 
 from __future__ import annotations
 
 import dataclasses
 
-from experiments.configs import autoencoder, denoiser
+from experiments.configs import autoencoder, counter, denoiser
 from tests.worlds import AUTOENCODER, DENOISER
 
 
 def get_config(stage: str = "autoencoder"):
     """Nine steps, a checkpoint every third."""
-    config = {"autoencoder": autoencoder, "denoiser": denoiser}[stage].get_config("tiny")
-    sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}[stage]
-    config.model = dataclasses.asdict(sizes)
+    config = {"autoencoder": autoencoder, "denoiser": denoiser, "counter": counter}[stage].get_config("tiny")
+    sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
+    config.model = dataclasses.asdict(sizes[stage]) if stage in sizes else {"width": 8, "queries": 2, "heads": 2}
     config.batch.batch_size = 2
     config.batch.buckets = ((61, 100),)
     config.steps = 9
