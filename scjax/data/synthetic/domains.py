@@ -15,7 +15,7 @@ from scjax.data.synthetic.towns import TOWNS, Style
 from scjax.data.synthetic.tracks import Tracks
 
 _ATTEMPTS = 200
-EVENTS = 0.3  # share of worlds with a rare event staged
+EVENTS = 0.7  # share of worlds with a rare event staged, if they have a place for it
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,6 +21,7 @@ EVENTS: tuple[Event, ...] = (
     "wrong-way driver", "jaywalker", "stopped vehicle in lane", "double parking", "emergency corridor", "cut-in",
 )  # fmt: skip
 _STANDS = 1e-3  # pace of a vehicle that will not move
+_JAM = 9  # vehicles of a lane in a jam
 _CLEAR = 22.0  # metres of road before a stopped vehicle, and from a junction
 _MIDDLE = 75.0  # metres from the origin within which events happen
 
@@ -51,28 +52,35 @@ def stage(kind: Event, net: Network, tracks: Tracks, rng: np.random.Generator) -
 
 
 def obstruct(staged: Staged, net: Network, tracks: Tracks, fleet: Fleet, rng: np.random.Generator) -> Fleet:
-    """The fleet with what must be there before traffic runs: a vehicle that stands, or a jam.
-
-    A standing vehicle is the last of the fleet.
-    """
+    """The fleet with what must be there before traffic runs: a vehicle that stands, or a jam on all lanes abreast."""
     if staged.kind == "emergency corridor":
-        jammed = np.isin(fleet.lane, _abreast(net, staged.lane))
-        fleet.pace[jammed] = rng.uniform(0.02, 0.09)
-        return fleet
+        lanes = _abreast(net, staged.lane)
+        kept = ~np.isin(fleet.lane, lanes)
+        lane = np.repeat(lanes, _JAM)
+        at = staged.at + (np.tile(np.arange(_JAM), len(lanes)) - _JAM // 2) * rng.uniform(8.5, 11.0)
+        inside = (at > 4.0) & (at < tracks.length[lane] - 4.0)
+        lane, at = lane[inside], at[inside] + rng.uniform(-0.8, 0.8, inside.sum())
+        return _joined(fleet, kept, tracks, lane, at, rng.uniform(0.02, 0.08, len(lane)), 0.0, rng)
     if staged.kind not in ("stopped vehicle in lane", "double parking"):
         return fleet
-    box = actors.vehicle_sizes(1, rng, long=staged.kind == "double parking")
-    clear = (fleet.lane != staged.lane) | (np.abs(fleet.at - staged.at) > 12.0)
-    width = net.lanes[staged.lane].width
-    aside = -(0.5 * width - 0.9) if staged.kind == "double parking" else rng.normal(0, 0.15)
-    ends = {"lane": staged.lane, "at": staged.at, "speed": 0.0, "after": _next(tracks, staged.lane), "holds": -1,
-            "sizes": box, "pace": _STANDS, "aside": aside}  # fmt: skip
-    return Fleet(
-        **{
-            name: np.concatenate([getattr(fleet, name)[clear], np.reshape(value, (1, *np.shape(value)[1:]))])
-            for name, value in ends.items()
-        }
-    )
+    kept = (fleet.lane != staged.lane) | (np.abs(fleet.at - staged.at) > 12.0)
+    aside = -(0.5 * net.lanes[staged.lane].width - 0.9) if staged.kind == "double parking" else rng.normal(0, 0.15)
+    return _joined(
+        fleet, kept, tracks, np.array([staged.lane]), np.array([staged.at]), np.array([_STANDS]), aside, rng
+    )  # fmt: skip
+
+
+def _joined(
+    fleet: Fleet, kept: np.ndarray, tracks: Tracks, lane: np.ndarray, at: np.ndarray, pace: np.ndarray, aside: float,
+    rng: np.random.Generator,
+) -> Fleet:  # fmt: skip
+    """Some of a fleet, and vehicles that hardly move."""
+    new = {
+        "lane": lane, "at": at, "speed": np.zeros(len(lane)), "after": tracks.successors[lane, 0],
+        "holds": np.full(len(lane), -1), "sizes": actors.vehicle_sizes(len(lane), rng, long=False), "pace": pace,
+        "aside": np.full(len(lane), aside),
+    }  # fmt: skip
+    return Fleet(**{name: np.concatenate([getattr(fleet, name)[kept], value]) for name, value in new.items()})
 
 
 def happen(
@@ -166,10 +174,6 @@ def _suits(kind: Event, net: Network, k: int) -> bool:
     if kind == "cut-in":
         return lane.left is not None or lane.right is not None
     return True
-
-
-def _next(tracks: Tracks, lane: int) -> int:
-    return int(tracks.successors[lane, 0])
 
 
 def _abreast(net: Network, lane: int) -> list[int]:

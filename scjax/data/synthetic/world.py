@@ -138,7 +138,7 @@ def _egos(scene: Actors, net: Network, moment: int, about: int, event: events.Ev
         along, left = (to * ahead[rows]).sum(-1), ahead[rows, 0] * to[:, 1] - ahead[rows, 1] * to[:, 0]
         sees = rows[(np.abs(along) < 21) & (np.abs(left) < 20) & (rows != about)]
         sees = [int(row) for row in sees if events.shows(event, net, scene, about, int(row))]
-        found += [Ego(moment, row, event, about) for row in sees[:3]]
+        found += [Ego(moment, row, event, about) for row in sees[:4]]
         # Other scenes must not show the event at their edge, unlabelled.
         far = np.hypot(*(scene.places - scene.places[about]).T) > 50.0
         rows = rows[far[rows]]
@@ -146,7 +146,7 @@ def _egos(scene: Actors, net: Network, moment: int, about: int, event: events.Ev
 
 
 def _spread(found: list[Ego], moments: list[Actors]) -> list[Ego]:
-    """At most ``CROPS`` egos, ``_SPACING`` metres apart over all moments; those with events first."""
+    """At most ``CROPS`` egos, ``_SPACING`` metres apart over all moments; those with events first, and closer."""
     seen = [0] * len(moments)
     rank = []
     for ego in found:
@@ -158,7 +158,8 @@ def _spread(found: list[Ego], moments: list[Actors]) -> list[Ego]:
     for i in order:
         ego = found[i]
         place = moments[ego.moment].places[ego.agent]
-        if len(kept) < CROPS and (np.hypot(*(places - place).T) >= _SPACING).all():
+        apart = _SPACING if ego.event is None else _SPACING / 3
+        if len(kept) < CROPS and (np.hypot(*(places - place).T) >= apart).all():
             kept.append(ego)
             places = np.concatenate([places, place[None]])
     return kept
