@@ -202,9 +202,10 @@ def _corridor(staged, net, tracks, scene: Actors, rng) -> tuple[Actors, int] | N
     )
     moved = Actors(scene.types, places, scene.headings, scene.speeds, scene.sizes, scene.level, scene.lane)
     together = actors.together([moved, ambulance])
-    pairs = actors.overlapping(together)
-    in_way = np.unique(pairs[pairs[:, 1] == len(together) - 1, 0])
-    keep = np.setdiff1d(np.arange(len(together)), in_way)
+    # Nobody stays in the ambulance's way, nor where the others have moved to.
+    first, second = actors.overlapping(together).T
+    gone = np.where(second == len(together) - 1, first, second)
+    keep = np.setdiff1d(np.arange(len(together)), gone)
     return together.select(keep), len(keep) - 1
 
 
