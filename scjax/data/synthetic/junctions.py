@@ -62,7 +62,7 @@ def _exits(arms: list[Arm], a: int) -> dict[Turn, list[int]]:
 
 def _allowed(arm: Arm, exits: dict[Turn, list[int]], rng: np.random.Generator) -> list[list[Turn]]:
     """The turns that every inbound lane may take."""
-    pockets = [pocket for _, pocket in arm.inbound]
+    pockets: list[Turn | None] = [pocket for _, pocket in arm.inbound]
     count = len(pockets)
     found: list[list[Turn]] = []
     for pocket in pockets:
