@@ -55,7 +55,9 @@ def build(config) -> Stage:
     network = denoiser(model)
     base = _base(config)
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
-    optimiser = optax.chain(adamw(**config.optimiser.to_dict(), steps=config.steps), unchanged(kept))
+    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    if kept:  # checkpoints of other runs keep their form
+        optimiser = optax.chain(optimiser, unchanged(kept))
     schedule = cosine_schedule()
     loss = config.loss
     if texts is None:

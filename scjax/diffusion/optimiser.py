@@ -71,7 +71,7 @@ def unchanged(kept: frozenset[Path]) -> optax.GradientTransformation:
         leaves = flatten(updates)
         return unflatten({path: jnp.zeros_like(leaf) if path in kept else leaf for path, leaf in leaves.items()})
 
-    return optax.stateless(update) if kept else optax.identity()
+    return optax.stateless(update)
 
 
 def clip_by_global_norm(largest: float) -> optax.GradientTransformation:
