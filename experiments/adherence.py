@@ -10,19 +10,21 @@ labels, the agreement of the rules with them is printed below.
 
 from __future__ import annotations
 
-import argparse
 import gzip
 import json
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from tqdm import tqdm
 
 import scjax
+from experiments.arguments import parser_of
+from experiments.evaluate.retrieval import tf_idf
 from scjax.data import records
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.captions.facts import Facts, parse
@@ -35,11 +37,7 @@ Scores = dict[str, tuple[int, int]]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    summary, _, more = (__doc__ or "").partition("\n")
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.adherence", description=summary, epilog=more,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    parser = parser_of("adherence", __doc__)
     add = parser.add_argument
     add("--model", required=True, help="model folder")
     add("--records", required=True, help="captioned and embedded records")
@@ -105,23 +103,26 @@ def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:
 
 
 def label_agreement(folder: str, facts: Sequence[Facts]) -> Scores:
-    """How often the rules say of a held-back record what it was made to show; nothing without labels."""
+    """``agreement`` on the held-back records; nothing without labels."""
     path = Path(folder) / "val-labels.jsonl.gz"
     if not path.is_file():
         return {}
-    found: dict[str, list[bool]] = defaultdict(list)
     with gzip.open(path, "rt") as file:
-        for line, fact in zip(file, facts, strict=True):
-            label = json.loads(line)
-            if label["layout"] in ("four-way", "T", "roundabout"):
-                found["intersection"].append(fact.layout == label["layout"])
-            elif label["layout"] is not None:
-                found["curved or straight"].append(fact.layout == label["layout"])
-            if label["signal"] is not None:
-                found["signal"].append((fact.signals or "") == label["signal"])
-            if label["event"] is not None:
-                found[f"event: {label['event']}"].append(label["event"] in fact.events)
-            found["no other event"].append(not set(fact.events) - {label["event"]})
+        return agreement(zip(map(json.loads, file), facts, strict=True))
+
+
+def agreement(pairs: Iterable[tuple[dict[str, Any], Facts]]) -> Scores:
+    """How often the rules say of a scene what it was made to show: attribute -> (agree, labelled)."""
+    found: dict[str, list[bool]] = defaultdict(list)
+    for label, fact in pairs:
+        if label["layout"] is not None:
+            name = "curved or straight" if label["layout"] in ("straight", "curve") else "intersection"
+            found[name].append(fact.layout == label["layout"])
+        if label["signal"] is not None:
+            found["signal" if label["signal"] else "no signal"].append((fact.signals or "") == label["signal"])
+        if label["event"] is not None:
+            found[f"event: {label['event']}"].append(label["event"] in fact.events)
+        found["no other event"].append(not set(fact.events) - {label["event"]})
     return {name: (sum(values), len(values)) for name, values in sorted(found.items())}
 
 
@@ -147,23 +148,10 @@ def _sampled(conditions, model, seed: int, steps: int | None, weight: float, tit
 
 
 def _nearest(folder: str, prompts: Sequence[str]) -> list[Facts]:
-    """Facts of the training record whose caption shares most words with each prompt, by tf-idf."""
+    """Facts of the training record whose caption is most like each prompt, as the evaluation's baselines find it."""
     bank = [(text, caption.facts) for caption in read_captions(folder, "train") for text in _all(caption.texts)]
-    words = [set(text.lower().split()) for text, _ in bank]
-    held = Counter(word for one in words for word in one)
-    weight = {word: np.log(len(words) / count) for word, count in held.items()}
-    norms = np.array([np.sqrt(sum(weight[w] ** 2 for w in one)) for one in words])
-    places = defaultdict(list)
-    for k, one in enumerate(words):
-        for word in one:
-            places[word].append(k)
-    found = []
-    for prompt in prompts:
-        score = np.zeros(len(bank))
-        for word in set(prompt.lower().split()) & weight.keys():
-            score[places[word]] += weight[word] ** 2
-        found.append(bank[int((score / np.maximum(norms, 1e-9)).argmax())][1])
-    return found
+    known, wanted = tf_idf([text for text, _ in bank], prompts)
+    return [bank[int((known @ wanted[[row]].T).toarray()[:, 0].argmax())][1] for row in range(len(prompts))]
 
 
 def _all(texts: dict[str, list[str]]) -> list[str]:

@@ -10,7 +10,6 @@ takes them: records:FOLDER#SPLIT, npz:FOLDER, tiles:FILE#main.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from experiments.arguments import parser_of
 from experiments.evaluate.sources import Source, open_source
 from scjax.metrics.distances import histogram, jensen_shannon
 from scjax.metrics.distributions import GRAPH, Sums, scene_sums, table
@@ -53,11 +53,7 @@ SHARES = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    summary, _, more = (__doc__ or "").partition("\n")
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.compare", description=summary, epilog=more,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    parser = parser_of("compare", __doc__)
     parser.add_argument("scenes", metavar="SCENES", help="source of the scenes in question")
     parser.add_argument("reference", metavar="REFERENCE", help="source of the scenes that they should be like")
     add = parser.add_argument

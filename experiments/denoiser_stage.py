@@ -15,7 +15,7 @@ from experiments.state import Stage, TrainState, initial, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
-from scjax.data.pipeline import Example, batch_of, validation_scenes
+from scjax.data.pipeline import Example, batch_of, captioned, validation_scenes
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw, unchanged
@@ -188,13 +188,11 @@ def _texts(config) -> TextStore | None:
 
 def with_captions(config, representation: Representation) -> list[Example]:
     """Held-back scenes of ``config.records``, each with the first of its captions."""
-    store, slots, found = TextStore(config.records, "val"), config.batch.text_slots, []
-    for row, scene in enumerate(validation_scenes(config.records, representation)):
-        features = store.features(int(store.texts_of(row)[0]))[:slots]
-        tokens = np.zeros((slots, store.width), np.float16)
-        tokens[: len(features)] = features
-        found.append(Example(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features)))
-    return found
+    store = TextStore(config.records, "val")
+    return [
+        captioned(scene, store.features(int(store.texts_of(row)[0])), config.batch.text_slots)
+        for row, scene in enumerate(validation_scenes(config.records, representation))
+    ]
 
 
 def _like(example: Example) -> Condition:

@@ -20,6 +20,7 @@ import jax
 from tqdm import tqdm
 
 import scjax
+from experiments.arguments import parser_of
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met, read_prompt
 from scjax.devices import use_every_core
@@ -28,11 +29,7 @@ from scjax.viz.grid import grid
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    summary, _, more = (__doc__ or "").partition("\n")
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.gallery", description=summary, epilog=more,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    parser = parser_of("gallery", __doc__)
     add = parser.add_argument
     add("--model", help="model folder (default: the one that ships)")
     add("--prompts", required=True, type=Path, help="file of prompts")

@@ -34,6 +34,7 @@ BUCKETS = ((12, 16), (16, 28), (32, 48), (61, 100))  # (agent, lane) slots
 GROUP = 8  # scenes a compiled call, when there is more than one
 
 Program = Callable[..., Scene]
+Tables = dict[tuple[int, int | None, Layout], np.ndarray | None]
 
 
 def sample(
@@ -81,7 +82,8 @@ def sample_many(
     if config.condition is None and any(cond.tokens is not None for cond in conditions):
         raise ValueError("Condition.tokens is given, but this model is unconditional: leave it out")
     weight = guidance if guidance is not None else (4.0 if config.condition is not None else 1.0)
-    requests = [_request(jax.random.fold_in(key, i), cond, model) for i, cond in enumerate(conditions)]
+    tables: Tables = {}
+    requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     program = _program(
         model.representation, model.autoencoder_config, config, steps or cosine_schedule().steps, weight != 1.0
     )
@@ -159,7 +161,7 @@ class _Request:
         return scene.replace(**{**fields, "links": links})
 
 
-def _request(key: Array, cond: Condition, model: Model) -> _Request:
+def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Request:
     """Draws what ``cond`` leaves open (host side, from the scene's own key)."""
     config = model.denoiser_config
     assert config is not None
@@ -185,8 +187,11 @@ def _request(key: Array, cond: Condition, model: Model) -> _Request:
         raise ValueError(f"Condition.domain {domain} is outside 0..{len(model.domains) - 1} ({model.domains})")
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, 0xC0)))
     rng = np.random.default_rng(seed.astype(np.uint32))
+    asked = id(cond.tokens), domain, cond.layout
+    if asked not in tables:  # many scenes of one prompt are common
+        tables[asked] = _count_table(cond, domain, model)
     domain, lanes, agents = draw_counts(
-        rng, _count_table(cond, domain, model), cond.layout, domain=domain, num_lanes=cond.num_lanes,
+        rng, tables[asked], cond.layout, domain=domain, num_lanes=cond.num_lanes,
         num_agents=cond.num_agents, least_lanes=least[1], least_agents=least[0],
     )  # fmt: skip
     return _Request(key, (agents, lanes), domain, cond, known)

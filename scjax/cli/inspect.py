@@ -7,8 +7,6 @@ from pathlib import Path
 
 import click
 
-from scjax.cli.output import say
-
 
 def read_scenes(path: str | Path) -> list:
     """All scenes of an npz or JSON file that scjax wrote.
@@ -95,4 +93,3 @@ def info(folder, as_json) -> None:
         shown = ", ".join(f"{k} {v:,}" for k, v in value.items()) if isinstance(value, dict) else value
         shown = ("\n" + " " * 30).join(map(str, shown)) if isinstance(shown, list) else shown
         click.echo(f"{name:<30}{shown}")
-    say("", quiet=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 import click
+from matplotlib.figure import Figure
 
 from scjax.scene import Scene
 
@@ -57,18 +58,14 @@ def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[Format]
         elif kind == "json":
             scene_io.save_json(scene, path)
         else:
-            _draw(scene, path, kind, title)
+            from scjax.viz.bev import plot
+            from scjax.viz.grid import save
+
+            figure = plot(scene, title=title).figure
+            assert isinstance(figure, Figure)  # a picture of its own, no part of another
+            save(figure, path)
         written.append(path)
     return written
-
-
-def _draw(scene: Scene, path: Path, kind: str, title: str | None) -> None:
-    from scjax.viz.bev import plot
-
-    figure = plot(scene, title=title).figure
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    figure.savefig(temporary, format=kind, dpi=130)  # pyright: ignore[reportAttributeAccessIssue]
-    temporary.replace(path)
 
 
 class Clock:

@@ -46,10 +46,14 @@ def parser() -> argparse.ArgumentParser:
     """The command's argument parser."""
     top = argparse.ArgumentParser(prog="python -m scjax.data", description=DESCRIPTION)
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    build = commands.add_parser(
-        "build", help="recorded scenes -> training records", description=BUILD, epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+
+    def command(name: str, summary: str, description: str, epilog: str | None = None) -> argparse.ArgumentParser:
+        return commands.add_parser(
+            name, help=summary, description=description, epilog=epilog,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+
+    build = command("build", "recorded scenes -> training records", BUILD, EPILOG)
     build.add_argument("source", metavar="SOURCE", help="folder of recorded scenes (searched recursively)")
     build.add_argument("out", metavar="OUT", help="folder for the records; made if it is not there")
     add = build.add_argument
@@ -76,18 +80,12 @@ def parser() -> argparse.ArgumentParser:
                            help="steps between poses of the recording car (default %(default)s)")  # fmt: skip
         group.add_argument(f"--{prefix}other-stride", type=int, default=other, metavar="N",
                            help="steps between poses of other vehicles (default %(default)s)")  # fmt: skip
-    made = commands.add_parser(
-        "procedural", help="make recorded scenes by rule", description=PROCEDURAL,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    made = command("procedural", "make recorded scenes by rule", PROCEDURAL)
     made.add_argument("out", metavar="OUT", help="folder to write to; made if it is not there")
     made.add_argument("--scenes", type=int, default=100, metavar="N", help="how many (default %(default)s)")
     made.add_argument("--seed", type=int, default=0, metavar="S",
                       help="scene k depends on S and k alone (default %(default)s)")  # fmt: skip
-    world = commands.add_parser(
-        "synthetic", help="training records of a synthetic world", description=SYNTHETIC,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    world = command("synthetic", "training records of a synthetic world", SYNTHETIC)
     world.add_argument("out", metavar="OUT", help="folder for the records; made if it is not there")
     world.add_argument("--worlds", type=int, default=1000, metavar="N", help="how many (default %(default)s)")
     world.add_argument("--seed", type=int, default=0, metavar="S",
@@ -96,16 +94,10 @@ def parser() -> argparse.ArgumentParser:
                        help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
     world.add_argument("--split-percent", type=float, default=5.0, metavar="P",
                        help="share of worlds held back as the val split (default %(default)s)")  # fmt: skip
-    text = commands.add_parser(
-        "embed", help="token features of captions", description=EMBED,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    text = command("embed", "token features of captions", EMBED)
     text.add_argument("records", metavar="RECORDS", help="folder with captions")
     text.add_argument("--encoder", metavar="DIR", help="folder of a text encoder (BERT, T5 or UMT5, Hugging Face)")
-    said = commands.add_parser(
-        "caption", help="facts and sentences for records", description=CAPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    said = command("caption", "facts and sentences for records", CAPTION)
     said.add_argument("records", metavar="RECORDS", help="folder made by the build command")
     said.add_argument("--paraphrases", type=int, default=2, metavar="N",
                       help="texts of each style (default %(default)s)")  # fmt: skip

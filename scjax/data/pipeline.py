@@ -131,6 +131,14 @@ class Batches(Iterator[Example]):
         )
 
 
+def captioned(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: int) -> Example:
+    """A scene with the features of a caption, padded with zeros to ``slots`` tokens or cut there."""
+    features = features[:slots]
+    tokens = np.zeros((slots, features.shape[1]), np.float16)
+    tokens[: len(features)] = features
+    return Example(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features))
+
+
 def batch_of(examples: Sequence[Example], bucket: Bucket) -> Example:
     """Examples, padded to ``bucket``, as one batch."""
     scenes = stack([pad(example.scene, *bucket) for example in examples])
@@ -186,12 +194,9 @@ def training_batches(
         scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
         if texts is None:
             return Example(scene=scene)
-        features = np.zeros((0, texts.width), np.float16)
-        if layout != Layout.FORWARD:
-            features = texts.features(int(rng.choice(texts.texts_of(number))))[: config.text_slots]
-        tokens = np.zeros((config.text_slots, texts.width), np.float16)
-        tokens[: len(features)] = features
-        return Example(scene=scene, tokens=tokens, token_mask=np.arange(config.text_slots) < len(features))
+        if layout == Layout.FORWARD:
+            return captioned(scene, np.zeros((0, texts.width), np.float16), config.text_slots)
+        return captioned(scene, texts.features(int(rng.choice(texts.texts_of(number)))), config.text_slots)
 
     examples = stream.random_map(augment)
     return Batches(lambda index: cast(Example, examples[index]), config, processes=processes)

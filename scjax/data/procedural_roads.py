@@ -10,11 +10,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from scjax.data.synthetic.curves import offset, spline
+from scjax.data.synthetic.curves import turn as turn_curve
+
 Turn = Literal["through", "left", "right"]
 Movement = tuple[int, Turn]  # the arm that a vehicle comes from, and what it does
 _TURNS: tuple[Turn | None, ...] = (None, "left", "through", "right")
 WIDTH = 3.6  # metres between centrelines
-MPS_OF_MPH = 0.44704
 
 
 @dataclasses.dataclass
@@ -94,7 +96,7 @@ def _intersection(rng: np.random.Generator, num_arms: int) -> RoadMap:
             else:
                 continue
             for entry, leave in pairs:
-                connector = Lane(_connect(made.lanes[entry].points, made.lanes[leave].points), turn=turn, arm=arm)
+                connector = Lane(turn_curve(made.lanes[entry].points, made.lanes[leave].points), turn=turn, arm=arm)
                 made.lanes[entry].successors.append(len(made.lanes))
                 connector.successors.append(leave)
                 made.lanes.append(connector)
@@ -117,7 +119,7 @@ def _merge(rng: np.random.Generator) -> RoadMap:
     shift = np.interp(np.linspace(0, 1, len(beside.points)), [0.6, 1.0], [1.0, 0.0])
     shift = WIDTH * shift**2 * (3 - 2 * shift)  # smooth taper into the right lane
     ramp_end, wide = len(made.lanes), int(0.7 * len(beside.points))
-    joining = Lane(_offset(beside.points, -shift), "freeway", 65.0, [onward[-1]], left=(along[-1], 0, wide))
+    joining = Lane(offset(beside.points, -shift), "freeway", 65.0, [onward[-1]], left=(along[-1], 0, wide))
     joining.points[-1] = joined.points[0]
     beside.right = (ramp_end, 0, wide)
     made.lanes.append(joining)
@@ -126,10 +128,11 @@ def _merge(rng: np.random.Generator) -> RoadMap:
     aside = np.array([ahead[1], -ahead[0]])
     far = joining.points[0] - rng.uniform(90, 130) * ahead + rng.uniform(20, 35) * aside
     toward = joining.points[0] - far
-    approach = _spaced(_bezier(far, toward / np.linalg.norm(toward) + 0.4 * aside, joining.points[0], ahead), 2.0)
+    toward = toward / np.linalg.norm(toward) + 0.4 * aside
+    approach = spline(far, float(np.arctan2(*toward[::-1])), joining.points[0], float(np.arctan2(*ahead[::-1])))
     made.lanes.append(Lane(approach, "freeway", 45.0, [ramp_end]))
     if rng.random() < 0.6:
-        _road(made, _offset(line, WIDTH * 1.5 + rng.uniform(2, 8))[::-1], count, 0, subtype="freeway", limit=65.0)
+        _road(made, offset(line, WIDTH * 1.5 + rng.uniform(2, 8))[::-1], count, 0, subtype="freeway", limit=65.0)
     return made
 
 
@@ -157,7 +160,7 @@ def _road(
         for backwards, count in ((False, forward), (True, backward)):
             for k in range(count):
                 # Offset before cutting: the pieces meet exactly, in bends too.
-                points = _offset(line, (1 if backwards else -1) * (median / 2 + WIDTH * (k + 0.5)))[start : end + 1]
+                points = offset(line, (1 if backwards else -1) * (median / 2 + WIDTH * (k + 0.5)))[start : end + 1]
                 me = len(made.lanes)
                 sides[backwards].append(me)
                 made.lanes.append(
@@ -180,45 +183,3 @@ def _line(length: float, turn: float, bend: float) -> np.ndarray:
     steps = 2.0 * np.stack([np.cos(heading), np.sin(heading)], -1)
     points = np.concatenate([np.zeros((1, 2)), np.cumsum((steps[1:] + steps[:-1]) / 2, 0)])
     return points - points[len(points) // 2]
-
-
-def _offset(line: np.ndarray, left: float | np.ndarray) -> np.ndarray:
-    """``line`` moved to its left by so many metres."""
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    return line + np.stack([-along[:, 1], along[:, 0]], -1) * np.reshape(left, (-1, 1))
-
-
-def _connect(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """From the end of one lane to the start of another: straight up to the bend, then nearly a circular arc."""
-    start, end = before[-1], after[0]
-    out, into = before[-1] - before[-2], after[1] - after[0]
-    out, into = out / np.linalg.norm(out), into / np.linalg.norm(into)
-    across = out[0] * into[1] - out[1] * into[0]
-    curve = _bezier(start, out, end, into)
-    if abs(across) > 0.35:
-        gap = end - start
-        # Distances from both ends to the corner where the two lanes' directions meet.
-        to_corner = (gap[0] * into[1] - gap[1] * into[0]) / across
-        from_corner = (out[0] * gap[1] - out[1] * gap[0]) / across
-        reach = min(to_corner, from_corner)
-        if reach > 2.0:
-            corner = start + to_corner * out
-            curve = _bezier(corner - reach * out, out, corner + reach * into, into)
-            curve = np.concatenate([start[None], curve[1:-1], end[None]])
-    return _spaced(curve, 1.0)
-
-
-def _bezier(start: np.ndarray, out: np.ndarray, end: np.ndarray, into: np.ndarray) -> np.ndarray:
-    """Cubic curve from ``start`` in direction ``out`` to ``end`` in direction ``into``, finely sampled."""
-    reach = 0.39 * np.linalg.norm(end - start)
-    a, b = start + reach * out / np.linalg.norm(out), end - reach * into / np.linalg.norm(into)
-    t = np.linspace(0, 1, 60)[:, None]
-    return (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
-
-
-def _spaced(line: np.ndarray, spacing: float) -> np.ndarray:
-    """``line`` with points at equal distances of about ``spacing`` metres."""
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    at = np.linspace(0, arc[-1], max(4, round(arc[-1] / spacing) + 1))
-    return np.stack([np.interp(at, arc, line[:, d]) for d in (0, 1)], -1)

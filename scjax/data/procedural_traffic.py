@@ -7,7 +7,9 @@ import functools
 
 import numpy as np
 
-from scjax.data.procedural_roads import MPS_OF_MPH, Movement, RoadMap
+from scjax.data.procedural_roads import Movement, RoadMap
+from scjax.data.synthetic.curves import arc_of, length_of
+from scjax.data.synthetic.network import MPS_OF_MPH
 
 STEPS, DT = 91, 0.1
 TIMES = np.arange(STEPS) * DT
@@ -58,23 +60,23 @@ def make_traffic(road: RoadMap, phase: set[Movement] | None, rng: np.random.Gene
             lanes = moving[rng.integers(len(moving))]
             speed = _speed(road, lanes, limits) * rng.uniform(0.95, 1.02)
             path = _points(road, lanes)
-            start = rng.uniform(-40, _length(path))
+            start = rng.uniform(-40, length_of(path))
             _admit(tracks, _driver(path, start + speed * TIMES, rng))
     if road.kind != "merge":
         kerbs = [i for i, lane in enumerate(road.lanes) if lane.right is None and lane.turn is None]
         for _ in range(rng.integers(0, 8) if rng.random() < 0.5 else 0):
             path = _points(road, [int(rng.choice(kerbs))])
-            at = np.full(STEPS, rng.uniform(3, _length(path) - 3))
+            at = np.full(STEPS, rng.uniform(3, length_of(path) - 3))
             _admit(tracks, _driver(path, at, rng, right=rng.uniform(2.7, 3.0)))
         for _ in range(rng.poisson(4) if rng.random() < 0.6 else 0):
             _admit(tracks, _walker(road, kerbs, rng))
         for _ in range(rng.poisson(1.0)):
             path = _points(road, [int(rng.choice(kerbs))])
-            at = rng.uniform(0, _length(path)) + rng.uniform(2.5, 6) * TIMES
+            at = rng.uniform(0, length_of(path)) + rng.uniform(2.5, 6) * TIMES
             _admit(tracks, _driver(path, at, rng, kind="cyclist", right=1.5))
         if rng.random() < 0.1:
             path = _points(road, [int(rng.choice(kerbs))])
-            for at in rng.uniform(5, _length(path) - 20) + 3.0 * np.arange(rng.integers(3, 7)):
+            for at in rng.uniform(5, length_of(path) - 20) + 3.0 * np.arange(rng.integers(3, 7)):
                 _admit(tracks, _driver(path, np.full(STEPS, at), rng, kind="traffic_cone", right=2.1))
     return tracks
 
@@ -127,23 +129,23 @@ def _ego(road: RoadMap, moving: list, waiting: list, limits: list[float], rng: n
     reach = [np.hypot(*_points(road, lanes).T).min() for lanes in moving]
     lanes = moving[int(rng.choice(np.flatnonzero(np.array(reach) < min(reach) + 12)))]
     path, speed = _points(road, lanes), _speed(road, lanes, limits)
-    nearest = _arc(path)[np.hypot(*path.T).argmin()]
+    nearest = arc_of(path)[np.hypot(*path.T).argmin()]
     start = nearest - speed * TIMES[-1] / 2 + rng.uniform(-10, 10)
-    start = np.clip(start, 0, max(0.0, _length(path) - speed * TIMES[-1]))
+    start = np.clip(start, 0, max(0.0, length_of(path) - speed * TIMES[-1]))
     return _driver(path, start + speed * TIMES, rng, truck=False)
 
 
 def _queued(road, lane: int, slot: int, gap: float, speed: float, arriving: bool, rng) -> Track:
     """A car in slot 0, 1, ... behind the stop line of ``lane``; ``arriving``: it brakes from ``speed`` to a stop."""
     path = _points(road, [lane])
-    stop = _length(path) - 3.5 - slot * (4.9 + gap)
+    stop = length_of(path) - 3.5 - slot * (4.9 + gap)
     left = np.clip(6.0 - TIMES, 0, None)  # seconds until it stands
     return _driver(path, stop - (0.5 * speed / 6.0 * left**2 if arriving else 0 * left), rng, truck=False)
 
 
 def _driver(path: np.ndarray, at: np.ndarray, rng, *, kind="vehicle", right: float | None = None, truck=None) -> Track:
     """Whoever is ``at`` so many metres along ``path`` at each step; not there before its start and behind its end."""
-    arc, along = _arc(path), np.gradient(path, axis=0)
+    arc, along = arc_of(path), np.gradient(path, axis=0)
     heading = np.interp(at, arc, np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
     side = rng.normal(0, 0.12) if right is None else -right
     places = np.stack([np.interp(at, arc, path[:, d]) for d in (0, 1)], -1)
@@ -163,7 +165,7 @@ def _walker(road: RoadMap, kerbs: list[int], rng: np.random.Generator) -> Track:
         path, right = (stop - 2.5 + rng.normal(0, 0.4)) * ahead + across, 0.0
     else:
         path, right = _points(road, [int(rng.choice(kerbs))]), back * rng.uniform(4.2, 6.0)
-    at = rng.uniform(0, _length(path)) + pace * TIMES
+    at = rng.uniform(0, length_of(path)) + pace * TIMES
     return _driver(path[::back], at, rng, kind="pedestrian", right=right)
 
 
@@ -201,11 +203,3 @@ def _size(kind: str, rng: np.random.Generator) -> np.ndarray:
 
 def _points(road: RoadMap, lanes: list[int]) -> np.ndarray:
     return np.concatenate([road.lanes[lanes[0]].points, *(road.lanes[i].points[1:] for i in lanes[1:])])
-
-
-def _arc(path: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-
-
-def _length(path: np.ndarray) -> float:
-    return float(_arc(path)[-1])

@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import safetensors
 import safetensors.numpy
 
-from scjax.encoders.text import Encoder, checked
-
-
-def save_prompts(texts: Iterable[str], encoder: Encoder, path: str | Path) -> None:
-    """Writes features of texts as float16, under the encoder's name; the file appears whole or not at all."""
-    write_prompts(features_of(texts, encoder), encoder.name, path)
-
-
-def features_of(texts: Iterable[str], encoder: Encoder) -> dict[str, np.ndarray]:
-    """Text, its white space made plain -> features of its tokens."""
-    plain = [checked(text) for text in texts]
-    return {text: found.features for text, found in zip(plain, encoder(plain), strict=True)}
-
 
 def write_prompts(features: Mapping[str, np.ndarray], encoder: str, path: str | Path) -> None:
-    """As ``save_prompts``, of features that are there already."""
+    """Writes features of texts as float16, under the encoder's name; the file appears whole or not at all."""
     path = Path(path)
     temporary = path.with_name(f".{path.name}.part")
     arrays = {text: np.ascontiguousarray(one, np.float16) for text, one in features.items()}

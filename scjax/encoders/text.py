@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import safetensors
 import safetensors.numpy
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from tokenizers import Tokenizer
 
 from scjax.convert.strict import convert
@@ -194,12 +194,3 @@ def digest(state: dict[str, np.ndarray]) -> str:
         total.update(f"{name}{state[name].shape}".encode())
         total.update(np.ascontiguousarray(flat[:: max(1, flat.size // 64)]).tobytes())
     return total.hexdigest()[:12]
-
-
-def padded(features: Sequence[np.ndarray], width: int) -> tuple[Float[np.ndarray, "n t d"], Bool[np.ndarray, "n t"]]:
-    """Features of several texts as one array and the mask of real tokens."""
-    most = max((len(one) for one in features), default=0)
-    tokens, mask = np.zeros((len(features), most, width), np.float32), np.zeros((len(features), most), bool)
-    for row, one in enumerate(features):
-        tokens[row, : len(one)], mask[row, : len(one)] = one, True
-    return tokens, mask

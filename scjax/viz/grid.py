@@ -76,11 +76,11 @@ def grid(
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
-    """Writes a PNG to a temporary name in the same folder, then renames it: readers never see half a picture."""
+    """Writes a PNG, or an SVG by its ending, to a temporary name, then renames it: readers never see half a picture."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    figure.savefig(temporary, dpi=dpi, format="png")
+    figure.savefig(temporary, dpi=dpi, format="svg" if path.suffix == ".svg" else "png")
     temporary.replace(path)
 
 

@@ -12,7 +12,7 @@ from tokenizers import Tokenizer, models, pre_tokenizers
 
 from scjax.convert.strict import export
 from scjax.encoders import bert, find, t5
-from scjax.encoders.text import _network, checked, load_text_encoder, padded
+from scjax.encoders.text import _network, checked, load_text_encoder
 from scjax.nn.functional import count
 
 WORDS = ["[PAD]", "[UNK]", *"a road with two lanes and three cars that bend left".split()]
@@ -102,11 +102,6 @@ def test_damaged_files_are_named(tmp_path, name, match):
 def test_what_is_no_prompt(text):
     with pytest.raises(ValueError, match="prompt"):
         checked(text)
-
-
-def test_padded():
-    tokens, mask = padded([np.ones((2, 3)), np.ones((0, 3))], 3)
-    assert tokens.shape == (2, 2, 3) and mask.tolist() == [[True, True], [False, False]] and not tokens[1].any()
 
 
 @pytest.fixture

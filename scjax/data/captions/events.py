@@ -37,7 +37,7 @@ _NEXT_LANE = (2.4, 4.6)  # metres between the middles of lanes side by side
 
 @dataclasses.dataclass(frozen=True)
 class _Seen:
-    """Agents but the ego; of each the nearest lane, its point there, metres to the left of it, radians off it."""
+    """Agents without the ego: ``distance`` [m] and ``turn`` [rad] to every lane, ``left`` and ``off`` to the next."""
 
     places: np.ndarray
     headings: np.ndarray
@@ -47,7 +47,8 @@ class _Seen:
     walker: np.ndarray
     inside: np.ndarray
     lane: np.ndarray
-    point: np.ndarray
+    distance: np.ndarray
+    turn: np.ndarray
     left: np.ndarray
     off: np.ndarray
 
@@ -61,7 +62,7 @@ def find_events(scene: Scene, road: Road, intersections: list[Intersection]) -> 
     standing = _standing(seen, calm, scene)
     double = _double_parked(seen, standing)
     found: dict[Event, bool] = {
-        "wrong-way driver": bool((_wrong_way(seen, road) & calm).any()),
+        "wrong-way driver": bool((_wrong_way(seen) & calm).any()),
         "jaywalker": bool((_jaywalks(seen) & calm).any()),
         "stopped vehicle in lane": bool((standing & ~double).any()),
         "double parking": bool(double.any()),
@@ -86,7 +87,7 @@ def _look(scene: Scene, road: Road) -> _Seen:
     left = np.cos(direction) * apart[:, 1] - np.sin(direction) * apart[:, 0]
     return _Seen(
         places, headings, agents[:, 3], agents[:, 6], types == AgentType.VEHICLE, types == AgentType.PEDESTRIAN,
-        np.abs(places).max(-1) < _MARGIN, lane, point, left, wrapped(headings - direction),
+        np.abs(places).max(-1) < _MARGIN, lane, distance.min(-1), turn, left, wrapped(headings - direction),
     )  # fmt: skip
 
 
@@ -107,15 +108,11 @@ def _near_junction(places: np.ndarray, road: Road, intersections: list[Intersect
     return near
 
 
-def _wrong_way(seen: _Seen, road: Road) -> np.ndarray:
+def _wrong_way(seen: _Seen) -> np.ndarray:
     """On a lane, moving against it, with no lane of its own direction near."""
     against, with_it, reach = _WRONG
-    distance = np.linalg.norm(seen.places[:, None, None] - road.line[None], axis=-1)
-    point = distance.argmin(-1)
-    heading = road.chord[np.arange(len(road)), np.minimum(point, road.chord.shape[1] - 1)]
-    turn = np.abs(wrapped(seen.headings[:, None] - heading))
-    near = distance.min(-1)
-    wrong = ((near < _IN_LANE) & (turn > against)).any(1) & ~((near < reach) & (turn < with_it)).any(1)
+    on_it = (seen.distance < _IN_LANE) & (seen.turn > against)
+    wrong = on_it.any(1) & ~((seen.distance < reach) & (seen.turn < with_it)).any(1)
     return wrong & seen.vehicle & (seen.speeds > _MOVES)
 
 

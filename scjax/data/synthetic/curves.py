@@ -107,11 +107,6 @@ def smooth(t: np.ndarray) -> np.ndarray:
     return t * t * (3 - 2 * t)
 
 
-def wrapped(angle):
-    """Into -pi .. pi [rad]."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
 def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.hypot(*vector)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 
+from scjax.data.captions.events import Event
 from scjax.data.synthetic import actors
 from scjax.data.synthetic.actors import Actors
 from scjax.data.synthetic.network import Network
@@ -14,12 +15,7 @@ from scjax.data.synthetic.tracks import Tracks
 from scjax.data.synthetic.traffic import Fleet
 from scjax.scene import AgentType
 
-Event = Literal[
-    "wrong-way driver", "jaywalker", "stopped vehicle in lane", "double parking", "emergency corridor", "cut-in"
-]
-EVENTS: tuple[Event, ...] = (
-    "wrong-way driver", "jaywalker", "stopped vehicle in lane", "double parking", "emergency corridor", "cut-in",
-)  # fmt: skip
+EVENTS: tuple[Event, ...] = get_args(Event)
 _STANDS = 1e-3  # pace of a vehicle that will not move
 _JAM = 9  # vehicles of a lane in a jam
 _CLEAR = 22.0  # metres of road before a stopped vehicle, and from a junction
@@ -162,7 +158,7 @@ def _parked_beside(scene: Actors, who: int, rng: np.random.Generator) -> Actors:
 
 def _suits(kind: Event, net: Network, k: int) -> bool:
     lane = net.lanes[k]
-    if np.any(np.asarray(lane.height) != 0):
+    if lane.height != 0.0:
         return False
     freeway = lane.subtype == "freeway"
     if kind == "double parking":

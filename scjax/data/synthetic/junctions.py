@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from scjax.data.captions.road import wrapped
 from scjax.data.synthetic.curves import turn as turn_curve
-from scjax.data.synthetic.curves import wrapped
 from scjax.data.synthetic.network import Arm, Junction, Lane, Network, Turn
 
 _STRAIGHT = np.deg2rad(38.0)  # a change of direction below this is none
 _BACK = np.deg2rad(150.0)
 _CAREFUL = 6.0  # m/s in turns
-_SLOWEST_STOP, _FARTHEST_STOP = 5.0, 34.0  # metres
+_NEAREST_STOP, _FARTHEST_STOP = 5.0, 34.0  # metres
 
 
 def stop_distances(
@@ -23,7 +23,7 @@ def stop_distances(
       angles: of the arms, ascending [rad]; arriving, leaving: width of their left and right half, seen outwards [m];
         corners: room at each arm [m].
     """
-    reach = [_SLOWEST_STOP] * len(angles)
+    reach = [_NEAREST_STOP] * len(angles)
     for i in range(len(angles)):
         j = (i + 1) % len(angles)
         gap = (angles[j] - angles[i]) % (2 * np.pi)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scjax.data.synthetic.curves import wrapped
+from scjax.data.captions.road import wrapped
 from scjax.data.synthetic.world import Ego, World
 from scjax.scene import TILE_SIZE, Signal
 

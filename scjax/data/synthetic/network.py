@@ -27,7 +27,7 @@ class Lane:
       junction: of which this lane is a connector, -1 for none; turn, arm, entry: what a connector does, from which
         arm and from which lane.
       rank: who goes first where connectors cross: the lower one.
-      height: above the ground at each point [m]; 0.0: on it.
+      height: above the ground [m].
       centre: a two-way turn lane; nobody drives along it.
       kerb: this lane's right edge is the edge of the road.
     """
@@ -44,7 +44,7 @@ class Lane:
     arm: int = -1
     entry: int = -1
     rank: int = 0
-    height: np.ndarray | float = 0.0
+    height: float = 0.0
     centre: bool = False
     kerb: bool = False
 
@@ -92,7 +92,7 @@ class Network:
 
     Attributes:
       parking: lanes beside whose right edge cars may park; walks: lanes beside which people walk.
-      curved: roads of which some part within view of the middle bends, for labels.
+      lots: rows of parking bays.
     """
 
     lanes: list[Lane] = dataclasses.field(default_factory=list)

@@ -22,7 +22,10 @@ class TooTight(Exception):
 
 @dataclasses.dataclass
 class Node:
-    """A junction to be. ``ring``: radius of a roundabout [m], 0 for none; ``corner``: room at its corners [m]."""
+    """A junction to be.
+
+    ``ring``: radius of a roundabout [m], 0 for none; ``corner``: room at corners [m]; ``driveway``: of a private way.
+    """
 
     centre: np.ndarray
     signals: bool = False

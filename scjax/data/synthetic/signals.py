@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from scjax.data.synthetic.curves import wrapped
+from scjax.data.captions.road import wrapped
 from scjax.data.synthetic.network import Junction, Network
 from scjax.scene import Signal
 

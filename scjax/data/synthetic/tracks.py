@@ -72,7 +72,6 @@ def track(net: Network) -> Tracks:
     successors, shares = np.full((count, most), -1), np.ones((count, most))
     entered = np.zeros(count, int)
     for k, lane in enumerate(net.lanes):
-        # Nobody drives into a two-way turn lane but to turn, and lanes that begin in it lead nowhere else.
         after = lane.successors
         if not after:
             continue

@@ -111,7 +111,7 @@ def _driving(fleet: Fleet, net: Network, tracks: Tracks) -> Actors:
     lane, at = fleet.lane[on], fleet.at[on]
     places, headings = tracks.place(lane, at)
     places = places + fleet.aside[on, None] * np.stack([-np.sin(headings), np.cos(headings)], -1)
-    height = np.array([float(np.max(k.height)) for k in net.lanes])
+    height = np.array([lane.height for lane in net.lanes])
     return actors.make(AgentType.VEHICLE, places, headings, fleet.speed[on], fleet.sizes[on], height[lane], lane)
 
 
