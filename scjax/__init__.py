@@ -9,9 +9,10 @@ from scjax.condition import Condition
 from scjax.model import Model, load, save
 from scjax.sampling import reconstruct, sample, sample_many
 from scjax.scene import AgentType, Layout, Link, Scene, Signal, validate
+from scjax.tidy import tidy
 
 __version__ = "0.1.0"
 __all__ = [
     "AgentType", "Condition", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
-    "sample_many", "save", "validate",
+    "sample_many", "save", "tidy", "validate",
 ]  # fmt: skip
