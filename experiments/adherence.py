@@ -3,13 +3,15 @@
     python -m experiments.adherence --model=runs/prompt/model --records=runs/synthetic --out=runs/adherence
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
-(scjax.data.captions). Rows: the model at several guidance weights, the model without prompts at true counts, the
-training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). Where records have
-labels, the agreement of the rules with them is printed below.
+(scjax.data.captions). Rows: the model at several guidance weights, also at true counts, the model without prompts at
+true counts, the training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). A
+second table tells how sound the scenes are, as they were sampled and after ``scjax.tidy``. Where records have labels,
+the agreement of the rules with them is printed below.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import json
 import sys
@@ -32,8 +34,14 @@ from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.captions.store import read_captions
 from scjax.data.captions.text import STYLES
 from scjax.devices import use_every_core
+from scjax.metrics.realism import realism
 
 Scores = dict[str, tuple[int, int]]
+SOUND = {
+    "joint_gap_m": "mean gap of links [m]", "open_joints": "links open by > 1 m",
+    "vehicles_on_lane": "vehicles within 1.5 m of a lane", "scenes_vehicle_overlap": "scenes with overlapping vehicles",
+    "scenes_any_overlap": "scenes with any overlap",
+}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -48,48 +56,53 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        table, ceiling = measure(args.model, args.records, args.samples, args.guidance, args.steps, args.seed)
+        table, sound, ceiling = measure(args.model, args.records, args.samples, args.guidance, args.steps, args.seed)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.adherence: {error}")
-    content = {"rows": table, "labels": ceiling}
+    content = {"rows": table, "realism": sound, "labels": ceiling}
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.with_suffix(".json").write_text(json.dumps(content, indent=1))
-    text = markdown(table, ceiling)
+    text = markdown(table, sound, ceiling)
     args.out.with_suffix(".md").write_text(text)
     print(text)
 
 
 def measure(
     model_folder: str, folder: str, samples: int, weights: Sequence[float], steps: int | None, seed: int
-) -> tuple[dict[str, Scores], Scores]:
-    """Row -> attribute -> (met, asked for), and attribute -> (rules agree with labels, labelled)."""
+) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:
+    """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
     captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
     if store.encoder != model.text_encoder:
         raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
     rng = np.random.default_rng(seed)
-    rows = rng.permutation(len(captions))[:samples]
-    asked, told, plain, prompts = [], [], [], []
+    rows = [int(row) for row in rng.permutation(len(captions))[:samples]]
+    asked, told, prompts, real = [], [], [], []
     tiles = records.source(folder, "val")
     for row in rows:
         style = int(rng.integers(len(STYLES)))
-        texts = [text for each in captions[row].texts.values() for text in each]
+        texts = _all(captions[row].texts)
         number = style * (len(texts) // len(STYLES))
         prompts.append(texts[number])
         asked.append(read_prompt(texts[number]))
         tokens = np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
         told.append(scjax.Condition(tokens=tokens))
-        scene = records.sample_scene(records.decode(tiles[row]))
-        plain.append(scjax.Condition(num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents)))
+        real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
+    counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
+    both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
+    runs = {f"prompt, guidance {weight:g}": (told, weight) for weight in weights}
+    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0]
+    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0
     table: dict[str, Scores] = {}
-    for weight in weights:
-        made = _sampled(told, model, seed, steps, weight, f"guidance {weight:g}")
-        table[f"prompt, guidance {weight:g}"] = scores(zip(asked, map(parse, made), strict=True))
-    made = _sampled(plain, model, seed, steps, 1.0, "no prompt")
-    table["no prompt, true counts"] = scores(zip(asked, map(parse, made), strict=True))
+    sound: dict[str, dict[str, float]] = {}
+    for title, (conditions, weight) in runs.items():
+        made = _sampled(conditions, model, seed, steps, weight, title)
+        table[title] = scores(zip(asked, map(parse, made), strict=True))
+        sound[title], sound[f"{title}, tidied"] = realism(made), realism(map(scjax.tidy, made))
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
-    return table, label_agreement(folder, [caption.facts for caption in captions])
+    sound["the record itself"] = realism(real)
+    return table, sound, label_agreement(folder, [caption.facts for caption in captions])
 
 
 def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:
@@ -126,12 +139,17 @@ def agreement(pairs: Iterable[tuple[dict[str, Any], Facts]]) -> Scores:
     return {name: (sum(values), len(values)) for name, values in sorted(found.items())}
 
 
-def markdown(table: dict[str, Scores], ceiling: Scores) -> str:
-    """Rows and columns in percent, with how often each attribute was asked for."""
+def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceiling: Scores) -> str:
+    """Rows and columns in percent, with how often each attribute was asked for; then how sound the scenes are."""
     names = sorted({name for row in table.values() for name in row})
     lines = ["| scenes | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     for row, found in table.items():
         cells = (f"{100 * found[n][0] / found[n][1]:.0f} % of {found[n][1]}" if n in found else "" for n in names)
+        lines.append(f"| {row} | " + " | ".join(cells) + " |")
+    lines += ["", "| scenes | " + " | ".join(SOUND.values()) + " |", "|---" * (len(SOUND) + 1) + "|"]
+    for row, found in sound.items():
+        cells = (f"{found[n]:.2f}" if n.endswith("_m") else f"{100 * found[n]:.0f} %" for n in SOUND)
+        cells = ("" if "nan" in cell else cell for cell in cells)  # nothing there to measure
         lines.append(f"| {row} | " + " | ".join(cells) + " |")
     if ceiling:
         told = ", ".join(f"{name} {100 * good / total:.1f} % of {total}" for name, (good, total) in ceiling.items())

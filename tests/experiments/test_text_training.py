@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scjax
+from experiments.adherence import markdown, measure
 from experiments.train import train
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
@@ -70,6 +71,18 @@ def test_a_prompt_decides_counts_and_scene(folder, text_model):
     tokens = Words()(["a straight road"])[0].features
     scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
     scjax.validate(scene)
+
+
+def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
+    table, sound, ceiling = measure(str(folder / "text" / "model"), str(folder / "records"), 3, [2.0], 2, 0)
+    asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
+    assert len(asked) == 1 and asked != {()}
+    assert all(hits == total for hits, total in table["the record itself"].values())
+    assert sound["the record itself"]["joint_gap_m"] < 1e-3
+    left = sound["prompt, guidance 2, tidied"]["joint_gap_m"]  # no number where every link was over a wide gap
+    assert not left > 1e-3 and sound["prompt, guidance 2"]["joint_gap_m"] > 1e-3
+    assert len(table) == 5 and ceiling
+    assert "nan" not in markdown(table, sound, ceiling)
 
 
 def test_mistakes_are_told(folder):
