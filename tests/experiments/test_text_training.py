@@ -79,9 +79,8 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())
     assert sound["the record itself"]["joint_gap_m"] < 1e-3
-    left = sound["prompt, guidance 2, tidied"]["joint_gap_m"]  # no number where every link was over a wide gap
-    assert not left > 1e-3 and sound["prompt, guidance 2"]["joint_gap_m"] > 1e-3
-    assert len(table) == 5 and ceiling
+    assert not sound["prompt, guidance 2, tidied"]["joint_gap_m"] > 1e-3  # an untrained model may link nothing at all
+    assert len(table) == 5 and len(sound) == 2 * 3 + 1 and ceiling
     assert "nan" not in markdown(table, sound, ceiling)
 
 
