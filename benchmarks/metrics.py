@@ -1,7 +1,7 @@
 """How long does it take to measure 10,000 scenes? python -m benchmarks.metrics
 
 Every metric that needs no network (scjax.metrics.measure: both modes of the distributions, overlaps, matches, average
-precision, control) on tiles of the procedural world, each moved and turned a little, against another such set, as
+precision, control) on tiles of the synthetic world, each moved and turned a little, against another such set, as
 experiments.evaluate measures them: read from npz files, part by part, in processes. The wanted time is 60 s on 2 cores
 and the wanted memory 2 GB. Bootstrap intervals and floors come apart.
 """
@@ -23,7 +23,7 @@ from experiments.evaluate.population import PART, Population, measured
 from experiments.evaluate.sources import Npz
 from scjax.data import records
 from scjax.data.build import build
-from scjax.data.procedural import write_scenes
+from scjax.data.synthetic.source import Worlds
 from scjax.metrics import measure as metrics
 from scjax.metrics.tally import Tally
 from scjax.scene import Layout, stack
@@ -53,8 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
     scenes = 500 if args.smoke else args.scenes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_scenes(folder / "scenes", 8 if args.smoke else 60, progress=False)
-        build(folder / "scenes", folder / "records", workers=args.workers)
+        build(Worlds(0, 8 if args.smoke else 200), folder / "records", workers=args.workers)
         for seed, kind in enumerate(("generated", "reference")):
             write_tiles(folder / "records", folder / kind, 1 + seed, scenes)
         generated, reference = (Npz(str(folder / kind)) for kind in ("generated", "reference"))

@@ -15,7 +15,7 @@ from experiments import sample
 from experiments.configs import autoencoder, denoiser
 from experiments.train import train
 from scjax.data.build import build
-from scjax.data.procedural import write_scenes
+from scjax.data.synthetic.source import Worlds
 from scjax.devices import use_every_core
 
 
@@ -37,9 +37,8 @@ def main(arguments: list[str] | None = None) -> None:
     def told(text: str) -> None:
         print(f"[{time.perf_counter() - start:5.0f} s] {text}", flush=True)
 
-    told("making procedural scenes")
-    write_scenes(args.out / "scenes", num_scenes=8 if args.smoke else 48, seed=0)
-    build(args.out / "scenes", args.out / "records")
+    told("making a synthetic world")
+    build(Worlds(0, 8 if args.smoke else 48), args.out / "records")
 
     for stage, config in (("autoencoder", autoencoder.get_config("tiny")), ("denoiser", denoiser.get_config("tiny"))):
         told(f"training the {stage}")

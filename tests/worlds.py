@@ -1,4 +1,4 @@
-"""Procedural records and a tiny untrained model, made once a test session."""
+"""Synthetic records and a tiny untrained model, made once a test session."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from scjax import representation
 from scjax.data.build import build
-from scjax.data.procedural import write_scenes
 from scjax.data.sources import BuildOptions
+from scjax.data.synthetic.source import Worlds
 from scjax.model import Model
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.model import autoencoder
@@ -27,10 +27,9 @@ AUTOENCODER = autoencoder_sizes.tiny(lane_width=8, lane_heads=2, lane_ff=8, agen
 DENOISER = denoiser_sizes.tiny(lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
 
 
-def make_records(folder: Path, scenes: int = 6) -> Path:
-    """A record folder of procedural scenes, with both splits."""
-    write_scenes(folder / "scenes", scenes, seed=0, progress=False)
-    build(folder / "scenes", folder / "records", BuildOptions(split_percent=34.0))
+def make_records(folder: Path, worlds: int = 6) -> Path:
+    """A record folder of synthetic worlds, with both splits."""
+    build(Worlds(0, worlds), folder / "records", BuildOptions(split_percent=34.0))
     return folder / "records"
 
 

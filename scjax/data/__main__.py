@@ -16,10 +16,6 @@ one ego pose; windows, layouts and pose jitter are chosen when it is read.
 
 A build that was interrupted continues where it stopped when the same command is run again: finished shards are
 kept as long as their source files and the options are the same."""
-PROCEDURAL = """\
-Write made-up recordings: straight and curved roads, intersections with signals, a freeway merge, and traffic.
-
-OUT/procedural receives N files *.json.gz of schema scene-json-1, 9 s each, ready for the build command."""
 CAPTION = """\
 Describe every record: facts read off lanes and agents by rule, and sentences made from the facts.
 
@@ -80,11 +76,6 @@ def parser() -> argparse.ArgumentParser:
                            help="steps between poses of the recording car (default %(default)s)")  # fmt: skip
         group.add_argument(f"--{prefix}other-stride", type=int, default=other, metavar="N",
                            help="steps between poses of other vehicles (default %(default)s)")  # fmt: skip
-    made = command("procedural", "make recorded scenes by rule", PROCEDURAL)
-    made.add_argument("out", metavar="OUT", help="folder to write to; made if it is not there")
-    made.add_argument("--scenes", type=int, default=100, metavar="N", help="how many (default %(default)s)")
-    made.add_argument("--seed", type=int, default=0, metavar="S",
-                      help="scene k depends on S and k alone (default %(default)s)")  # fmt: skip
     world = command("synthetic", "training records of a synthetic world", SYNTHETIC)
     world.add_argument("out", metavar="OUT", help="folder for the records; made if it is not there")
     world.add_argument("--worlds", type=int, default=1000, metavar="N", help="how many (default %(default)s)")
@@ -110,7 +101,6 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     run, interrupted = {
         "build": (_build, "run the same command again to continue"),
-        "procedural": (_procedural, "files that are there are whole"),
         "synthetic": (_synthetic, "run the same command again to continue"),
         "embed": (_embed, "nothing was written for the split under way"),
         "caption": (_caption, "nothing was written for the split under way"),
@@ -161,14 +151,6 @@ def _build(args: argparse.Namespace) -> int:
     for entry in manifest["skipped"]:
         print(f"skipped {entry['file']}: {entry['reason']}", file=sys.stderr)
     return 3 if manifest["skipped"] else 0
-
-
-def _procedural(args: argparse.Namespace) -> int:
-    from scjax.data.procedural import write_scenes
-
-    paths = write_scenes(args.out, args.scenes, args.seed)
-    print(f"{len(paths)} scenes in {paths[0].parent}")
-    return 0
 
 
 def _synthetic(args: argparse.Namespace) -> int:

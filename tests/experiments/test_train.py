@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def records(tmp_path_factory):
-    return make_records(tmp_path_factory.mktemp("world"), scenes=4)
+    return make_records(tmp_path_factory.mktemp("world"), worlds=4)
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from scjax.data import records
-from scjax.data.build import build
 from scjax.data.captions.facts import FORMAT, Facts, parse
-from scjax.data.procedural import write_scenes
 from scjax.scene import AgentType, Signal, pad, permute
 from tests.data.captions.towns import WIDTH, Town
 
@@ -198,19 +195,3 @@ def test_facts_go_to_json_and_back():
         Facts.from_json({"format": 7})
     with pytest.raises(ValueError, match="unknown fields: colour"):
         Facts.from_json({"format": FORMAT, "layout": "T", "colour": "red"})
-
-
-def test_procedural_maps_are_named_as_they_were_made(tmp_path):
-    names = {"four_way": {"four-way", "complex"}, "t_junction": {"T"}, "straight": {"straight"}}
-    write_scenes(tmp_path / "scenes", 24, seed=3)
-    build(tmp_path / "scenes", tmp_path / "records")
-    index, tiles = np.load(tmp_path / "records" / "train-index.npz"), records.source(tmp_path / "records", "train")
-    right = total = 0
-    for row in range(0, len(tiles), 6):
-        kind = index["scene"][row].split("-")[0]
-        seen = parse(records.sample_scene(records.decode(tiles[row])))
-        # Of an intersection that lies outside the window, nothing can be seen.
-        if kind in names and (kind == "straight" or (seen.intersection and seen.intersection_distance <= 20)):
-            total += 1
-            right += seen.layout in names[kind]
-    assert total >= 15 and right >= 0.85 * total

@@ -11,14 +11,13 @@ from scjax.data.build import build
 from scjax.data.captions.facts import parse
 from scjax.data.captions.store import read_captions, read_official
 from scjax.data.captions.text import STYLES
-from scjax.data.procedural import write_scenes
+from scjax.data.synthetic.source import Worlds
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("captions")
-    write_scenes(made / "scenes", 6, seed=1)
-    build(made / "scenes", made / "records")
+    build(Worlds(1, 4), made / "records")
     assert main(["caption", str(made / "records"), "--paraphrases", "3"]) == 0
     return made / "records"
 
