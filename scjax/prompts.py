@@ -7,9 +7,12 @@ import warnings
 from collections.abc import Sequence
 
 from scjax.condition import Condition
-from scjax.data.captions.reading import read_prompt
+from scjax.data.captions.facts import parse
+from scjax.data.captions.reading import met, read_prompt
 from scjax.encoders.text import Encoder, checked, load_text_encoder
+from scjax.metrics.realism import joint_gaps, overlapping_pairs
 from scjax.model import Model
+from scjax.scene import Scene
 
 
 def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder | None = None) -> list[Condition]:
@@ -49,6 +52,25 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
         return dataclasses.replace(cond, prompt=None, negative_prompt=None, **changes) if changes else cond
 
     return [told(cond) for cond in conditions]
+
+
+def best(prompt: str, scenes: Sequence[Scene]) -> int:
+    """Index of the scene that shows most of what a prompt asks for, by rule (``captions.reading``).
+
+    Among equals the one with fewer overlapping boxes wins, then the one whose linked lanes meet better, then the first.
+
+    Raises:
+      ValueError: there are no scenes.
+    """
+    if not scenes:
+        raise ValueError("there are no scenes to choose from: give at least one")
+    asked = read_prompt(prompt)
+
+    def faults(scene: Scene) -> tuple[int, int, float]:
+        missed = sum(not good for good in met(asked, parse(scene)).values())
+        return missed, len(overlapping_pairs(scene)), float(joint_gaps(scene).sum())
+
+    return min(range(len(scenes)), key=lambda k: faults(scenes[k]))
 
 
 def _texts(cond: Condition) -> list[str]:

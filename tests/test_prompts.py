@@ -15,7 +15,8 @@ from scjax.encoders.kept import load_prompts, write_prompts
 from scjax.encoders.text import Tokens
 from scjax.models.counter import CounterConfig, counter
 from scjax.models.denoiser.config import TextCondition
-from scjax.prompts import contradictions, with_tokens
+from scjax.prompts import best, contradictions, with_tokens
+from tests.test_tidy import queue
 from tests.worlds import tiny_model
 
 WIDTH = 5
@@ -137,3 +138,12 @@ def test_kept_prompts_come_back(tmp_path):
     chex.assert_trees_all_equal(back, features)
     assert load_prompts(tmp_path / "prompts.safetensors", "words-2") == {}
     assert load_prompts(tmp_path / "nothing", "words-1") == {}
+
+
+def test_the_best_scene_shows_most_of_the_prompt_then_overlaps_least():
+    few, many, crammed = queue(6.0, cars=3), queue(6.0, cars=6), queue(-1.0, cars=6)
+    assert best("five vehicles", [few, crammed, many]) == 2
+    assert best("two vehicles", [many, few]) == 1
+    assert best("no such words", [many, many]) == 0
+    with pytest.raises(ValueError, match="no scenes to choose from"):
+        best("a road", [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 
 import scjax
 from experiments.adherence import markdown, measure
+from experiments.ship import ship
 from experiments.train import train
+from scjax.cli.demo import PROMPTS
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
 from scjax.data.captions.store import add_captions
@@ -62,11 +65,16 @@ def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
     assert text_model.text_encoder == "words-1"
 
 
-def test_a_prompt_decides_counts_and_scene(folder, text_model):
+@pytest.fixture(scope="module")
+def prompt_model(folder, text_model):
     config = configured("counter", folder)
     config.denoiser = str(folder / "text" / "model")
     train(config, folder / "prompt")
-    model = scjax.load(folder / "prompt" / "model")
+    return scjax.load(folder / "prompt" / "model")
+
+
+def test_a_prompt_decides_counts_and_scene(prompt_model):
+    model = prompt_model
     assert model.counter_config is not None and model.counter_config.text_width == Words.width
     tokens = Words()(["a straight road"])[0].features
     scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
@@ -82,6 +90,30 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     assert not sound["prompt, guidance 2, tidied"]["joint_gap_m"] > 1e-3  # an untrained model may link nothing at all
     assert len(table) == 5 and len(sound) == 2 * 3 + 1 and ceiling
     assert "nan" not in markdown(table, sound, ceiling)
+
+
+def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
+    out = tmp_path / "pretrained"
+    out.mkdir()
+    (out / "README.md").write_text("card")
+    sizes = ship(prompt_model, out, Words())
+    assert (out / "README.md").read_text() == "card" and sum(sizes.values()) < 1
+    text = (out / "model.json").read_text()
+    assert str(folder) not in text and "config" not in json.loads(text)["notes"]
+    shipped = scjax.load(out)
+    assert shipped.notes["steps"] == {"denoiser": 3, "counter": 3}
+    assert tuple(shipped.prompts) == tuple(sorted(PROMPTS))
+    exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
+    for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+
+
+def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp_path):
+    with pytest.raises(ValueError, match="only the synthetic world may ship"):
+        ship(dataclasses.replace(prompt_model, domains=("city", "nuplan")), tmp_path / "a", Words())
+    with pytest.raises(ValueError, match="no counter"):
+        ship(dataclasses.replace(prompt_model, counter=None), tmp_path / "a", Words())
+    assert not (tmp_path / "a").exists()
 
 
 def test_mistakes_are_told(folder):
