@@ -1,4 +1,4 @@
-"""Repairs: joints close, boxes part, and what is in order, known or padding does not move."""
+"""Repairs: lanes smooth, joints close, boxes part, and what is in order, known or padding does not move."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from scjax.metrics.realism import joint_gaps, overlapping_pairs
 from scjax.scene import AgentType, Link, Scene, empty, pad, stack
-from scjax.tidy import join_lanes, separate, tidy
+from scjax.tidy import join_lanes, separate, smooth_lanes, tidy
 
 
 def chain(gap: float, lanes: int = 3) -> Scene:
@@ -33,6 +33,25 @@ def queue(gap: float, cars: int = 4) -> Scene:
     scene.agent_types[:] = AgentType.VEHICLE
     scene.agent_mask[:] = scene.agent_known[:] = True
     return scene
+
+
+def test_trembling_lanes_become_smooth_and_even_bends_stay():
+    angle = np.linspace(0, 1, 20)
+    scene = chain(0.0)
+    scene.lanes[0, :, :2] = 30 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
+    np.testing.assert_array_equal(smooth_lanes(scene).lanes, scene.lanes)
+    wavy = scene.replace(lanes=scene.lanes + np.random.default_rng(0).normal(0, 0.3, (3, 20, 3)).astype(np.float32))
+    smooth = smooth_lanes(wavy)
+    assert bends(smooth) < 0.3 * bends(wavy)
+    assert np.square(smooth.lanes - scene.lanes).mean() < 0.7 * np.square(wavy.lanes - scene.lanes).mean()
+    np.testing.assert_array_equal(smooth_lanes(wavy, known=2).lanes[:2], wavy.lanes[:2])
+
+
+def bends(scene: Scene) -> float:
+    """Mean turn from one step of a lane to the next [rad]."""
+    step = np.diff(scene.lanes[..., :2], axis=1)
+    heading = np.arctan2(step[..., 1], step[..., 0])
+    return float(np.abs((np.diff(heading, axis=1) + np.pi) % (2 * np.pi) - np.pi).mean())
 
 
 def test_joints_close_in_the_middle_and_lanes_follow():
