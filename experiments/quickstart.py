@@ -1,8 +1,8 @@
 """The whole product in a few minutes on a laptop: python -m experiments.quickstart
 
-Makes a small world of procedural scenes, trains the tiny autoencoder and the tiny denoiser on it, samples new scenes
-and saves the picture. ``--smoke`` runs the same chain with a handful of steps (the picture is then noise);
-``--longer 3`` trains with three times the steps of the tiny variants (the picture in the README).
+Makes some synthetic worlds, trains the tiny autoencoder and the tiny denoiser on their scenes, samples new ones and
+saves the picture. ``--smoke`` runs the same chain with a handful of steps (the picture is then noise); ``--longer 3``
+trains with three times the steps of the tiny variants.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> None:
     for stage, config in (("autoencoder", autoencoder.get_config("tiny")), ("denoiser", denoiser.get_config("tiny"))):
         told(f"training the {stage}")
         config.records = str(args.out / "records")
-        config.batch.buckets = ((12, 32),)  # procedural scenes are small: one program to compile
+        config.batch.buckets = ((16, 32),)  # one program to compile; what lies farthest off is left out
         # Minutes are few: one window, each tile as it was recorded, and nothing else to compile.
         config.batch.layouts, config.batch.jitter_position, config.batch.jitter_heading = (1.0, 0.0, 0.0), 0.0, 0.0
         config.evaluate_every = config.picture_every = 0
