@@ -23,7 +23,7 @@ _COUNT_TOLERANCE = 3  # a lane count off by at most this is logged as right
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weights of the terms; the defaults are the official ones, which know no ``lane_joints``."""
+    """Weights of the terms; the defaults are the official ones, which know neither joints nor steps."""
 
     agent_states: float = 1.0
     lane_points: float = 10.0
@@ -34,6 +34,7 @@ class LossWeights:
     kl_lane: float = 0.01
     lane_count: float = 0.1
     lane_joints: float = 0.0
+    lane_steps: float = 0.0
 
 
 OFFICIAL_WEIGHTS = LossWeights()
@@ -104,6 +105,9 @@ def per_scene(
         "lane_count": jnp.where(_counted(tokens, official_lane_count), count_entropy, 0.0),
         "lane_joints": _joint_error(decoded.lanes, tokens, pairs)
         if weights.lane_joints
+        else jnp.zeros_like(count_entropy),
+        "lane_steps": _step_error(decoded.lanes, tokens.lanes, lane_known)
+        if weights.lane_steps
         else jnp.zeros_like(count_entropy),
     }
     total = sum(getattr(weights, name) * term for name, term in terms.items())
@@ -203,6 +207,12 @@ def _joint_error(lanes: AnyArray, tokens: Tokens, pairs: AnyArray) -> Float[AnyA
         return points[:, None, :, 0] - points[:, :, None, -1]
 
     return _scene_mean(_distance(steps(lanes), steps(true), followed), followed)
+
+
+def _step_error(found: AnyArray, wanted: AnyArray, known: AnyArray) -> Float[AnyArray, " b"]:
+    """Mean |difference| of the step from each point of a lane to the next: lanes that tremble point anywhere."""
+    true, known = jnp.diff(jnp.where(known, wanted, 0.0), axis=2), known[:, :, 1:]
+    return _scene_mean(_distance(jnp.diff(found, axis=2), true, known), known)
 
 
 def _scene_kl(
