@@ -63,9 +63,11 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         # only once lanes are about right: a young network (tiny stays one) bends all ends towards each other instead.
         # The recorded runs weighed them from step 9,000 or 2,500 on. Steps keep decoded lanes from trembling.
         "weights": dataclasses.asdict(OFFICIAL_WEIGHTS)
-        | ({} if official else {
-            "agent_states": 10.0, "lane_joints": 0.0 if variant == "tiny" else 10.0, "lane_steps": 20.0
-        }),
+        | (
+            {}
+            if official
+            else {"agent_states": 10.0, "lane_joints": 0.0 if variant == "tiny" else 10.0, "lane_steps": 20.0}
+        ),
         "balanced_links": not official,
         "official_lane_count": official,
     }

@@ -309,6 +309,20 @@ def test_joint_error_counts_only_what_parts_linked_lanes():
     assert per_scene(apart, case[1], unlinked, weights)["lane_joints"] == 0
 
 
+def test_step_error_counts_trembling_but_no_shift():
+    case = by_hand(np.zeros((1, 2, 2)), np.zeros((1, 2, 2, 6)))
+    case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
+    weights = LossWeights(lane_steps=1.0)
+    lanes = np.array(case[2].lanes)
+    shifted = case[0].replace(lanes=lanes + np.array([0.3, 0.1, 0.0]))
+    np.testing.assert_allclose(per_scene(shifted, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
+    inner = lanes.shape[2] // 2
+    lanes[0, 0, inner] += [0.3, 0.0, 0.0]  # one point of the first lane: the steps before and after it are off
+    steps = 2 * (lanes.shape[2] - 1) * 3
+    trembling = case[0].replace(lanes=lanes)
+    np.testing.assert_allclose(per_scene(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
+
+
 def test_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0
