@@ -42,6 +42,7 @@ def fit(
       the parameters, and the classifier's loss at each step.
     """
     data = tuple(jnp.asarray(array) for array in (x, x_mask, context, mask))
+    params = jax.tree.map(jnp.asarray, params)
     params = {**params, "centroids": centroids(module, params, *data[2:], iterations=iterations)}
     adam = optax.adam(learning_rate)
 
@@ -62,7 +63,7 @@ def fit(
 
 def centroids(
     module: Functional, params: Params, context: Float[Array, "s m d"], mask: Bool[Array, "s m"], *, iterations: int
-) -> Float[Array, "h c d"]:  # fmt: skip
+) -> Float[Array, "h c e"]:  # fmt: skip
     """Directions of each head's buckets: spherical k-means of the keys of all scenes together."""
 
     def run(params: Params) -> Array:

@@ -23,10 +23,7 @@ CASES = {
     "concat": (named("concat"), TEXT),
     "full": (named("full"), TEXT),
     "full memory": (named("full", memory_tokens=2), TEXT),
-    "full wide": (named("full", inner_ratio=2), TEXT),
-    "full chunked": (named("full", chunk=3), TEXT),
-    "gated": (named("gated"), TEXT),
-    "gated feed-forward": (named("gated", feed_forward=True), TEXT),
+    "gated": (named("gated", feed_forward=True), TEXT),
     "linear": (named("linear"), TEXT),
     "linear dwc": (named("linear", dwc="value", qk_norm=True), IMAGE),
     "agent segment": (named("agent", tokens=3), TEXT),
@@ -37,14 +34,12 @@ CASES = {
     "saap joint": (named("saap", mode="joint", form="gather", capacity=KEYS, **_SAAP), TEXT),
     "windowed": (named("windowed", window=2), TEXT),
     "windowed image": (named("windowed", window=1), IMAGE),
-    "windowed reversed": (named("windowed", window=2, alignment="diagonal_rev"), TEXT),
     "windowed fa2": (named("windowed", window=2, alignment="fa2", form="gather"), TEXT),
     "deformable text": (named("deformable", points=2), TEXT),
     "deformable image": (named("deformable", points=2), IMAGE),
     "squeezed": (named("squeezed", **_SQUEEZED), TEXT),
     "squeezed top": (named("squeezed", rule="top", pool="none", form="gather", keep=0.5, **_SQUEEZED), TEXT),
     "cross_global": (named("cross_global", latent_tokens=3), TEXT),
-    "cross_global paper": (named("cross_global", latent_tokens=3, style="paper"), TEXT),
 }
 
 

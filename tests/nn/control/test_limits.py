@@ -22,7 +22,10 @@ LIMITS = {
     "gated": (named("gated"), {}),
     "saap": (named("saap", buckets=4, probes=4), {}),
     "saap before it is fitted": (named("saap", buckets=4, probes=1, form="gather"), {"fitted": np.zeros(1)}),
-    **{f"windowed {a}": (named("windowed", window=_EVERYTHING, alignment=a), {}) for a in ("diagonal", "diagonal_rev", "fa2")},
+    **{
+        f"windowed {a}": (named("windowed", window=_EVERYTHING, alignment=a), {})
+        for a in ("diagonal", "diagonal_rev", "fa2")
+    },
     "windowed as one": (named("windowed", window=_EVERYTHING, per_modality=False), {}),
     "squeezed": (named("squeezed", clusters=KEYS, rule="top", keep=1.0), {}),
     "squeezed before it is fitted": (named("squeezed", clusters=2), {"threshold": np.full(1, -1.0)}),
@@ -177,9 +180,7 @@ def test_shares_of_keys_sum_to_one():
     assert sizes.sum(-1).tolist() == [[6, 6], [4, 4]]
 
 
-@pytest.mark.parametrize(
-    "name", ["concat", "agent", "linear", "deformable", "cross_global"]
-)
+@pytest.mark.parametrize("name", ["concat", "agent", "linear", "deformable", "cross_global"])
 def test_bfloat16_products(name):
     options, batch = named(name), _cast(scenes(), False)
     params = _cast(params_of(options), False)
