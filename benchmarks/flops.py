@@ -5,8 +5,10 @@ A multiply-add counts 2. Norms, activations and softmaxes are left out. Padding 
 
 from __future__ import annotations
 
+from benchmarks.control_flops import control_work
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.nn.control import NoOptions
 
 
 def autoencoder_forward(config: AutoencoderConfig, lanes: int, agents: int) -> float:
@@ -47,24 +49,25 @@ def denoiser_forward(config: DenoiserConfig, lanes: int, agents: int, context: i
     """One evaluation of one scene; ``context`` condition tokens, whose keys and values may be ``cached``."""
     wide, narrow = config.lane_width, config.agent_width
 
-    def cross(width: int, targets: int) -> float:
-        if not context:
+    def cross(width: int, heads: int, targets: int) -> float:
+        if not context or isinstance(config.control, NoOptions):
             return 0
-        latents = config.latent_tokens
-        queries = targets * 3 * width**2 + 2 * targets * (context + latents) * width
-        encode = context * 2 * width**2 + latents * 3 * width**2 + 2 * latents * context * width
-        return queries + (0 if cached else encode)
+        work = control_work(config.control, width, heads, config.context_layout, targets, context)
+        return 3 * width**2 + work.attend + (0 if cached else work.encode)
 
-    def stage(width: int, targets: int, sources: int) -> float:
+    def stage(width: int, heads: int, targets: int, sources: int) -> float:
         tokens = targets * (2 + 2 * config.mlp_ratio) * width**2 + sources * 2 * width**2
-        rows = (6 + (3 if context else 0) + (6 if targets != sources else 0)) * width**2
-        return tokens + rows + 2 * targets * sources * width + cross(width, targets)
+        rows = (6 + (6 if targets != sources else 0)) * width**2
+        return tokens + rows + 2 * targets * sources * width + cross(width, heads, targets)
 
-    block = stage(wide, lanes, agents) + config.l2l_stages * stage(wide, lanes, lanes)
-    block += stage(narrow, agents, lanes) + stage(narrow, agents, agents) + (lanes + agents) * wide * narrow
+    lane, agent = (wide, config.lane_heads), (narrow, config.agent_heads)
+    block = stage(*lane, lanes, agents) + config.l2l_stages * stage(*lane, lanes, lanes)
+    block += stage(*agent, agents, lanes) + stage(*agent, agents, agents) + (lanes + agents) * wide * narrow
     embed = lanes * (2 * config.lane_latent * wide + wide**2) + agents * (2 * config.agent_latent * narrow + narrow**2)
     heads = 2 * (wide**2 + narrow**2) + lanes * wide * config.lane_latent + agents * narrow * config.agent_latent
     project = 0
+    if isinstance(config.control, NoOptions):
+        context = 0  # nobody reads it
     if context and not cached and isinstance(config.condition, TextCondition):
         project = context * (config.condition.width * (wide + narrow) + wide**2 + narrow**2)
     if context and not cached and isinstance(config.condition, ImageCondition):

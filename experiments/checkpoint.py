@@ -72,7 +72,7 @@ class Checkpoints:
                 "update scjax or choose another --workdir"
             )
         described = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
-        theirs, ours = (json.loads(json.dumps(c))["model"] for c in (described["config"], self._config))
+        theirs, ours = (_shaping(json.loads(json.dumps(c))) for c in (described["config"], self._config))
         if theirs != ours:
             changed = sorted(key for key in {*theirs, *ours} if theirs.get(key) != ours.get(key))
             raise ValueError(
@@ -84,3 +84,8 @@ class Checkpoints:
             step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
         )
         return loaded["state"], loaded["data"]
+
+
+def _shaping(config: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a resolved config that decide what the parameters mean."""
+    return {**config["model"], **{name: config[name] for name in ("control", "control_options") if name in config}}

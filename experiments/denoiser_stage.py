@@ -28,6 +28,7 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from scjax.nn.control import ControlOptions, named
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.representation import Representation
 from scjax.sampling import decode, sample_many
@@ -47,6 +48,7 @@ def build(config) -> Stage:
     texts = _texts(config)
     fields |= {
         "condition": None if texts is None else TextCondition(texts.width),
+        "control": _control(config),
         "lane_latent": frozen.autoencoder_config.lane_latent,
         "agent_latent": frozen.autoencoder_config.agent_latent,
         "domains": max(len(manifest["domains"]), 1),
@@ -178,6 +180,12 @@ def _base(config) -> Params:
     if base.denoiser is None:
         raise ValueError(f"config.start: {config.start} holds no denoiser: give the model folder of that stage")
     return base.denoiser
+
+
+def _control(config) -> ControlOptions:
+    """The conditioning mechanism that the config names, with its options."""
+    options = config.control_options
+    return named(config.control, **(options[config.control].to_dict() if config.control in options else {}))
 
 
 def _texts(config) -> TextStore | None:

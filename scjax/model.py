@@ -17,6 +17,7 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.counter import CounterConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
+from scjax.nn.control import described, named
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.representation import Representation
 from scjax.scene import AgentType, Link
@@ -70,7 +71,7 @@ def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest:
         "format": FORMAT,
         "representation": dataclasses.asdict(model.representation),
         "autoencoder": dataclasses.asdict(model.autoencoder_config) if model.autoencoder_config else None,
-        "denoiser": dataclasses.asdict(model.denoiser_config) if model.denoiser_config else None,
+        "denoiser": _described(model.denoiser_config) if model.denoiser_config else None,
         "latents": dataclasses.asdict(model.latents),
         "domains": list(model.domains),
         "text_encoder": model.text_encoder,
@@ -155,6 +156,11 @@ def _representation(fields: dict[str, Any]) -> Representation:
     )
 
 
+def _described(config: DenoiserConfig) -> dict[str, Any]:
+    """The fields of a denoiser's config; those of ``control`` with its name, which its type alone would tell."""
+    return {**dataclasses.asdict(config), "control": described(config.control)}
+
+
 def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
     if fields is None:
         return None
@@ -162,4 +168,4 @@ def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
     if condition is not None:
         kind: Any = ImageCondition if "channels" in condition else TextCondition
         condition = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in condition.items()})
-    return DenoiserConfig(**{**fields, "condition": condition})
+    return DenoiserConfig(**{**fields, "condition": condition, "control": named(**fields["control"])})

@@ -14,6 +14,7 @@ import pytest
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.nodes import Nodes
+from scjax.nn.control import CrossGlobalOptions
 
 # The networks are tiny and their programs large: most of a test's time is spent in the compiler.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
@@ -48,7 +49,8 @@ def denoiser_config(folder: Path, kind: str) -> DenoiserConfig:
     condition = {"uncond": None, "text": TextCondition(width=sizes["text"]["width"]), "image": image}[kind]
     same = ["lane_width", "lane_heads", "agent_width", "agent_heads", "mlp_ratio", "blocks", "l2l_stages"]
     return DenoiserConfig(
-        **{name: sizes[name] for name in [*same, "latent_tokens"]},
+        **{name: sizes[name] for name in same},
+        control=CrossGlobalOptions(latent_tokens=sizes["latent_tokens"]),
         **{name: limits[name] for name in ("lane_latent", "agent_latent", "max_lanes", "max_agents")},
         domains=sizes["map_ids"],
         layouts=sizes["scene_types"],

@@ -13,6 +13,7 @@ import dataclasses
 import ml_collections
 
 from scjax.models.denoiser import config as sizes
+from scjax.nn.control import OPTIONS
 
 VARIANTS = {
     #            batch  steps    learning rate  EMA decay
@@ -21,6 +22,17 @@ VARIANTS = {
     "base": (64, 200_000, 2e-4, 0.9999),
     "official": (256, 500_000, 5e-5, 0.9999),
 }
+
+
+def size_fields(model: sizes.DenoiserConfig) -> dict:
+    """All fields but ``control``, whose options depend on its name."""
+    return {name: value for name, value in dataclasses.asdict(model).items() if name != "control"}
+
+
+def control_options() -> dict[str, dict]:
+    """The default options of every conditioning mechanism that has any; only those of ``config.control`` are used."""
+    options = {name: dataclasses.asdict(kind()) for name, kind in OPTIONS.items()}
+    return {name: fields for name, fields in options.items() if fields}
 
 
 def get_config(variant: str = "small") -> ml_collections.ConfigDict:
@@ -38,7 +50,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
     config.steps = steps
-    config.model = dataclasses.asdict(getattr(sizes, variant)())
+    config.model = size_fields(getattr(sizes, variant)())
+    config.control = "cross_global"  # how scene tokens read the condition: a name of scjax.nn.control.OPTIONS
+    config.control_options = control_options()  # --config.control_options.windowed.window=16
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots

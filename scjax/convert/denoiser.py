@@ -11,6 +11,7 @@ import numpy as np
 from scjax.convert.strict import DROP_FIRST, SAME, TRANSPOSE, Path, Rules, convert
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.model import denoiser
+from scjax.nn.control import CrossGlobalOptions
 from scjax.nn.functional import Params
 
 _EMBEDDER = {"linear1": ("linears", 0), "linear2": ("linears", 1), "transform_linear": ("skip",)}
@@ -39,6 +40,10 @@ def convert_denoiser(state: Mapping[str, np.ndarray], config: DenoiserConfig) ->
     """
     if config.given_embedding:
         raise ValueError("official weights have no given-token vectors: set given_embedding=False (they start at zero)")
+    if config.condition is not None and not isinstance(config.control, CrossGlobalOptions):
+        raise ValueError(
+            f"official weights are of cross-global attention: set control=CrossGlobalOptions(), not {config.control}"
+        )
     network = denoiser(config)
     expected = jax.eval_shape(network.init, jax.random.key(0))
     ignored = ["model.pos_emb_lane", "model.pos_emb_agent"]  # fixed tables, computed here

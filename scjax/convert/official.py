@@ -22,6 +22,7 @@ from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
 from scjax.models.nodes import Nodes
+from scjax.nn.control import CrossGlobalOptions
 
 State = dict[str, np.ndarray]
 
@@ -178,6 +179,6 @@ def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict
         max_lanes=_shape(state, "model.num_lanes_embedder.embedding_table.weight")[0] - 1,
         max_agents=_shape(state, "model.num_agents_embedder.embedding_table.weight")[0] - 1,
         domains=(_shape(state, "model.scene_type_embedder.embedding_table.weight")[0] - 1) // 3,
-        latent_tokens=latents,
+        control=CrossGlobalOptions(latent_tokens=latents),
     )
     return {"denoiser": convert_denoiser(state, config), "denoiser_config": config}

@@ -15,6 +15,7 @@ from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
+from scjax.nn.control import Aux
 from scjax.nn.functional import Functional, Params
 from scjax.pytree import pytree
 
@@ -122,7 +123,8 @@ def training_loss(
     """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.
 
     Returns:
-      loss, and the batch means of its terms: agent, lane, total (and penalty).
+      loss, and the batch means of its terms: agent, lane, total (and penalty). What the conditioning trains by a loss
+      of its own, if anything, is added to the loss and told as ``control``.
     """
     key_step, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
@@ -138,14 +140,21 @@ def training_loss(
             dropped = dropped | ~batch.has_condition
         cache = network.apply(params, batch.condition, dropped, method="encode_condition")
 
+    aux: dict[str, Aux] = {}
+
     def denoise(z: Nodes, t: Int[Array, " b"]) -> Nodes:
-        return network.apply(params, z, t, label, batch.masks, batch.given, cache)
+        return network.apply(params, z, t, label, batch.masks, batch.given, cache, aux=aux)
 
     loss, terms = diffusion_loss(
         denoise, schedule, batch.latents, noise, step, batch.masks, batch.given,
         prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given, penalty=penalty,
     )  # fmt: skip
-    return loss, {name: term.mean() for name, term in terms.items()}
+    means = {name: term.mean() for name, term in terms.items()}
+    own = [told.loss for told in aux.values() if told.loss is not None]
+    if own:
+        means["control"] = jnp.stack(own).sum()
+        loss = loss + means["control"]
+    return loss, means
 
 
 def _token_error(

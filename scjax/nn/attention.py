@@ -52,9 +52,9 @@ def attend_heads(
     q: Float[Array, "b h q d"],
     k: Float[Array, "b h k d"],
     v: Float[Array, "b h k d"],
-    mask: Bool[Array, "b q_or_1 k"] | None,
+    mask: Bool[Array, "b q_or_1 k"] | Bool[Array, "b h q_or_1 k"] | None,
 ) -> Float[Array, "b h q d"]:
-    """As ``attend``, by head."""
+    """As ``attend``, by head; the mask may differ between heads."""
     if mask is None:
         mask = jnp.ones((len(q), 1, k.shape[2]), bool)
 
@@ -62,7 +62,8 @@ def attend_heads(
         q, k, v, mask = arrays
         heads, scale = q.shape[1], q.shape[-1] ** -0.5
         queries, keys, values = (x.reshape(-1, *x.shape[2:]) for x in (q, k, v))
-        return _attend(queries * scale, keys, values, jnp.repeat(mask, heads, 0)).reshape(q.shape)
+        rows = jnp.repeat(mask, heads, 0) if mask.ndim == 3 else mask.reshape(-1, *mask.shape[2:])
+        return _attend(queries * scale, keys, values, rows).reshape(q.shape)
 
     arrays = (q, k, v, mask)
     parts = _parts(len(q), q.shape[1] * q.shape[2] * k.shape[2])

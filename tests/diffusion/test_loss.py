@@ -15,11 +15,13 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from scjax.nn.control import CrossGlobalOptions
 from tests import golden
 
 CONFIG = DenoiserConfig(
     lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-    max_lanes=9, max_agents=7, latent_tokens=2, condition=TextCondition(width=4), given_embedding=True,
+    max_lanes=9, max_agents=7, control=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
+    given_embedding=True,
 )  # fmt: skip
 NETWORK = denoiser(CONFIG)
 SCHEDULE = cosine_schedule()

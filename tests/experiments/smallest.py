@@ -12,7 +12,9 @@ def get_config(stage: str = "autoencoder"):
     """Nine steps, a checkpoint every third."""
     config = {"autoencoder": autoencoder, "denoiser": denoiser, "counter": counter}[stage].get_config("tiny")
     sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
-    config.model = dataclasses.asdict(sizes[stage]) if stage in sizes else {"width": 8, "queries": 2, "heads": 2}
+    config.model = {"width": 8, "queries": 2, "heads": 2}
+    if stage in sizes:
+        config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "control"}
     config.batch.batch_size = 2
     config.batch.buckets = ((61, 100),)
     config.steps = 9

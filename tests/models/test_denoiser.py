@@ -14,12 +14,14 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from scjax.nn.control import CrossGlobalOptions
 from scjax.nn.functional import count
 from tests import golden
 
 SMALLEST = {
     "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
-    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "latent_tokens": 3, "given_embedding": True,
+    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "given_embedding": True,
+    "control": CrossGlobalOptions(latent_tokens=3),
 }  # fmt: skip
 TEXT = TextCondition(width=6)
 SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes

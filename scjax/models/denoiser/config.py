@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
+from scjax.nn.control import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
 from scjax.nn.precision import Compute
 
 Prediction = Literal["noise", "velocity"]
@@ -36,6 +37,7 @@ class ImageCondition:
 
 
 Condition = TextCondition | ImageCondition | None
+_RELEASED = CrossGlobalOptions()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +53,7 @@ class DenoiserConfig:
       max_lanes, max_agents: largest numbers of tokens (sizes of the count tables and position tables).
       domains, layouts: the label table has a row for each pair (``domains * layout + domain``) and a last null row.
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
-      latent_tokens: learned latents of the coarse path of every cross-global attention.
+      control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.control``).
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
       prediction: what the network estimates, "noise" (official) or "velocity".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
@@ -74,7 +76,7 @@ class DenoiserConfig:
     domains: int = 4
     layouts: int = 3
     condition: Condition = None
-    latent_tokens: int = 32
+    control: ControlOptions = _RELEASED
     given_embedding: bool = False
     prediction: Prediction = "noise"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
@@ -94,6 +96,16 @@ class DenoiserConfig:
             raise ValueError(f"lane_width {self.lane_width} must be a multiple of 4 for the position code of an image")
         if self.cross_adaln_init not in ("zero", "xavier"):
             raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
+        if not isinstance(self.control, ControlOptions):
+            raise ValueError(
+                f"control must be the options of a mechanism, such as CrossGlobalOptions(), not {self.control!r}: "
+                "scjax.nn.control.named finds them by name"
+            )
+        if isinstance(self.control, GatedOptions) and not self.control.start and self.cross_adaln_init == "zero":
+            raise ValueError(
+                'GatedOptions.start is 0 and cross_adaln_init "zero": a product of two zeros never trains. Give a '
+                'start of 1, or cross_adaln_init="xavier"'
+            )
         if self.prediction not in ("noise", "velocity"):
             raise ValueError(f'prediction must be "noise" or "velocity", got {self.prediction!r}')
         if self.compute not in ("float32", "bfloat16"):
@@ -103,6 +115,13 @@ class DenoiserConfig:
     def null_label(self) -> int:
         """Row of the label table for "not told": the last one."""
         return self.domains * self.layouts
+
+    @property
+    def context_layout(self) -> ContextLayout:
+        """How the context tokens lie: along a text, or on the image's grid and then on the depth's."""
+        if isinstance(self.condition, ImageCondition):
+            return ContextLayout(kind="image", grid=self.condition.grid, modalities=2)
+        return ContextLayout(kind="text")
 
     @property
     def position_table_size(self) -> int:

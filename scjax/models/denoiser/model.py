@@ -16,6 +16,7 @@ from scjax.models.denoiser.context import ConditionFeatures, ImageContext, Image
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.stage import Head, Stage
 from scjax.models.nodes import Nodes
+from scjax.nn.control import Aux, NoOptions
 from scjax.nn.functional import Functional, functional
 from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, ResidualMLP
@@ -38,8 +39,8 @@ class Block(nnx.Module):
         def stage(width, heads):
             return Stage(
                 width, heads, draws=draws, mlp_ratio=config.mlp_ratio, compute=config.compute,
-                cross_adaln_init=config.cross_adaln_init,
-                latent_tokens=None if config.condition is None else config.latent_tokens,
+                cross_adaln_init=config.cross_adaln_init, layout=config.context_layout,
+                control=None if config.condition is None else config.control,
             )  # fmt: skip
 
         lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
@@ -77,23 +78,26 @@ class Block(nnx.Module):
             caches[name] = stage.cross.encode(getattr(context, kind), mask)
         return caches
 
-    def __call__(self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None) -> Nodes:
-        agents, lanes = x.agents, x.lanes
+    def __call__(
+        self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None
+    ) -> tuple[Nodes, dict[str, Aux]]:
+        """The updated tokens, and what the stages' conditioning tells of itself."""
+        sources = {"a2l": ("agents", self.agents_up), "l2a": ("lanes", self.lanes_down)}
+        aux = {}
         for name, (kind, stage) in self.stages().items():
             notes = None if trace is None else {}
-            stage_cache = None if cache is None else cache[name]
-            if name == "a2l":
-                lanes = stage(lanes, modulation[name], masks.agents, self.agents_up(agents), stage_cache, notes)
-            elif name == "l2a":
-                agents = stage(agents, modulation[name], masks.lanes, self.lanes_down(lanes), stage_cache, notes)
-            elif kind == "lanes":
-                lanes = stage(lanes, modulation[name], masks.lanes, None, stage_cache, notes)
-            else:
-                agents = stage(agents, modulation[name], masks.agents, None, stage_cache, notes)
+            other, project = sources.get(name, (kind, None))
+            updated, told = stage(
+                getattr(x, kind), getattr(masks, kind), modulation[name], getattr(masks, other),
+                None if project is None else project(getattr(x, other)), cache[name] if cache else None, notes,
+            )  # fmt: skip
+            x = x.replace(**{kind: updated})
+            if told is not None:
+                aux[name] = told
             if trace is not None and notes is not None:
-                notes["out"] = lanes if kind == "lanes" else agents
+                notes["out"] = updated
                 trace |= {f"{name}/{key}": value for key, value in notes.items()}
-        return Nodes(agents=agents, lanes=lanes)
+        return x, aux
 
 
 class Denoiser(nnx.Module):
@@ -118,7 +122,9 @@ class Denoiser(nnx.Module):
         self.lane_given = nnx.Param(jnp.zeros(lane)) if config.given_embedding else None
         self.agent_given = nnx.Param(jnp.zeros(agent)) if config.given_embedding else None
         context = None
-        if isinstance(config.condition, TextCondition):
+        if isinstance(config.control, NoOptions):
+            pass  # nobody would read it
+        elif isinstance(config.condition, TextCondition):
             context = TextContext(config, config.condition, draws=draws)
         elif isinstance(config.condition, ImageCondition):
             context = ImageContext(config, config.condition, draws=draws)
@@ -136,8 +142,10 @@ class Denoiser(nnx.Module):
         Raises:
           ValueError: the network has no condition, or one of the other kind.
         """
-        if self.context is None:
+        if self.config.condition is None:
             raise ValueError("this denoiser is unconditional (config.condition is None): it has no condition to encode")
+        if self.context is None:
+            return [{} for _ in self.blocks]
         if isinstance(self.context, TextContext) and isinstance(features, TextFeatures):
             context, mask = self.context(features, dropped, trace)
         elif isinstance(self.context, ImageContext) and isinstance(features, ImageFeatures):
@@ -150,7 +158,7 @@ class Denoiser(nnx.Module):
             context = jax.tree.map(lambda tokens: jnp.where(dropped[:, None, None], 0, tokens), context)
             mask = jnp.ones_like(mask)
         if trace is not None:
-            trace |= {"ctx_lane": context.lanes, "ctx_agent": context.agents}
+            trace |= {"ctx_lane": context.lanes, "ctx_agent": context.agents, "ctx_mask": mask}
         return [block.encode(context, mask) for block in self.blocks]
 
     def modulation(
@@ -185,6 +193,7 @@ class Denoiser(nnx.Module):
         cache: list | None = None,
         modulation: dict | None = None,
         trace: dict | None = None,
+        aux: dict[str, Aux] | None = None,
     ) -> Nodes:
         """Estimate of the noise or velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
@@ -195,9 +204,11 @@ class Denoiser(nnx.Module):
           masks: True at valid tokens [B, tokens].
           given: True at tokens that are given (clean); used by ``given_embedding`` only.
           cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch
-            belongs to its first scenes (unless ``attend_padding``, the null branch of guidance needs none).
+            belongs to its first scenes (unless ``attend_padding``, the null branch of guidance needs none: the rest
+            gets what a dropped condition gives).
           modulation: from ``modulation``, if it was precomputed (then ``t`` and ``label`` are ignored).
           trace: filled with intermediate results (named as in the golden vectors) where a dict is given.
+          aux: filled with the losses and metrics of the conditioning, by block and stage, where a dict is given.
         """
         z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
         tokens = Nodes(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
@@ -225,7 +236,9 @@ class Denoiser(nnx.Module):
                     trace |= {f"b{i}/{name}/{part}": x for part, x in parts.items() if x is not None}
         for i, block in enumerate(self.blocks):
             notes = None if trace is None else {}
-            tokens = block(tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], notes)
+            tokens, told = block(tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], notes)
+            if aux is not None:
+                aux |= {f"b{i}/{name}": value for name, value in told.items()}
             if trace is not None and notes is not None:
                 trace |= {f"b{i}/{name}": value for name, value in notes.items()}
         heads = modulation["heads"]

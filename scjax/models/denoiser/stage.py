@@ -5,7 +5,7 @@ Modulation is one row a scene and kind, broadcast over tokens. A bipartite stage
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
-from scjax.nn.control.cross_global import ContextCache, CrossGlobal
+from scjax.nn.control import Aux, ContextLayout, ControlOptions, NoOptions, build
 from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, standardise
 from scjax.nn.precision import Compute
@@ -47,7 +47,8 @@ class Stage(nnx.Module):
         *,
         draws: Draws,
         mlp_ratio: int = 4,
-        latent_tokens: int | None = None,
+        control: ControlOptions | None = None,
+        layout: ContextLayout | None = None,
         cross_adaln_init: Literal["zero", "xavier"] = "zero",
         compute: Compute = "float32",
     ):
@@ -58,11 +59,11 @@ class Stage(nnx.Module):
         self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
         self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
         cross_adaln = cross = None
-        if latent_tokens is not None:
+        if control is not None and not isinstance(control, NoOptions):
             cross_adaln = linear(width, 3 * width, _ZERO if cross_adaln_init == "zero" else None)
-            cross = CrossGlobal(width, heads, draws=draws, latent_tokens=latent_tokens, compute=compute)
+            cross = build(control, width, heads, layout or ContextLayout(), draws=draws, compute=compute)
         self.cross_adaln, self.cross = cross_adaln, cross
-        self.heads = heads
+        self.heads, self.control = heads, control
 
     def modulation(
         self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None
@@ -79,13 +80,14 @@ class Stage(nnx.Module):
     def __call__(
         self,
         x: Float[Array, "b n d"],
+        mask: Bool[Array, "b n"],
         modulation: StageModulation,
         source_mask: Bool[Array, "b m"],
         source: Float[Array, "b m d"] | None = None,
-        cache: ContextCache | None = None,
+        cache: Any = None,
         trace: dict | None = None,
-    ) -> Float[Array, "b n d"]:
-        """Updates x, which reads ``source`` (None: itself) where ``source_mask``, and the condition in ``cache``.
+    ) -> tuple[Float[Array, "b n d"], Aux | None]:
+        """Updates x, real where ``mask``: it reads ``source`` (None: itself) where ``source_mask``, and the condition.
 
         A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
         """
@@ -99,19 +101,31 @@ class Stage(nnx.Module):
         x = x + gate * mixed
         if trace is not None:
             trace["attn"] = mixed
+        aux, cache = None, self._complete(cache, x)
         if cache is not None:
             assert self.cross is not None and modulation.cross is not None
-            told = len(cache.mask)  # the scenes that have a condition come first
+            told = _scenes(cache)  # the scenes that have a condition come first
             shift, scale, gate = _rows(modulation.cross[:told])
             hidden = modulate(x[:told], shift, scale)
-            crossed = self.cross.attend(hidden, cache)
+            crossed, aux = self.cross.attend(hidden, mask[:told], cache)
             x = jnp.concatenate([x[:told] + gate * crossed, x[told:]])
             if trace is not None:
                 trace |= {"cross_in": hidden, "cross": crossed}
         update = self.down(jax.nn.gelu(self.up(modulate(x, mlp_shift, mlp_scale)), approximate=True))
         if trace is not None:
             trace["mlp"] = update
-        return x + mlp_gate * update
+        return x + mlp_gate * update, aux
+
+    def _complete(self, cache: Any, x: Float[Array, "b n d"]) -> Any:
+        """The cache of all scenes, if a scene without condition gets something too (``empty_is_zero`` is False)."""
+        if self.cross is None or self.control is None or self.control.empty_is_zero:
+            return cache
+        if cache is None:
+            nothing = jnp.zeros((len(x), 1, x.shape[2]), x.dtype)
+            return self.cross.encode(nothing, jnp.zeros(nothing.shape[:2], bool))
+        # Zeros read as "no readable key".
+        missing = len(x) - _scenes(cache)
+        return jax.tree.map(lambda leaf: jnp.pad(leaf, [(0, missing), *[(0, 0)] * (leaf.ndim - 1)]), cache)
 
 
 class Head(nnx.Module):
@@ -134,6 +148,10 @@ def modulate(
 ) -> Float[Array, "b n d"]:  # fmt: skip
     """Layer norm without parameters (eps 1e-6), then x (1 + scale) + shift."""
     return standardise(x, 1e-6) * (1 + scale) + shift
+
+
+def _scenes(cache: Any) -> int:
+    return len(jax.tree.leaves(cache)[0])
 
 
 def _chunks(x: Float[Array, "b cd"], count: int) -> Float[Array, "b c d"]:

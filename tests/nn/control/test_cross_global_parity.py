@@ -9,7 +9,8 @@ import pytest
 
 from scjax.convert.denoiser import cross_global_rules
 from scjax.convert.strict import convert
-from scjax.nn.control.cross_global import CrossGlobal
+from scjax.nn.control import ContextLayout
+from scjax.nn.control.cross_global import CrossGlobal, CrossGlobalOptions
 from scjax.nn.functional import functional
 from tests import golden
 
@@ -22,7 +23,8 @@ def test_cross_global_parity(parity_dir, kind):
     weights = golden.load(parity_dir, "text_weights.npz")
     sizes = golden.config_of(parity_dir)["denoiser"]
     width, heads = sizes[f"{kind}_width"], sizes[f"{kind}_heads"]
-    module = functional(lambda draws: CrossGlobal(width, heads, draws=draws, latent_tokens=sizes["latent_tokens"]))
+    options = CrossGlobalOptions(latent_tokens=sizes["latent_tokens"])
+    module = functional(lambda draws: CrossGlobal(options, width, heads, ContextLayout(), draws=draws))
     rules, prefix = cross_global_rules(MODULES[kind]), MODULES[kind] + "."
     state = {key: value for key, value in weights.items() if key.startswith(prefix)}
     params = jax.tree.map(jnp.asarray, convert(state, rules, jax.eval_shape(module.init, jax.random.key(0))))
@@ -31,17 +33,18 @@ def test_cross_global_parity(parity_dir, kind):
         q, kv, scene = (inputs[f"{kind}/{case}/{name}"] for name in ("q", "kv", "scene_of_query"))
         members = [np.flatnonzero(scene == i) for i in range(len(kv))]
         x = golden.padded([q[rows] for rows in members])
+        real = golden.padded([np.ones(len(rows), bool) for rows in members])
         mask = jnp.ones(kv.shape[:2], bool)
 
         @golden.jit
-        def run(params, x, kv, mask):
+        def run(params, x, real, kv, mask):
             trace = {}
             cache = module.apply(params, kv, mask, trace, method="encode")
-            return module.apply(params, x, cache, trace, method="attend"), trace
+            return module.apply(params, x, real, cache, trace, method="attend")[0], trace
 
         values = {}
         for gate in (0.0, 0.7):
-            y, trace = run({**params, "gate": jnp.full(1, gate)}, x, jnp.asarray(kv), mask)
+            y, trace = run({**params, "gate": jnp.full(1, gate)}, x, real, jnp.asarray(kv), mask)
             values |= trace | {f"out_gate{gate}": y}
         for name, value in values.items():
             key = f"{kind}/{case}/{name}"
@@ -56,13 +59,15 @@ def test_cross_global_parity(parity_dir, kind):
 
 @pytest.fixture(scope="module")
 def module():
-    made = functional(lambda draws: CrossGlobal(16, 2, draws=draws, latent_tokens=4))
+    options = CrossGlobalOptions(latent_tokens=4)
+    made = functional(lambda draws: CrossGlobal(options, 16, 2, ContextLayout(), draws=draws))
     params = made.init(jax.random.key(0))
     params = jax.tree.map(lambda x: x + 0.1 * jax.random.normal(jax.random.key(1), x.shape), params)
 
     @jax.jit
     def run(params, x, context, mask):
-        return made.apply(params, x, made.apply(params, context, mask, method="encode"), method="attend")
+        cache = made.apply(params, context, mask, method="encode")
+        return made.apply(params, x, jnp.ones(x.shape[:2], bool), cache, method="attend")[0]
 
     return params, run
 
