@@ -6,12 +6,13 @@ scjax.viz.grid(scenes, path="scenes.png")
 """
 
 from scjax.condition import Condition
+from scjax.diffusion.guidance import Guidance
 from scjax.model import Model, load, save
 from scjax.sampling import reconstruct, sample, sample_many
 from scjax.scene import AgentType, Layout, Link, Scene, Signal, validate
 
 __version__ = "0.1.0"
 __all__ = [
-    "AgentType", "Condition", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
+    "AgentType", "Condition", "Guidance", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
     "sample_many", "save", "validate",
 ]  # fmt: skip

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Literal, get_args
 
 from scjax.nn.precision import Compute
 
-Prediction = Literal["noise", "velocity"]
-"""What a network estimates: the noise (official), or sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022)."""
+Prediction = Literal["noise", "velocity", "flow"]
+"""What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
+noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +54,7 @@ class DenoiserConfig:
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
       latent_tokens: learned latents of the coarse path of every cross-global attention.
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
-      prediction: what the network estimates, "noise" (official) or "velocity".
+      prediction: what the network estimates, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
         zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
@@ -94,8 +95,8 @@ class DenoiserConfig:
             raise ValueError(f"lane_width {self.lane_width} must be a multiple of 4 for the position code of an image")
         if self.cross_adaln_init not in ("zero", "xavier"):
             raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
-        if self.prediction not in ("noise", "velocity"):
-            raise ValueError(f'prediction must be "noise" or "velocity", got {self.prediction!r}')
+        if self.prediction not in get_args(Prediction):
+            raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
         if self.compute not in ("float32", "bfloat16"):
             raise ValueError(f'compute must be "float32" or "bfloat16", got {self.compute!r}')
 
