@@ -43,7 +43,7 @@ class Level:
 def spaced(total: int, steps: int, last: float = 1.0) -> Int[np.ndarray, " steps"]:
     """Which of ``total`` times, 0 the least noisy, a sampler of fewer steps visits.
 
-    Even steps down from the very last time, whose state is pure noise as the sampler's start is (Lin et al. 2023,
+    Even steps down from the last time, whose state is pure noise as the sampler's start is (Lin et al. 2023,
     "trailing"). Time 0 is left out: x_0 is all but known there, so that a step to it would be lost.
 
     Args:

@@ -36,20 +36,13 @@ def target(level: Level, clean: Nodes, noise: Nodes, prediction: Prediction) -> 
     return jax.tree.map(jnp.subtract, noise, clean)
 
 
-def estimate_x0(
-    level: Level, x: Nodes, output: Nodes, prediction: Prediction, *, least_signal: float = 0.0
-) -> Nodes:  # fmt: skip
-    """x_0 from x and what the network returned for it; not clipped.
-
-    Args:
-      least_signal: with less signal than this, the noise is divided by this instead, which shrinks x_0 towards its mean
-        of 0. Without it, at abar = 2.4e-7, an error of 0.01 in the noise is one of 20 in x_0.
-    """
+def estimate_x0(level: Level, x: Nodes, output: Nodes, prediction: Prediction) -> Nodes:
+    """x_0 from x and what the network returned for it; not clipped."""
     if prediction == "velocity":
         return _combine(level.signal, x, -level.noise, output)
     if prediction == "flow":
         return _combine(jnp.ones_like(level.noise), x, -level.noise, output)
-    inverse = 1 / jnp.maximum(level.signal, least_signal)
+    inverse = 1 / jnp.asarray(level.signal)
     return _combine(inverse, x, -level.noise * inverse, output)
 
 

@@ -59,11 +59,17 @@ def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
     return _derived(np.arange(steps), betas, alphas, np.cumprod(alphas, dtype=np.float64).astype(np.float32))
 
 
-def respaced(schedule: Schedule, steps: int, last: float = 1.0) -> Schedule:
-    """Fewer sampling steps: the times of ``schedule`` that ``spaced`` chooses, with betas between them."""
+def respaced(schedule: Schedule, steps: int, last: float = 1.0, least_signal: float = 0.0) -> Schedule:
+    """Fewer sampling steps: the times of ``schedule`` that ``spaced`` chooses, with betas between them.
+
+    Args:
+      least_signal: noisier times, whose sqrt(abar_t) is less, are left out as far as ``steps`` allows.
+    """
     kept = spaced(schedule.steps, steps, last)
     if steps == schedule.steps:
         return schedule
+    usable = int((np.asarray(schedule.sqrt_alphas_cumprod) >= least_signal).sum())
+    kept = spaced(max(usable, steps), steps, last)
     cumulative = np.asarray(schedule.alphas_cumprod)[kept]
     exact = cumulative.astype(np.float64)
     alphas = exact / np.concatenate([[1.0], exact[:-1]])

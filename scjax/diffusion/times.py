@@ -6,7 +6,6 @@ A rectified flow may be trained at any level; the cosine schedule has those of i
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from scjax.diffusion.level import Level
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 
-Draw = Literal["uniform", "logit-normal"]
+DRAWS = ("uniform", "logit-normal")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,14 +28,14 @@ class Times:
       continuous: any level of a rectified flow instead of those of the timesteps.
     """
 
-    draw: Draw = "uniform"
+    draw: str = "uniform"
     continuous: bool = False
     mean: float = 0.0
     std: float = 1.0
 
     def __post_init__(self):
-        if self.draw not in get_args(Draw):
-            raise ValueError(f"times are drawn {' or '.join(get_args(Draw))}, not {self.draw!r}")
+        if self.draw not in DRAWS:
+            raise ValueError(f"times are drawn {' or '.join(DRAWS)}, not {self.draw!r}")
         if not self.std > 0:
             raise ValueError(f"Times.std must be positive, not {self.std}")
 

@@ -16,6 +16,7 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from tests import golden
 
 WIDTHS, MOST = Nodes(agents=3, lanes=5), Nodes(agents=4, lanes=6)
 MASKS = Nodes(agents=jnp.arange(4)[None] < jnp.array([[4], [2]]), lanes=jnp.arange(6)[None] < jnp.array([[3], [6]]))
@@ -62,7 +63,7 @@ def test_modulation_of_all_steps_at_once_changes_nothing(sampler, prediction, gu
                 given=GIVEN, values=values, widths=WIDTHS, most=MOST, dtype=jnp.float64,
             )  # fmt: skip
 
-        ahead, within = jax.jit(run, static_argnums=0)(2**25), jax.jit(run, static_argnums=0)(0)
+        ahead, within = (golden.jit(run, static_argnums=0)(most) for most in (2**25, 0))
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-8), ahead, within)
         assert np.abs(ahead.lanes[1]).max() > 0.1
 
@@ -81,7 +82,7 @@ def test_one_evaluation_in_float32_agrees_to_rounding():
         )  # fmt: skip
         return denoise(z, jnp.broadcast_to(t, 2))
 
-    ahead, within = jax.jit(at, static_argnums=0), jax.jit(lambda t: at(0, t))
+    ahead, within = golden.jit(at, static_argnums=0), golden.jit(lambda t: at(0, t))
     for t in times:
         jax.tree.map(
             lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6), ahead(2**25, t), within(jnp.asarray(t))
@@ -91,6 +92,7 @@ def test_one_evaluation_in_float32_agrees_to_rounding():
 def test_too_many_numbers_are_not_held():
     """A row of this network: six chunks in each stage, six of the source, three of the cross attention; the heads."""
     network, _, params = made("velocity")
+    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
     label, times = jnp.array([1, 5]), np.arange(7)
     lane, agent = 16, 8
     row = (6 + 6 + 3 + 6 + 3) * (lane + agent) + 2 * (lane + agent)

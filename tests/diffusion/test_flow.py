@@ -64,7 +64,7 @@ def test_continuous_times_lie_between_the_timesteps():
     with pytest.raises(ValueError, match="leave continuous times to flow"):
         draw_levels(jax.random.key(0), 4, SCHEDULE, "velocity", Times(continuous=True))
     with pytest.raises(ValueError, match="uniform or logit-normal"):
-        Times("often")  # pyright: ignore
+        Times("often")
 
 
 def test_training_learns_two_modes():
@@ -82,7 +82,7 @@ def test_training_learns_two_modes():
 
     def data(key):
         signs, spread = jax.random.split(key)
-        x = jax.random.rademacher(signs, (batch, 4, 1)) + 0.1 * jax.random.normal(spread, (batch, 4, 1))
+        x = jax.random.rademacher(signs, (batch, 4, 1), jnp.float32) + 0.1 * jax.random.normal(spread, (batch, 4, 1))
         return Nodes(agents=x[:, :2], lanes=x[:, 2:])
 
     mask = Nodes(agents=jnp.ones((batch, 2), bool), lanes=jnp.ones((batch, 2), bool))

@@ -47,8 +47,8 @@ KEYS = jax.random.split(jax.random.key(3), 3)
 SIZES = [(3, 4), (7, 9), (1, 1)]
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_all_samplers_agree_with_themselves_under_guidance_that_is_none(case):
+@pytest.mark.parametrize("case", ["ddim, eta 0.7", "heun"])
+def test_samplers_agree_with_themselves_under_guidance_that_is_none(case):
     """Weight 1 is plain sampling; the interval of all times is constant guidance; an empty one is none."""
     both, one = branches(CASES[case][1])
 

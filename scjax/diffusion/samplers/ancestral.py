@@ -12,15 +12,15 @@ import jax
 import jax.numpy as jnp
 
 from scjax.diffusion.process import posterior_mean, posterior_std
-from scjax.diffusion.samplers.problem import LEAST_SIGNAL, Problem, Step
-from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule
+from scjax.diffusion.samplers.problem import Problem, Step
+from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 
 @dataclasses.dataclass(frozen=True)
 class DDPM:
-    """Ancestral sampling; x_0 is not clipped. With fewer than all steps the last times get a ``LEAST_SIGNAL``."""
+    """Ancestral sampling; x_0 is not clipped."""
 
     name: ClassVar[str] = "ddpm"
     predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity")
@@ -35,7 +35,6 @@ class DDPM:
     def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
         assert isinstance(problem.schedule, Schedule)  # by ``predictions``
         steps = jnp.broadcast_to(step, x.agents.shape[:1])
-        least = LEAST_SIGNAL if problem.schedule.steps < OFFICIAL_STEPS else 0.0
-        mean = posterior_mean(problem.schedule, problem.estimate(x, step, least), x, steps)
+        mean = posterior_mean(problem.schedule, problem.estimate(x, step), x, steps)
         std = posterior_std(problem.schedule, steps)[:, None, None]
         return jax.tree.map(lambda m, n: m + (std * n).astype(m.dtype), mean, problem.draw(step)), memory

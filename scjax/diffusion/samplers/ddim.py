@@ -8,7 +8,7 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from scjax.diffusion.samplers.problem import LEAST_SIGNAL, Problem, Step, at
+from scjax.diffusion.samplers.problem import Problem, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
@@ -45,7 +45,7 @@ class DDIM:
         signal, noise, signal_after, noise_after = problem.schedule.levels.host()
         std = self.eta * np.sqrt(np.asarray(problem.schedule.posterior_variance, np.float64))
         keep = np.sqrt(np.maximum(noise_after**2 - std**2, 0)) / noise
-        x0 = thresholded(problem.estimate(x, step, LEAST_SIGNAL), problem.made, self.threshold)
+        x0 = thresholded(problem.estimate(x, step), problem.made, self.threshold)
         kept, new = at(keep, step), at(signal_after - keep * signal, step)
         x = jax.tree.map(lambda x, x0: kept * x + new * x0, x, x0)
         if self.eta:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scjax.diffusion.level import Level
-from scjax.diffusion.samplers.problem import LEAST_SIGNAL, Problem, Step, at
+from scjax.diffusion.samplers.problem import Problem, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
@@ -39,7 +39,7 @@ class DPMSolver:
 
     def step(self, problem: Problem, x: Nodes, step: Step, memory: Nodes) -> tuple[Nodes, Nodes]:
         kept, new, further = (at(table, step) for table in coefficients(problem.schedule.levels))
-        x0 = thresholded(problem.estimate(x, step, LEAST_SIGNAL), problem.made, self.threshold)
+        x0 = thresholded(problem.estimate(x, step), problem.made, self.threshold)
         ahead = jax.tree.map(lambda x0, before: x0 + further * (x0 - before), x0, memory)
         return jax.tree.map(lambda x, x0: (kept * x + new * x0).astype(x.dtype), x, ahead), x0
 

@@ -16,9 +16,6 @@ from scjax.models.nodes import Nodes
 
 Step = Int[Array, ""]
 
-LEAST_SIGNAL = 0.01
-"""For ``estimate_x0``: below it lies the last time of the cosine schedule, and no other."""
-
 
 class Problem(NamedTuple):
     """A batch of scenes to be sampled.
@@ -37,10 +34,10 @@ class Problem(NamedTuple):
     prediction: Prediction
     made: Nodes
 
-    def estimate(self, x: Nodes, step: Step, least_signal: float = 0.0) -> Nodes:
+    def estimate(self, x: Nodes, step: Step) -> Nodes:
         """x_0 by the network."""
         level = self.schedule.levels[jnp.broadcast_to(step, x.agents.shape[:1])]
-        return estimate_x0(level, x, self.denoise(x, step), self.prediction, least_signal=least_signal)
+        return estimate_x0(level, x, self.denoise(x, step), self.prediction)
 
 
 @runtime_checkable

@@ -10,6 +10,7 @@ from scjax.diffusion.samplers import DDIM, DDPM, DPMSolver, Euler, Heun, Thresho
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
 from scjax.models.nodes import Nodes
+from tests import golden
 
 WIDTHS, MOST = Nodes(agents=3, lanes=5), Nodes(agents=7, lanes=9)
 EVEN = Nodes(agents=1.0, lanes=1.0)
@@ -86,7 +87,7 @@ def drawn(case, denoise, keys, mask, steps, total=100, **options):
     sampler, prediction = CASES[case] if isinstance(case, str) else case
     levels = schedule(sampler, prediction, steps, total)
 
-    @jax.jit
+    @golden.jit
     def run(keys, mask, given, values):
         return sample(
             denoise, levels, keys, mask, sampler=sampler, prediction=prediction, widths=WIDTHS, most=MOST,

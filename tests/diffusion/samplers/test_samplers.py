@@ -41,15 +41,15 @@ def test_whoever_knows_the_data_is_led_to_it(case):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-3), found, clean)
 
 
-@pytest.mark.parametrize(("case", "far"), [(name, 0.03) for name in CASES if name != "heun"] + [("heun", 0.004)])
-def test_normal_data_come_back_with_their_mean_and_deviation(case, far):
-    """26,000 numbers: their mean and deviation are known to 0.002. First order leaves 0.02 at 60 steps."""
+@pytest.mark.parametrize("case", [name for name in CASES if name != "ddpm"])  # whose deviation test_loop.py knows
+def test_normal_data_come_back_with_their_mean_and_deviation(case):
+    """26,000 numbers: their mean and deviation are known to 0.0025. First order leaves 0.02 at 60 steps."""
     sampler, prediction = CASES[case]
     if isinstance(sampler, DPMSolver | DDIM):
         sampler = dataclasses.replace(sampler, threshold=None)
     found = drawn((sampler, prediction), normal(0.7, 0.4, prediction), KEYS, FULL, steps=60, **FREE)
     for leaf in jax.tree.leaves(found):
-        np.testing.assert_allclose([leaf.mean(), leaf.std()], [0.7, 0.4], atol=far)
+        np.testing.assert_allclose([leaf.mean(), leaf.std()], [0.7, 0.4], atol=0.015 if sampler.last < 1 else 0.03)
 
 
 def test_ddim_of_eta_one_is_ancestral_sampling():
@@ -68,10 +68,11 @@ def test_the_noise_of_ddim_is_eta_times_that_of_the_posterior(eta):
     levels = schedule(DDIM(), "noise", 100)
     ones = Nodes(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
-    def at(step, noise):
+    def at(number, noise):
+        step = jnp.int32(number)
         problem = Problem(
             lambda x, step: jax.tree.map(lambda x: 0.3 * x, x), lambda step: jax.tree.map(lambda x: noise * x, ones),
-            levels, "noise", None,
+            levels, "noise", masks([(2, 2)], 2, 2),
         )  # fmt: skip
         return DDIM(eta).step(problem, ones, step, ())[0].lanes[0, 0, 0]
 
@@ -135,7 +136,7 @@ def test_the_first_and_the_last_step_of_dpm_solver_are_of_first_order():
 
 @pytest.mark.parametrize("case", ["ddim", "dpm++", "ddpm"])
 def test_an_error_of_the_noise_at_the_last_time_does_no_harm(case):
-    """There abar is 2.4e-7: dividing by its root makes an error of 0.01 one of 20."""
+    """There abar is 2.4e-7: dividing by its root makes an error of 0.01 one of 20, and moves the mean by 0.7."""
     exact, sampler = normal(0.3, 0.5, "noise"), CASES[case][0]
 
     def off(z, t):
@@ -143,8 +144,10 @@ def test_an_error_of_the_noise_at_the_last_time_does_no_harm(case):
 
     few = {"keys": KEYS[:20], "mask": masks([(7, 9)] * 20), "steps": 4}
     found, wanted = (drawn((sampler, "noise"), denoise, **few) for denoise in (off, exact))
-    assert float(jnp.abs(found.lanes - wanted.lanes).max()) < 0.25
-    assert abs(float(found.lanes.mean()) - 0.3) < 0.1
+    assert float(jnp.abs(found.lanes - wanted.lanes).max()) < 0.1
+    np.testing.assert_allclose([found.lanes.mean(), wanted.lanes.mean()], 0.3, atol=0.1)
+    times = schedule(sampler, "noise", 4).timesteps
+    assert times[-1] == 97 and schedule(sampler, "velocity", 4).timesteps[-1] == 99
 
 
 def test_half_a_last_step_suits_second_order():
