@@ -1,7 +1,8 @@
 """How fast is sampling? python -m benchmarks.sampler [unconditional|text|image] --batch 8
 
-100 steps with guidance 4 (two branches), condition encoded once, decoding left out, on scenes of the reference
-workload. Prints seconds a scene against the float32 PyTorch reference of the same batch.
+100 steps with guidance 4 (two branches), condition and modulation computed once (--per-step: modulation in every
+step), decoding left out, on scenes of the reference workload. Prints seconds a scene against the float32 PyTorch
+reference of the same batch.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import jax.numpy as jnp
 from benchmarks import flops, workload
 from benchmarks.train_step import CONTEXT, denoiser_config, features
 from scjax.devices import spread, use_every_core
-from scjax.diffusion.guidance import guided, join
-from scjax.diffusion.sampler import sample
-from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.diffusion.estimator import MOST_AHEAD, estimator
+from scjax.diffusion.guidance import WEIGHT, Guidance
+from scjax.diffusion.samplers import sampler_of, schedule_of
+from scjax.diffusion.samplers.loop import sample
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 
@@ -31,7 +33,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="unconditional")
     parser.add_argument("--batch", type=int, default=8, help="scenes at once (default: 8)")
     parser.add_argument("--scenes", type=int, default=0, help="scenes of the workload (default: 64; 8 at batch 1)")
+    parser.add_argument("--sampler", choices=["ddpm", "ddim", "dpm++"], default="ddpm")
     parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--per-step", action="store_true", help="compute the modulation in every step")
     parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
     parser.add_argument("--smoke", action="store_true", help="two steps of one batch, to see that it runs")
     args = parser.parse_args(arguments)
@@ -43,18 +47,18 @@ def main(arguments: list[str] | None = None) -> None:
     parts = parts[stride // 2 :: stride]  # evenly over the sizes
 
     config = denoiser_config(args.kind, args.compute)
-    network, schedule = denoiser(config), respaced(cosine_schedule(), steps)
+    network, sampler = denoiser(config), sampler_of(args.sampler, config.prediction)
+    schedule = schedule_of(sampler, config.prediction, steps)
     params = network.init(jax.random.key(0))
 
     def run(params, masks: Nodes, condition, keys):
-        label = jnp.zeros(keys.shape, jnp.int32)
-        cache = None
-        if condition is not None:
-            cache = network.apply(params, condition, jnp.zeros(keys.shape, bool), method="encode_condition")
-        labels, twice = join(label, jnp.full_like(label, config.null_label)), join(masks, masks)
-        denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, None, cache), 4.0)
+        denoise = estimator(
+            network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
+            features=condition, guidance=Guidance(), weight=WEIGHT, most_ahead=0 if args.per_step else MOST_AHEAD,
+        )  # fmt: skip
         return sample(
-            denoise, schedule, keys, masks, widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
+            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
             most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
         )  # fmt: skip
 
@@ -81,9 +85,9 @@ def main(arguments: list[str] | None = None) -> None:
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
     row = {
-        "sampling": args.kind, "batch": args.batch, "steps": steps, "compute": args.compute,
+        "sampling": args.kind, "batch": args.batch, "sampler": args.sampler, "steps": steps, "compute": args.compute,
         "s/scene": seconds / scenes, "reference": reference or "-",
-        "ratio": reference / (seconds / scenes) if reference and steps == 100 else "-",
+        "ratio": reference / (seconds / scenes) if reference and (args.sampler, steps) == ("ddpm", 100) else "-",
         "GFLOP/s": useful / seconds / 1e9,
         **{f"share of {name}": useful / seconds / 1e9 / roof for name, roof in roofs.items()},
         "scenes": scenes, "programs": len(programs), "compile s": compile_seconds, "peak GB": workload.peak_memory_gb(),

@@ -31,7 +31,7 @@ from scjax.data import records
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.captions.facts import Facts, parse
 from scjax.data.captions.reading import Asked, met, read_prompt
-from scjax.data.captions.store import read_captions
+from scjax.data.captions.store import Caption, read_captions
 from scjax.data.captions.text import STYLES
 from scjax.devices import use_every_core
 from scjax.metrics.realism import realism
@@ -80,12 +80,9 @@ def measure(
     asked, told, prompts, real = [], [], [], []
     tiles = records.source(folder, "val")
     for row in rows:
-        style = int(rng.integers(len(STYLES)))
-        texts = _all(captions[row].texts)
-        number = style * (len(texts) // len(STYLES))
-        prompts.append(texts[number])
-        asked.append(read_prompt(texts[number]))
-        tokens = np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
+        text, tokens = a_prompt(store, captions[row], row, rng)
+        prompts.append(text)
+        asked.append(read_prompt(text))
         told.append(scjax.Condition(tokens=tokens))
         real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
@@ -103,6 +100,13 @@ def measure(
     table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
     sound["the record itself"] = realism(real)
     return table, sound, label_agreement(folder, [caption.facts for caption in captions])
+
+
+def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:
+    """The first caption of a record in a style that is drawn, and its token features."""
+    texts = _all(caption.texts)
+    number = int(rng.integers(len(STYLES))) * (len(texts) // len(STYLES))
+    return texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
 
 
 def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:

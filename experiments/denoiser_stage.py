@@ -20,6 +20,7 @@ from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw, unchanged
 from scjax.diffusion.schedule import cosine_schedule
+from scjax.diffusion.times import Times
 from scjax.model import Model
 from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
@@ -30,8 +31,9 @@ from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 from scjax.nn.control import ControlOptions, named
 from scjax.nn.functional import Params, flatten, unflatten
+from scjax.programs import decode
 from scjax.representation import Representation
-from scjax.sampling import decode, sample_many
+from scjax.sampling import sample_many
 from scjax.scene import AgentType, Layout
 from scjax.viz import grid
 
@@ -62,6 +64,7 @@ def build(config) -> Stage:
         optimiser = optax.chain(optimiser, unchanged(kept))
     schedule = cosine_schedule()
     loss = config.loss
+    times = Times(draw=loss.times, continuous=loss.continuous_times)
     if texts is None:
         validation = [Example(scene=scene) for scene in validation_scenes(config.records, representation)]
     else:
@@ -89,13 +92,13 @@ def build(config) -> Stage:
         )  # fmt: skip
 
     def penalty_of(masks: Nodes, scene):
-        def penalty(latents: Nodes, step):
+        def penalty(latents: Nodes, level):
             made = decode(
                 coder, coder_params, representation, frozen.latents.denormalise(latents), masks, scene.layout,
                 scene.domain,
             )  # fmt: skip
             vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
-            return loss.collision * noise_weight(schedule, step) * collision_penalty(made.agents, vehicles)
+            return loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
 
         return penalty
 
@@ -103,8 +106,8 @@ def build(config) -> Stage:
         batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
             network, held(params, kept), schedule, batch, key, null_label=model.null_label,
-            prediction=model.prediction, label_dropout=loss.label_dropout, condition_dropout=loss.condition_dropout,
-            count_given=loss.count_given,
+            prediction=model.prediction, times=times, label_dropout=loss.label_dropout,
+            condition_dropout=loss.condition_dropout, count_given=loss.count_given,
             penalty=penalty_of(batch.masks, example.scene) if loss.collision else None,
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ scjax.viz.grid(scenes, path="scenes.png")
 """
 
 from scjax.condition import Condition
+from scjax.diffusion.guidance import Guidance
 from scjax.model import Model, load, save
 from scjax.sampling import reconstruct, sample, sample_many
 from scjax.scene import AgentType, Layout, Link, Scene, Signal, validate
@@ -13,6 +14,6 @@ from scjax.tidy import tidy
 
 __version__ = "0.1.0"
 __all__ = [
-    "AgentType", "Condition", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
+    "AgentType", "Condition", "Guidance", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
     "sample_many", "save", "tidy", "validate",
 ]  # fmt: skip

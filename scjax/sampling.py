@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 
@@ -12,28 +13,21 @@ from jaxtyping import Array
 
 from scjax.condition import Condition
 from scjax.data.ordering import arrange
-from scjax.devices import spread
-from scjax.diffusion.guidance import Denoise, guided, join
-from scjax.diffusion.sampler import sample as sample_latents
-from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.diffusion.guidance import WEIGHT, Guidance
+from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
 from scjax.model import Model, load
-from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.model import autoencoder
 from scjax.models.counter import CounterConfig, counter
 from scjax.models.counts import draw_counts
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
-from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
-from scjax.nn.functional import Functional, Params
+from scjax.programs import reconstruction_program, sampling_program
 from scjax.prompts import with_tokens
-from scjax.representation import Representation, Tokens
 from scjax.scene import Layout, Scene, empty, pad, permute, stack, unpadded
 
 BUCKETS = ((12, 16), (16, 28), (32, 48), (61, 100))  # (agent, lane) slots
 GROUP = 8  # scenes a compiled call, when there is more than one
 
-Program = Callable[..., Scene]
 Tables = dict[tuple[int, int | None, Layout], np.ndarray | None]
 
 
@@ -43,8 +37,9 @@ def sample(
     *,
     model: Model | None = None,
     n: int = 1,
+    sampler: str | Sampler | None = None,
     steps: int | None = None,
-    guidance: float | None = None,
+    guidance: float | Guidance | None = None,
 ) -> Scene:
     """``n`` scenes under one condition, [n, ...] in metres, padded to their largest size.
 
@@ -54,16 +49,20 @@ def sample(
       key: typed key, ``jax.random.key(0)``.
       cond: what to hold fixed; None draws everything.
       model: from ``scjax.load``; None: the one that ships.
-      steps: diffusion steps; by default all steps of training.
-      guidance: w in eps_u + w (eps_c - eps_u); 1, the default without condition tokens, is plain sampling.
+      sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
+        default), "dpm++"; or one with options, as ``scjax.diffusion.samplers.DDIM(eta=0.5)``.
+      steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS`` (ddpm: all of training).
+      guidance: w in u + w (c - u), of the estimates with and without condition; 1, the default of unconditional models,
+        is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
 
     Raises:
-      ValueError: no model, a model without denoiser, or a condition that the model can't meet.
+      ValueError: no model, a model without denoiser, a condition that the model can't meet, or a sampler that does not
+        fit what its network estimates.
     """
     if n < 1:
         raise ValueError(f"n must be at least 1, not {n}")
-    scenes = sample_many(key, [cond or Condition()] * n, model=model, steps=steps, guidance=guidance)
-    return stack(scenes)
+    conditions = [cond or Condition()] * n
+    return stack(sample_many(key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance))
 
 
 def sample_many(
@@ -71,8 +70,9 @@ def sample_many(
     conditions: Sequence[Condition],
     *,
     model: Model | None = None,
+    sampler: str | Sampler | None = None,
     steps: int | None = None,
-    guidance: float | None = None,
+    guidance: float | Guidance | None = None,
 ) -> list[Scene]:
     """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
     model = _with_denoiser(model)
@@ -81,12 +81,17 @@ def sample_many(
     conditions = with_tokens(conditions, model)
     if config.condition is None and any(cond.tokens is not None for cond in conditions):
         raise ValueError("Condition.tokens is given, but this model is unconditional: leave it out")
-    weight = guidance if guidance is not None else (4.0 if config.condition is not None else 1.0)
+    sampler = sampler_of(sampler, config.prediction)
+    if guidance is None:
+        guidance = WEIGHT if config.condition is not None else 1.0
+    if not isinstance(guidance, Guidance):
+        guidance = Guidance(float(guidance))
     tables: Tables = {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
-    program = _program(
-        model.representation, model.autoencoder_config, config, steps or cosine_schedule().steps, weight != 1.0
-    )
+    # The weight is an argument of the program: every other weight is the same program.
+    options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
+    steps = STEPS[sampler.name] if steps is None else steps
+    program = sampling_program(model.representation, model.autoencoder_config, config, sampler, steps, options)
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
         groups.setdefault(bucket_of(*request.counts), []).append(i)
@@ -97,7 +102,7 @@ def sample_many(
             part = members[start : start + size]
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
             batch = program(
-                model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, jnp.float32(weight),
+                model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, jnp.float32(guidance.weight),
                 *_collate(chosen, bucket, config),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
@@ -115,7 +120,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     """
     if model.autoencoder is None or model.autoencoder_config is None:
         raise ValueError("this model has no autoencoder: train that stage (or convert its checkpoint) first")
-    program = _reconstruction(model.representation, model.autoencoder_config)
+    program = reconstruction_program(model.representation, model.autoencoder_config)
     results: dict[int, Scene] = {}
     chosen = [scene.to_numpy() for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
@@ -255,78 +260,6 @@ def _text_features(texts: list[tuple], longest: int, config: TextCondition) -> T
         padded[row, :length] = tokens
         valid[row, :length] = True if mask is None else mask
     return TextFeatures(tokens=jnp.asarray(padded), mask=jnp.asarray(valid))
-
-
-@functools.lru_cache(maxsize=32)
-def _program(
-    representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, steps: int, two_branches: bool
-) -> Program:
-    """The jitted sampler; XLA compiles it once per shape of its arguments."""
-    coder, network = autoencoder(ae_config), denoiser(config)
-    schedule = respaced(cosine_schedule(), steps)
-
-    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features, away) -> Scene:
-        label = config.domains * layout + domain
-        given = values = None
-        if known is not None:
-            tokens = representation.tokens(known)
-            given = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-            posterior = coder.apply(ae, tokens, method="encode")
-            values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
-        dropped = jnp.zeros(label.shape, bool)
-        cache = None
-        if features is not None:
-            cache = network.apply(params, features, dropped, method="encode_condition")
-
-        def plain(z: Nodes, t: Array) -> Nodes:
-            return network.apply(params, z, t, label, masks, given, cache)
-
-        denoise: Denoise = plain
-        if two_branches:
-            labels = join(label, jnp.full_like(label, config.null_label))
-            twice, both, caches = join(masks, masks), join(given, given), cache
-            if away is not None:
-                absent = ~jnp.asarray(away.mask).any(-1)
-                caches = join(cache, network.apply(params, away, absent, method="encode_condition"))
-            elif features is not None and config.attend_padding:  # else nothing can be read from "no condition"
-                caches = join(cache, network.apply(params, features, ~dropped, method="encode_condition"))
-            denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
-        latents = sample_latents(
-            denoise, schedule, keys, masks, given=given, values=values, prediction=config.prediction,
-            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
-            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
-        )  # fmt: skip
-        latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-        return decode(coder, ae, representation, latents, masks, layout, domain)
-
-    return jax.jit(spread(run, shared=5))
-
-
-@functools.lru_cache(maxsize=8)
-def _reconstruction(representation: Representation, config: AutoencoderConfig) -> Program:
-    coder = autoencoder(config)
-
-    def run(params: Params, scenes: Scene) -> Scene:
-        tokens: Tokens = representation.tokens(scenes)
-        posterior = coder.apply(params, tokens, method="encode")
-        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
-
-    return jax.jit(spread(run, shared=1))
-
-
-def decode(
-    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain
-) -> Scene:
-    """Latents [B, tokens, latent] -> scenes in metres [B]."""
-    decoded = coder.apply(params, latents, masks, method="decode")
-    lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
-    if representation.num_lane_types:
-        lane_types = decoded.lane_type_logits.argmax(-1)
-    return representation.scene(
-        decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
-        decoded.link_logits, layout, domain,
-    )  # fmt: skip
 
 
 def bucket_of(agents: int, lanes: int) -> tuple[int, int]:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax import sampling
+from scjax import Guidance, programs
 from scjax.condition import Condition
+from scjax.diffusion.samplers import DDIM
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene import Layout, Link, unpadded, validate
 from tests.examples import example_scene
@@ -70,13 +71,49 @@ def test_lane_conditioned(model):
 
 
 def test_one_program_a_bucket(model, monkeypatch):
-    sampling._program.cache_clear()
-    original = sampling.sample_latents
+    programs.sampling_program.cache_clear()
+    original = programs.sample_latents
     traced = chex.assert_max_traces(lambda *args, **kwargs: original(*args, **kwargs), n=1)
-    monkeypatch.setattr(sampling, "sample_latents", traced)
-    for seed, lanes in enumerate((3, 9, 15)):
-        draw(model, Condition(num_lanes=lanes, num_agents=4), seed=seed)
-    sampling._program.cache_clear()
+    monkeypatch.setattr(programs, "sample_latents", traced)
+    for seed, (lanes, weight) in enumerate(((3, 2.0), (9, 3.0), (15, 4.0))):
+        draw(model, Condition(num_lanes=lanes, num_agents=4), seed=seed, guidance=weight)
+    programs.sampling_program.cache_clear()
+
+
+@pytest.mark.parametrize("sampler", ["ddim", "dpm++", DDIM(eta=0.5)])
+def test_known_elements_and_numbers_hold_for_every_sampler(model, sampler):
+    known = unpadded(example_scene(2, agents=3, lanes=4))
+    scene = draw(model, Condition(known=known, num_lanes=9, num_agents=6), sampler=sampler)[0]
+    validate(scene)
+    assert (scene.num_lanes, scene.num_agents) == (9, 6)
+    assert np.array_equal(scene.agents[:3], known.agents) and np.array_equal(scene.lanes[:4], known.lanes)
+    other = draw(model, Condition(known=known, num_lanes=9, num_agents=6))[0]
+    assert not np.allclose(scene.lanes, other.lanes)
+
+
+def test_the_default_fits_what_the_network_estimates(model):
+    condition = Condition(num_lanes=5, num_agents=3)
+    named = draw(model, condition, sampler="ddpm")
+    chex.assert_trees_all_equal(draw(model, condition).to_dict(), named.to_dict())
+    flow = tiny_model(prediction="flow")
+    validate(draw(flow, condition))
+    chex.assert_trees_all_equal(draw(flow, condition).to_dict(), draw(flow, condition, sampler="heun").to_dict())
+    with pytest.raises(ValueError, match=r"estimates flow: choose one of dpm\+\+, euler, heun"):
+        draw(flow, condition, sampler="ddpm")
+    with pytest.raises(ValueError, match=r"no sampler 'plms': choose one of ddpm, ddim, dpm\+\+"):
+        draw(model, condition, sampler="plms")
+
+
+def test_guidance_with_options(model):
+    condition = Condition(num_lanes=5, num_agents=3)
+    plain, constant = draw(model, condition, guidance=1.0), draw(model, condition, guidance=3.0)
+    everywhere = draw(model, condition, guidance=Guidance(3.0, interval=(0.0, 99.0)))
+    np.testing.assert_allclose(everywhere.lanes, constant.lanes, atol=2e-3)
+    nowhere = draw(model, condition, guidance=Guidance(3.0, interval=(1.0, 1.0)))
+    np.testing.assert_allclose(nowhere.lanes, plain.lanes, atol=2e-3)
+    led_back = draw(model, condition, guidance=Guidance(3.0, rescale=1.0))
+    assert not np.allclose(led_back.lanes, constant.lanes, atol=0.05)
+    assert not np.allclose(plain.lanes, constant.lanes, atol=0.05)
 
 
 def test_text_tokens_and_guidance_change_the_scene():

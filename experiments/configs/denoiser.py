@@ -73,6 +73,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     }
     config.ema_decay = ema_decay
     config.loss = {
+        "times": "uniform",  # or "logit-normal": mostly times in the middle
+        "continuous_times": False,  # also between the timesteps; needs config.model.prediction=flow
         "label_dropout": 0.1,
         "condition_dropout": 0.1,
         "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given

@@ -8,6 +8,7 @@ import sys
 import click
 
 from scjax.cli.output import Clock, say, slug, writable_folder, write_scene
+from scjax.diffusion.samplers import DEFAULT, STEPS
 
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
@@ -22,7 +23,7 @@ PROMPTS = (
 
 @click.command()
 @click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
-@click.option("--steps", type=click.IntRange(1, 100), help="Denoising steps. [default: all 100]")
+@click.option("--steps", type=click.IntRange(2, 100), help=f"Sampling steps. [default: {STEPS[DEFAULT['velocity']]}]")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")

@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.diffusion.guidance import WEIGHT
+from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
 
 @click.command()
@@ -16,8 +18,12 @@ from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_s
 @click.option(
     "--seed", default=0, show_default=True, help="Another seed, other scenes; the same seed, the same scenes."
 )
-@click.option("--steps", type=click.IntRange(1, 100), help="Denoising steps; fewer are faster. [default: all 100]")
-@click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed.")
+@click.option("--sampler", type=click.Choice(list(SAMPLERS)), help="How noise becomes a scene; euler and heun are for "
+              f"rectified flows. [default: {DEFAULT['velocity']}; rectified flow: {DEFAULT['flow']}]")  # fmt: skip
+@click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps; fewer are faster. [default: "
+              f"{', '.join(f'{name} {steps}' for name, steps in STEPS.items())}]")  # fmt: skip
+@click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed. "
+              f"[default: {WEIGHT:g}]")  # fmt: skip
 @click.option(
     "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
 )
@@ -30,13 +36,15 @@ from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_s
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, steps, guidance, agents, lanes, negative, domain, folder, formats, model_folder, as_json
-) -> None:
+    prompts, number, seed, sampler, steps, guidance, agents, lanes, negative, domain, folder, formats, model_folder,
+    as_json,
+) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
+    scjax generate "a roundabout" --sampler dpm++ --steps 16
 
     Numbers that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is
     fetched once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
@@ -68,8 +76,8 @@ def generate(
         told = with_tokens(conditions, model)
     with clock.part("scenes"):
         scenes = scjax.sample_many(
-            jax.random.key(seed), [one for one in told for _ in range(number)], model=model, steps=steps,
-            guidance=guidance,
+            jax.random.key(seed), [one for one in told for _ in range(number)], model=model, sampler=sampler,
+            steps=steps, guidance=guidance,
         )  # fmt: skip
     made = []
     with clock.part("files"):

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
-from scjax.diffusion.schedule import Schedule
+from scjax.diffusion.level import Level
 
 TAU = 0.1
 
@@ -40,6 +40,6 @@ def collision_penalty(
     return total / (2 * jnp.maximum(counted.sum(-1), 1))
 
 
-def noise_weight(schedule: Schedule, step: Int[Array, " b"]) -> Float[Array, " b"]:
-    """1 - sqrt(1 - abar_t): near 1 where x_0 is nearly known, near 0 where it is a guess."""
-    return 1 - jnp.asarray(schedule.sqrt_one_minus_alphas_cumprod)[step]
+def noise_weight(level: Level) -> Float[Array, " b"]:
+    """1 - noise, i.e. 1 - sqrt(1 - abar_t): near 1 where x_0 is nearly known, near 0 where it is a guess."""
+    return 1 - jnp.asarray(level.noise)

@@ -7,12 +7,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from scjax.diffusion.guidance import Denoise
+from scjax.diffusion.level import Level
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
+from scjax.diffusion.times import Times, draw_levels
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 from scjax.nn.control import Aux
@@ -21,8 +23,8 @@ from scjax.pytree import pytree
 
 LANE_WEIGHT = 10.0
 
-Penalty = Callable[[Nodes, Int[Array, " b"]], Float[Array, " b"]]
-"""(estimate of x_0, step) -> a number a scene that is added to its loss."""
+Penalty = Callable[[Nodes, Level], Float[Array, " b"]]
+"""(estimate of x_0, level) -> a number a scene that is added to its loss."""
 
 
 @pytree
@@ -49,23 +51,21 @@ class LatentBatch:
 
 
 def noised(
-    schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], given: Nodes,
-    prediction: Prediction = "noise",
+    level: Level, clean: Nodes, noise: Nodes, given: Nodes, prediction: Prediction = "noise"
 ) -> tuple[Nodes, Nodes]:  # fmt: skip
     """Network input and target: given tokens enter clean and have target 0, the others are noised."""
-    target = target_of(schedule, clean, noise, step, prediction)
+    target = target_of(level, clean, noise, prediction)
     x = jax.tree.map(
-        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), given, clean, q_sample(schedule, clean, noise, step)
+        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), given, clean, q_sample(level, clean, noise)
     )
     return x, jax.tree.map(lambda flag, wanted: jnp.where(flag[..., None], 0, wanted), given, target)
 
 
 def diffusion_loss(
     denoise: Denoise,
-    schedule: Schedule,
+    level: Level,
     clean: Nodes,
     noise: Nodes,
-    step: Int[Array, " b"],
     masks: Nodes,
     given: Nodes,
     *,
@@ -77,8 +77,8 @@ def diffusion_loss(
     """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
 
     Args:
-      denoise: (noisy latents, timesteps) -> network output.
-      step: schedule index a scene.
+      denoise: (noisy latents, times) -> network output.
+      level: of noise, one a scene.
       prediction: what ``denoise`` estimates.
       count_given: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
         noise must be found; a scene in which every token of a kind is given has loss 0 there.
@@ -88,8 +88,8 @@ def diffusion_loss(
       loss, and its terms a scene [B]: agent, lane, total, and penalty where there is one.
     """
     clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
-    x, target = noised(schedule, clean, noise, step, given, prediction)
-    eps = denoise(x, jnp.asarray(schedule.timesteps)[step])
+    x, target = noised(level, clean, noise, given, prediction)
+    eps = denoise(x, jnp.asarray(level.time))
     counted = masks if count_given else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
     weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, eps)
     if agent_weight is not None:
@@ -99,9 +99,9 @@ def diffusion_loss(
     total = terms.agents + LANE_WEIGHT * terms.lanes
     found = {"agent": terms.agents, "lane": terms.lanes}
     if penalty is not None:
-        estimate = estimate_x0(schedule, x, eps, step, prediction)
+        estimate = estimate_x0(level, x, eps, prediction)
         estimate = jax.tree.map(lambda flag, x0, guess: jnp.where(flag[..., None], x0, guess), given, clean, estimate)
-        found["penalty"] = penalty(estimate, step)
+        found["penalty"] = penalty(estimate, level)
         total = total + found["penalty"]
     return total.mean(), {**found, "total": total}
 
@@ -115,6 +115,7 @@ def training_loss(
     *,
     null_label: int,
     prediction: Prediction = "noise",
+    times: Times = Times(),  # noqa: B008 - frozen
     label_dropout: float | Float[Array, ""] = 0.1,
     condition_dropout: float | Float[Array, ""] = 0.1,
     count_given: bool = False,
@@ -128,7 +129,7 @@ def training_loss(
     """
     key_step, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
-    step = jax.random.randint(key_step, scenes, 0, schedule.steps)
+    level = draw_levels(key_step, len(batch.label), schedule, prediction, times)
     noise = jax.tree.map(
         lambda k, x: jax.random.normal(k, x.shape, x.dtype), Nodes(agents=key_agents, lanes=key_lanes), batch.latents
     )
@@ -142,11 +143,11 @@ def training_loss(
 
     aux: dict[str, Aux] = {}
 
-    def denoise(z: Nodes, t: Int[Array, " b"]) -> Nodes:
+    def denoise(z: Nodes, t: Real[Array, " b"]) -> Nodes:
         return network.apply(params, z, t, label, batch.masks, batch.given, cache, aux=aux)
 
     loss, terms = diffusion_loss(
-        denoise, schedule, batch.latents, noise, step, batch.masks, batch.given,
+        denoise, level, batch.latents, noise, batch.masks, batch.given,
         prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given, penalty=penalty,
     )  # fmt: skip
     means = {name: term.mean() for name, term in terms.items()}

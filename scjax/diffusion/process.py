@@ -1,50 +1,55 @@
-"""The diffusion process on a pair of latents: noising, and the posterior of one denoising step (official-spec §5).
-
-``step`` [B] indexes the schedule, one a scene, shared by its agents and lanes.
+"""The noising process on a pair of latents, what networks are to return, and the posterior of one ancestral step
+(official-spec §5). A scene's agents and lanes share its level.
 """
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
+from scjax.diffusion.level import Level
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
-
-def q_sample(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"]) -> Nodes:
-    """sqrt(abar_t) x_0 + sqrt(1 - abar_t) noise."""
-    return _combine(schedule.sqrt_alphas_cumprod, clean, schedule.sqrt_one_minus_alphas_cumprod, noise, step)
+Scale = Float[Array | np.ndarray, " b"]
 
 
-def predict_x0(schedule: Schedule, x: Nodes, eps: Nodes, step: Int[Array, " b"]) -> Nodes:
-    """sqrt(1 / abar_t) x_t - sqrt(1 / abar_t - 1) eps; not clipped."""
-    return _combine(schedule.sqrt_recip_alphas_cumprod, x, -schedule.sqrt_recipm1_alphas_cumprod, eps, step)
+def q_sample(level: Level, clean: Nodes, noise: Nodes) -> Nodes:
+    """signal x_0 + noise eps."""
+    return _combine(level.signal, clean, level.noise, noise)
 
 
-def target(schedule: Schedule, clean: Nodes, noise: Nodes, step: Int[Array, " b"], prediction: Prediction) -> Nodes:
-    """What the network is to return for ``q_sample(schedule, clean, noise, step)``.
+def target(level: Level, clean: Nodes, noise: Nodes, prediction: Prediction) -> Nodes:
+    """What the network is to return for ``q_sample(level, clean, noise)``.
 
-    At the last times abar_t is about 1e-7, and x_0 hangs on a hair of the noise: a network that has not yet learnt to
-    return its input there sends the sampler astray in its first step. From the velocity, x_0 follows without division.
+    At the last times of the cosine schedule abar_t is about 1e-7, and x_0 hangs on a hair of the noise: a network that
+    has not yet learnt to return its input there sends the sampler astray in its first step. From the velocities, x_0
+    follows without division.
     """
     if prediction == "noise":
         return noise
-    return _combine(schedule.sqrt_alphas_cumprod, noise, -schedule.sqrt_one_minus_alphas_cumprod, clean, step)
+    if prediction == "velocity":
+        return _combine(level.signal, noise, -level.noise, clean)
+    return jax.tree.map(jnp.subtract, noise, clean)
 
 
-def estimate_x0(schedule: Schedule, x: Nodes, output: Nodes, step: Int[Array, " b"], prediction: Prediction) -> Nodes:
-    """x_0 from x_t and what the network returned for it; not clipped."""
-    if prediction == "noise":
-        return predict_x0(schedule, x, output, step)
-    return _combine(schedule.sqrt_alphas_cumprod, x, -schedule.sqrt_one_minus_alphas_cumprod, output, step)
+def estimate_x0(level: Level, x: Nodes, output: Nodes, prediction: Prediction) -> Nodes:
+    """x_0 from x and what the network returned for it; not clipped."""
+    if prediction == "velocity":
+        return _combine(level.signal, x, -level.noise, output)
+    if prediction == "flow":
+        return _combine(jnp.ones_like(level.noise), x, -level.noise, output)
+    inverse = 1 / jnp.asarray(level.signal)
+    return _combine(inverse, x, -level.noise * inverse, output)
 
 
 def posterior_mean(schedule: Schedule, clean: Nodes, x: Nodes, step: Int[Array, " b"]) -> Nodes:
     """Mean of q(x_{t-1} | x_t, x_0)."""
-    return _combine(schedule.posterior_mean_coef1, clean, schedule.posterior_mean_coef2, x, step)
+    one, two = (jnp.asarray(x)[step] for x in (schedule.posterior_mean_coef1, schedule.posterior_mean_coef2))
+    return _combine(one, clean, two, x)
 
 
 def posterior_std(schedule: Schedule, step: Int[Array, " b"]) -> Float[Array, " b"]:
@@ -53,6 +58,6 @@ def posterior_std(schedule: Schedule, step: Int[Array, " b"]) -> Float[Array, " 
     return jnp.where(step == 0, 0, std)
 
 
-def _combine(a, x: Nodes, b, y: Nodes, step: Int[Array, " b"]) -> Nodes:
-    a, b = (jnp.asarray(coefficients)[step][:, None, None] for coefficients in (a, b))
+def _combine(a: Scale, x: Nodes, b: Scale, y: Nodes) -> Nodes:
+    a, b = jnp.asarray(a)[:, None, None], jnp.asarray(b)[:, None, None]
     return jax.tree.map(lambda x, y: a * x + b * y, x, y)

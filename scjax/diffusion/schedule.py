@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from scjax.diffusion.level import Level, spaced
 from scjax.pytree import pytree
 
 OFFICIAL_STEPS = 100
@@ -35,6 +36,13 @@ class Schedule:
         """S."""
         return len(self.timesteps)
 
+    @property
+    def levels(self) -> Level:
+        """Of every step [S]."""
+        return Level(
+            time=self.timesteps, signal=self.sqrt_alphas_cumprod, noise=self.sqrt_one_minus_alphas_cumprod
+        )  # fmt: skip
+
 
 def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
     """beta_t = clip(1 - f_{t+1} / f_t, 0, 0.999), f the squared cosine with offset 0.008 (Nichol & Dhariwal 2021).
@@ -51,13 +59,17 @@ def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
     return _derived(np.arange(steps), betas, alphas, np.cumprod(alphas, dtype=np.float64).astype(np.float32))
 
 
-def respaced(schedule: Schedule, steps: int) -> Schedule:
-    """Fewer sampling steps: evenly spread times of ``schedule``, first and last included, with betas between them."""
-    if not 2 <= steps <= schedule.steps:
-        raise ValueError(f"sampling steps must lie in 2..{schedule.steps} (the steps of training), got {steps}")
+def respaced(schedule: Schedule, steps: int, last: float = 1.0, least_signal: float = 0.0) -> Schedule:
+    """Fewer sampling steps: the times of ``schedule`` that ``spaced`` chooses, with betas between them.
+
+    Args:
+      least_signal: noisier times, whose sqrt(abar_t) is less, are left out as far as ``steps`` allows.
+    """
+    kept = spaced(schedule.steps, steps, last)
     if steps == schedule.steps:
         return schedule
-    kept = np.round(np.linspace(0, schedule.steps - 1, steps)).astype(int)
+    usable = int((np.asarray(schedule.sqrt_alphas_cumprod) >= least_signal).sum())
+    kept = spaced(max(usable, steps), steps, last)
     cumulative = np.asarray(schedule.alphas_cumprod)[kept]
     exact = cumulative.astype(np.float64)
     alphas = exact / np.concatenate([[1.0], exact[:-1]])

@@ -71,6 +71,18 @@ def test_generate_in_json_is_for_machines(run, folder):
     assert set(content["seconds"]) == {"start", "text", "scenes", "files"}
 
 
+def test_sampler_and_guidance_change_the_scene(run, folder, tmp_path):
+    scenes = []
+    for words in ((), ("--sampler", "dpm++"), ("--guidance", 1)):
+        out = tmp_path / str(len(scenes))
+        options = ("--steps", 2, "--agents", 3, "--lanes", 5, "--format", "npz", "--out", out)
+        assert run("generate", PROMPT, "--model", folder, *options, *words)[0] == 0
+        scenes.append(load_npz(out / f"{slug(PROMPT)}-0-0.npz"))
+    assert not any(np.allclose(scenes[0].lanes, other.lanes, atol=1e-3) for other in scenes[1:])
+    help = " ".join(run("generate", "--help")[1].split())
+    assert "[default: ddpm; rectified flow: heun]" in help and "ddpm 100" in help and "dpm++" in help
+
+
 def test_given_counts_win_with_a_warning(run, folder):
     code, out, err = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 1, "--lanes", 5, "--json")
     assert code == 0 and "warning: the prompt speaks of 2 agents or more" in err
@@ -103,6 +115,9 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         (["generate"], 2, "PROMPT"),
         (["generate", PROMPT, "--agents", "0"], 2, "agents"),
         (["generate", PROMPT, "--format", "gif"], 2, "gif"),
+        (["generate", PROMPT, "--sampler", "plms"], 2, "plms"),
+        (["generate", PROMPT, "--steps", "1"], 2, "steps"),
+        (["generate", PROMPT, "--sampler", "heun", "--model", "MODEL"], 1, "choose one of ddpm, ddim, dpm++"),
         (["generate", "", "--model", "MODEL"], 1, "prompt is empty"),
         (["generate", "\udcff", "--model", "MODEL"], 1, "no text"),
         (["generate", PROMPT, "--agents", "62", "--model", "MODEL"], 1, "num_agents is 62"),

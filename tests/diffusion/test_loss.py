@@ -94,8 +94,7 @@ def test_agent_weights_choose_the_agents_that_count():
     def denoise(z, t):
         return z.replace(agents=z.agents.at[:, 0].set(3.0), lanes=jnp.ones_like(z.lanes))
 
-    loss, terms = diffusion_loss(
-        denoise, SCHEDULE, batch.latents, noise, jnp.array([10, 20]), batch.masks, nothing, agent_weight=some
-    )
+    level = SCHEDULE.levels[jnp.array([10, 20])]
+    loss, terms = diffusion_loss(denoise, level, batch.latents, noise, batch.masks, nothing, agent_weight=some)
     np.testing.assert_allclose(terms["agent"], 2.0)
     np.testing.assert_allclose(loss, 2.0)

@@ -1,4 +1,4 @@
-"""Both things that a network may predict lead to the same x_0; why scjax's networks predict the velocity."""
+"""Whatever a network predicts leads to the same x_0; why scjax's networks predict a velocity."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from scjax.diffusion.flow import flow_level
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.process import estimate_x0, q_sample, target
-from scjax.diffusion.sampler import sample
+from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
 from scjax.models.nodes import Nodes
 
 SCHEDULE = cosine_schedule()
-PREDICTIONS = ("noise", "velocity")
+LEVELS = {
+    "noise": SCHEDULE.levels, "velocity": SCHEDULE.levels, "flow": flow_level(jnp.arange(1, 101) / 100)
+}  # fmt: skip
 
 
 def _pair(seed, batch=100):
@@ -22,25 +25,24 @@ def _pair(seed, batch=100):
     return Nodes(agents=jax.random.normal(keys[0], (batch, 3, 4)), lanes=jax.random.normal(keys[1], (batch, 5, 6)))
 
 
-@pytest.mark.parametrize("prediction", PREDICTIONS)
+@pytest.mark.parametrize("prediction", LEVELS)
 def test_the_target_gives_back_what_was_noised(prediction):
-    clean, noise, step = _pair(0), _pair(1), jnp.arange(100)
-    x = q_sample(SCHEDULE, clean, noise, step)
-    found = estimate_x0(SCHEDULE, x, target(SCHEDULE, clean, noise, step, prediction), step, prediction)
+    clean, noise, level = _pair(0), _pair(1), LEVELS[prediction][jnp.arange(100)]
+    x = q_sample(level, clean, noise)
+    found = estimate_x0(level, x, target(level, clean, noise, prediction), prediction)
     # At the last time alphas_cumprod is 2e-7: in float32 the noise no longer holds x_0 to more than 1e-3.
     tolerance = 2e-3 if prediction == "noise" else 1e-5
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=tolerance), found, clean)
 
 
 def test_an_error_of_a_hundredth_matters_little_in_the_velocity_and_ruins_the_noise():
-    clean, noise, step = _pair(0), _pair(1), jnp.full(100, 99)
-    x = q_sample(SCHEDULE, clean, noise, step)
-    far = {}
-    for prediction in PREDICTIONS:
-        off = jax.tree.map(lambda output: output + 0.01, target(SCHEDULE, clean, noise, step, prediction))
-        found = estimate_x0(SCHEDULE, x, off, step, prediction)
+    clean, noise, far = _pair(0), _pair(1), {}
+    for prediction, levels in LEVELS.items():
+        level = levels[jnp.full(100, 99)]
+        off = jax.tree.map(lambda output: output + 0.01, target(level, clean, noise, prediction))
+        found = estimate_x0(level, q_sample(level, clean, noise), off, prediction)
         far[prediction] = float(jnp.abs(found.lanes - clean.lanes).max())
-    assert far["velocity"] < 0.02 and far["noise"] > 10
+    assert far["velocity"] < 0.02 and far["flow"] < 0.02 and far["noise"] > 10
 
 
 @pytest.mark.parametrize("steps", [100, 20])
@@ -65,14 +67,13 @@ def test_a_network_that_knows_the_velocity_leads_to_the_data(steps):
 
 
 def test_the_velocity_loss_is_zero_at_the_target_and_given_tokens_do_not_count():
-    clean, noise, step = _pair(0, batch=8), _pair(1, batch=8), jnp.arange(8) * 12
+    clean, noise, level = _pair(0, batch=8), _pair(1, batch=8), SCHEDULE.levels[jnp.arange(8) * 12]
     masks = Nodes(agents=jnp.ones((8, 3), bool), lanes=jnp.ones((8, 5), bool))
     given = Nodes(agents=jnp.zeros((8, 3), bool), lanes=jnp.arange(5)[None] < jnp.full((8, 1), 2))
-    wanted = target(SCHEDULE, clean, noise, step, "velocity")
+    wanted = target(level, clean, noise, "velocity")
 
     def loss(denoise):
-        args = (SCHEDULE, clean, noise, step, masks, given)
-        return diffusion_loss(denoise, *args, prediction="velocity")[0]
+        return diffusion_loss(denoise, level, clean, noise, masks, given, prediction="velocity")[0]
 
     assert float(loss(lambda x, t: wanted)) == 0
     spoilt = wanted.replace(lanes=wanted.lanes.at[:, :2].set(7.0))

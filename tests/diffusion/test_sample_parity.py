@@ -11,7 +11,9 @@ import pytest
 
 from scjax.convert.denoiser import convert_denoiser
 from scjax.diffusion.guidance import guided, join
-from scjax.diffusion.sampler import CLIP, TEMPERATURE, clamp, denoise_step
+from scjax.diffusion.samplers import DDPM
+from scjax.diffusion.samplers.loop import CLIP, TEMPERATURE, clamp
+from scjax.diffusion.samplers.problem import Problem
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
@@ -86,12 +88,24 @@ def _evaluate(config, kind, params, inputs, states, times, prefix):
     return _cut(jax.tree.map(lambda x: x[:count], eps), states)
 
 
+def _step(denoise, x, step, noise, clip=CLIP):
+    """As the loop does, with given noise."""
+    scaled = jax.tree.map(lambda noise, scale: scale * noise, noise, TEMPERATURE)
+    schedule = cosine_schedule()
+    problem = Problem(
+        denoise=lambda x, step: denoise(x, jnp.broadcast_to(jnp.asarray(schedule.timesteps)[step], len(x.agents))),
+        draw=lambda step: scaled, schedule=schedule, prediction="noise", made=None,
+    )  # fmt: skip
+    x, _ = DDPM().step(problem, x, step, ())
+    return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
+
+
 def _steps(states, eps, times, noise, clip):
-    """One ``denoise_step`` a state, each at its own time, from given estimates."""
+    """One step a state, each at its own time, from given estimates."""
 
     def one(x, eps, step, noise):
         batched = lambda tree: jax.tree.map(lambda x: x[None], tree)  # noqa: E731
-        after = denoise_step(lambda z, t: batched(eps), cosine_schedule(), batched(x), step, batched(noise), clip=clip)
+        after = _step(lambda z, t: batched(eps), batched(x), step, batched(noise), clip)
         return jax.tree.map(lambda x: x[0], after)
 
     return jax.vmap(one)(states, eps, jnp.asarray(times), noise)
@@ -167,7 +181,7 @@ def test_whole_chains_parity(parity_dir):
 
     Text and image chains have random weights and amplify rounding: they are compared step by step only.
     """
-    config, schedule = golden.denoiser_config(parity_dir, "uncond"), cosine_schedule()
+    config = golden.denoiser_config(parity_dir, "uncond")
     params = convert_denoiser(golden.load(parity_dir, "chain_weights.npz"), config)
     inputs = [golden.load(parity_dir, CHAINS[name][2]) for name in WHOLE]
     network = denoiser(config)
@@ -188,7 +202,7 @@ def test_whole_chains_parity(parity_dir):
         denoise = guided(lambda z, t: network.apply(params, z, t, both[1], both[0]), GUIDANCE)
 
         def body(x, step):
-            x = denoise_step(denoise, schedule, x, step, jax.tree.map(lambda n: n[step], noise))
+            x = _step(denoise, x, step, jax.tree.map(lambda n: n[step], noise))
             x = clamp(x, flags, values)
             return x, x
 

@@ -26,13 +26,13 @@ def case(request, parity_dir):
     inputs = golden.load(parity_dir, "train_inputs.npz")
     expected = golden.load(parity_dir, f"train_{kind}.npz")
     leaves = flatten(convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config))
-    network, schedule = denoiser(config), cosine_schedule()
+    network = denoiser(config)
     names = [f"s{k}" for k in range(golden.scenes(inputs))]
     clean, noise, given = (
         golden.pair(inputs, names, *keys) for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
     )
     masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
-    step = jnp.asarray(inputs["t"])
+    level = cosine_schedule().levels[jnp.asarray(inputs["t"])]
     features = golden.features(inputs, names, kind)
 
     stored = golden.load(parity_dir, f"train_{kind}_grads.npz")
@@ -51,7 +51,7 @@ def case(request, parity_dir):
             return estimates[-1]
 
         total, terms = diffusion_loss(
-            denoise, schedule, clean, noise, step, masks, given, agent_weight=agent_weight, count_given=True
+            denoise, level, clean, noise, masks, given, agent_weight=agent_weight, count_given=True
         )
         return total, (terms, estimates[-1])
 
@@ -74,7 +74,7 @@ def case(request, parity_dir):
         for name, arguments in variants.items()
         if f"{name}/mean/total" in expected
     }
-    inputs_at_t = noised(schedule, clean, noise, step, given)[0]
+    inputs_at_t = noised(level, clean, noise, given)[0]
     return {
         "kind": kind, "expected": expected, "stored": stored, "rules": rules, "names": names, "x_t": inputs_at_t,
         "results": results,
@@ -119,8 +119,8 @@ def test_given_tokens_leave_the_mean_by_default():
 
     def loss(count_given):
         return diffusion_loss(
-            lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z), cosine_schedule(), ones, ones,
-            jnp.array([50]), masks, flags, count_given=count_given,
+            lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z), cosine_schedule().levels[jnp.array([50])],
+            ones, ones, masks, flags, count_given=count_given,
         )[1]  # fmt: skip
 
     assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is given

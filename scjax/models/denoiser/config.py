@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Literal, get_args
 
 from scjax.nn.control import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
 from scjax.nn.precision import Compute
 
-Prediction = Literal["noise", "velocity"]
-"""What a network estimates: the noise (official), or sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022)."""
+Prediction = Literal["noise", "velocity", "flow"]
+"""What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
+noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +56,7 @@ class DenoiserConfig:
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
       control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.control``).
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
-      prediction: what the network estimates, "noise" (official) or "velocity".
+      prediction: what the network estimates, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
         zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
@@ -106,8 +107,8 @@ class DenoiserConfig:
                 'GatedOptions.start is 0 and cross_adaln_init "zero": a product of two zeros never trains. Give a '
                 'start of 1, or cross_adaln_init="xavier"'
             )
-        if self.prediction not in ("noise", "velocity"):
-            raise ValueError(f'prediction must be "noise" or "velocity", got {self.prediction!r}')
+        if self.prediction not in get_args(Prediction):
+            raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
         if self.compute not in ("float32", "bfloat16"):
             raise ValueError(f'compute must be "float32" or "bfloat16", got {self.compute!r}')
 

@@ -6,7 +6,7 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Real
 
 TIME_CODE = 256
 
@@ -24,7 +24,7 @@ def image_table(rows: int, columns: int, width: int) -> Float[np.ndarray, "cells
     return np.concatenate([_codes(column, width // 2), _codes(row, width // 2)], 1)
 
 
-def time_code(t: Int[Array, " b"], dtype) -> Float[Array, "b code"]:
+def time_code(t: Real[Array, " b"], dtype) -> Float[Array, "b code"]:
     """[cos(t w_i) ; sin(t w_i)], w_i = 10000^(-i / 128): 256 numbers a timestep."""
     frequencies = jnp.asarray(_frequencies(TIME_CODE // 2), dtype)
     angles = t[:, None].astype(dtype) * frequencies[None]

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
@@ -162,7 +162,7 @@ class Denoiser(nnx.Module):
         return [block.encode(context, mask) for block in self.blocks]
 
     def modulation(
-        self, t: Int[Array, " b"], label: Int[Array, " b"], counts: Nodes, trace: dict | None = None
+        self, t: Real[Array, " b"], label: Int[Array, " b"], counts: Nodes, trace: dict | None = None
     ) -> dict:
         """All AdaLN chunks, one row a scene and kind; ``counts`` are the numbers of valid tokens [B] a kind.
 
@@ -186,7 +186,7 @@ class Denoiser(nnx.Module):
     def __call__(
         self,
         z: Nodes,
-        t: Int[Array, " b"],
+        t: Real[Array, " b"],
         label: Int[Array, " b"],
         masks: Nodes,
         given: Nodes | None = None,
@@ -195,11 +195,11 @@ class Denoiser(nnx.Module):
         trace: dict | None = None,
         aux: dict[str, Aux] | None = None,
     ) -> Nodes:
-        """Estimate of the noise or velocity (``config.prediction``), shaped as ``z``; zero at padding.
+        """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
           z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.ordering); padding may hold anything.
-          t: timesteps 0..99.
+          t: timesteps 0..99; of a rectified flow also between them (``diffusion.flow``).
           label: ``config.domains * layout + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].
           given: True at tokens that are given (clean); used by ``given_embedding`` only.

@@ -1,4 +1,4 @@
-"""The sampler with simple denoisers: noise a scene, clamping, guidance, and the distribution that it reaches."""
+"""The loop with simple denoisers: noise a scene, padding, clamping, temperature; ancestral sampling in closed form."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.guidance import guided, join
-from scjax.diffusion.sampler import CLIP, clamp, sample, scene_noise
+from scjax.diffusion.samplers.loop import CLIP, clamp, sample, scene_noise
 from scjax.diffusion.schedule import cosine_schedule, respaced
 from scjax.models.nodes import Nodes
+from tests.diffusion.samplers.oracles import CASES, MOST, WIDTHS, drawn
+from tests.diffusion.samplers.oracles import masks as _masks
 
-WIDTHS = Nodes(agents=3, lanes=5)
-MOST = Nodes(agents=7, lanes=9)
 KEYS = jax.random.split(jax.random.key(0), 6)
 SCHEDULE = cosine_schedule()
-
-
-def _masks(sizes, agents, lanes):
-    sizes = jnp.asarray(sizes)
-    return Nodes(agents=jnp.arange(agents)[None] < sizes[:, :1], lanes=jnp.arange(lanes)[None] < sizes[:, 1:])
 
 
 def _zeros(batch, agents, lanes):
@@ -30,13 +24,6 @@ def _zeros(batch, agents, lanes):
 def _shrink(z, t):
     """Some estimate that is elementwise, so that scenes and tokens can't mix."""
     return jax.tree.map(lambda x: jnp.tanh(x) * (1 + t[:, None, None] / 100), z)
-
-
-@jax.jit
-def _sampled(keys, masks, given=None, values=None):
-    return sample(
-        _shrink, respaced(SCHEDULE, 10), keys, masks, widths=WIDTHS, most=MOST, given=given, values=values
-    )  # fmt: skip
 
 
 def test_noise_is_the_same_in_any_batch_and_padding():
@@ -65,25 +52,27 @@ def test_more_tokens_than_the_model_knows_are_refused():
         scene_noise(KEYS, 0, _zeros(6, 8, 9), MOST)
 
 
-def test_samples_do_not_depend_on_batch_and_padding():
+@pytest.mark.parametrize("case", CASES)
+def test_samples_do_not_depend_on_batch_and_padding(case):
     sizes = [(3, 4), (7, 9), (1, 1)]
-    whole = _sampled(KEYS[:3], _masks(sizes, 7, 9))
-    for i, (agents, lanes) in enumerate(sizes):
-        alone = _sampled(KEYS[i : i + 1], _masks([sizes[i]], agents, lanes))
-        np.testing.assert_allclose(alone.agents[0], whole.agents[i, :agents], rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(alone.lanes[0], whole.lanes[i, :lanes], rtol=1e-5, atol=1e-5)
-        assert not np.any(whole.agents[i, agents:]) and not np.any(whole.lanes[i, lanes:])
+    whole = drawn(case, _shrink, KEYS[:3], _masks(sizes, 7, 9), steps=6)
+    agents, lanes = sizes[0]
+    alone = drawn(case, _shrink, KEYS[:1], _masks(sizes[:1], agents, lanes), steps=6)
+    np.testing.assert_allclose(alone.agents[0], whole.agents[0, :agents], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(alone.lanes[0], whole.lanes[0, :lanes], rtol=1e-5, atol=1e-5)
+    assert not np.any(whole.agents[0, agents:]) and not np.any(whole.lanes[0, lanes:])
     assert max(np.abs(leaf).max() for leaf in jax.tree.leaves(whole)) <= CLIP
 
 
-def test_given_tokens_stay_bit_for_bit():
+@pytest.mark.parametrize("case", CASES)
+def test_given_tokens_stay_bit_for_bit(case):
     masks = _masks([(3, 4), (7, 9)], 7, 9)
     rng = np.random.default_rng(0)
     given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.5), masks)
     given = given.replace(lanes=given.lanes.at[1].set(masks.lanes[1]))  # lane-conditioned
     draws = jax.tree.map(lambda flag, width: 7 * jnp.asarray(rng.normal(size=(*flag.shape, width))), given, WIDTHS)
     values = jax.tree.map(lambda flag, draw: jnp.where(flag[..., None], draw, jnp.nan), given, draws)
-    result = _sampled(KEYS[:2], masks, given, values)
+    result = drawn(case, _shrink, KEYS[:2], masks, steps=6, given=given, values=values)
     for kind in ("agents", "lanes"):
         flags = np.asarray(getattr(given, kind))
         np.testing.assert_array_equal(
@@ -92,22 +81,6 @@ def test_given_tokens_stay_bit_for_bit():
         assert np.isfinite(getattr(result, kind)).all()
     with pytest.raises(ValueError, match="values"):
         clamp(values, given, None)
-
-
-def test_guidance_joins_both_branches_in_one_batch():
-    label = join(jnp.ones(2), jnp.full(2, 3.0))
-    calls = []
-
-    def both(z, t):
-        calls.append((z.lanes.shape, t.shape))
-        return jax.tree.map(lambda x: x * label[:, None, None], z)
-
-    z, t = _zeros(2, 1, 2), jnp.zeros(2, jnp.int32)
-    z = jax.tree.map(lambda x: x + 1, z)
-    for weight, expected in ((1.0, 1.0), (0.0, 3.0), (4.0, -5.0)):
-        np.testing.assert_allclose(guided(both, weight)(z, t).lanes, expected)
-    np.testing.assert_allclose(guided(both, jnp.array([1.0, 4.0]))(z, t).agents[:, 0, 0], [1.0, -5.0])
-    assert calls == [((4, 2, 5), (4,))] * 4
 
 
 @pytest.mark.parametrize("steps", [100, 25])

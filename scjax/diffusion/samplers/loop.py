@@ -1,4 +1,4 @@
-"""Ancestral sampling of both kinds of latents around one ``denoise(z, t)`` (official-spec §5.3, outpainting §3).
+"""The one loop of all samplers, around one ``denoise(z, t)`` (official-spec §5.3, outpainting §3).
 
 Every scene has its own key, and its noise is drawn for the largest number of tokens and then cut: a scene gets the
 same noise in any batch and under any padding.
@@ -6,18 +6,24 @@ same noise in any batch and under any padding.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from scjax.diffusion.flow import FlowSchedule
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.process import estimate_x0, posterior_mean, posterior_std
+from scjax.diffusion.samplers.ancestral import DDPM
+from scjax.diffusion.samplers.problem import Problem, Sampler, Step
+from scjax.diffusion.samplers.threshold import BOUND
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 TEMPERATURE = Nodes(agents=1.0, lanes=0.75)
-CLIP = 5.0
+CLIP = BOUND
 
 
 def scene_noise(keys: Array, step: int | Int[Array, ""], like: Nodes, most: Nodes) -> Nodes:
@@ -51,34 +57,15 @@ def clamp(x: Nodes, given: Nodes | None, values: Nodes | None) -> Nodes:
     return jax.tree.map(lambda flag, value, x: jnp.where(flag[..., None], value, x), given, values, x)
 
 
-def denoise_step(
-    denoise: Denoise,
-    schedule: Schedule,
-    x: Nodes,
-    step: Int[Array, ""],
-    noise: Nodes,
-    *,
-    prediction: Prediction = "noise",
-    temperature: Nodes = TEMPERATURE,
-    clip: float | None = CLIP,
-) -> Nodes:
-    """x_t -> x_{t-1}: posterior mean at the predicted x_0 (not clipped), plus noise, then x clipped to +-clip."""
-    steps = jnp.broadcast_to(step, x.agents.shape[:1])
-    output = denoise(x, jnp.asarray(schedule.timesteps)[steps])
-    mean = posterior_mean(schedule, estimate_x0(schedule, x, output, steps, prediction), x, steps)
-    std = posterior_std(schedule, steps)[:, None, None]
-    x = jax.tree.map(lambda m, n, scale: m + (scale * std * n).astype(m.dtype), mean, noise, temperature)
-    return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
-
-
 def sample(
     denoise: Denoise,
-    schedule: Schedule,
+    schedule: Schedule | FlowSchedule,
     keys: Array,
     masks: Nodes,
     *,
     widths: Nodes,
     most: Nodes,
+    sampler: Sampler = DDPM(),  # noqa: B008 - frozen
     given: Nodes | None = None,
     values: Nodes | None = None,
     prediction: Prediction = "noise",
@@ -89,7 +76,8 @@ def sample(
     """Latents [B, tokens, latent] a kind, zero at padding; one ``lax.scan`` over the steps of ``schedule``.
 
     Args:
-      denoise: (noisy latents, timesteps [B]) -> network output; guidance is a wrapper of it.
+      denoise: (noisy latents, times [B], all equal) -> network output; guidance is a wrapper of it.
+      schedule: of the sampler's steps (``samplers.schedule_of``), not traced.
       keys: one typed key a scene [B].
       masks: True at valid tokens [B, tokens] a kind.
       widths: latent numbers a token (config.agent_latent, config.lane_latent).
@@ -97,17 +85,28 @@ def sample(
       given, values: tokens that are known and their clean latents: written over the state before the first and after
         every step. Lane-conditioned generation gives all lanes.
       prediction: what ``denoise`` estimates.
-      temperature: scale of the initial and the step noise, a kind.
+      temperature: scale of the initial and of any step noise, a kind.
       clip: bound on the state after every step.
     """
     zeros = jax.tree.map(lambda mask, width: jnp.zeros((*mask.shape, width), dtype), masks, widths)
-    start = scene_noise(keys, schedule.steps, zeros, most)
-    start = jax.tree.map(lambda noise, scale: noise * scale, start, temperature)
 
-    def body(x: Nodes, step: Array) -> tuple[Nodes, None]:
-        noise = scene_noise(keys, step, x, most)
-        x = denoise_step(denoise, schedule, x, step, noise, prediction=prediction, temperature=temperature, clip=clip)
-        return clamp(x, given, values), None
+    def draw(step: int | Step) -> Nodes:
+        return jax.tree.map(lambda noise, scale: noise * scale, scene_noise(keys, step, zeros, most), temperature)
 
-    x, _ = jax.lax.scan(body, clamp(start, given, values), jnp.arange(schedule.steps - 1, -1, -1))
+    def denoise_at(x: Nodes, step: Step) -> Nodes:
+        times = jnp.broadcast_to(jnp.asarray(schedule.levels.time)[step], x.agents.shape[:1])
+        return denoise(clamp(x, given, values), times)
+
+    made = masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+    limit = math.inf if clip is None else clip
+    problem = Problem(denoise_at, draw, schedule, prediction, made)
+
+    def body(carry: tuple[Nodes, Any], step: Array) -> tuple[tuple[Nodes, Any], None]:
+        x, memory = carry
+        x, memory = sampler.step(problem, x, step, memory)
+        x = jax.tree.map(lambda x: jnp.clip(x, -limit, limit), x)
+        return (clamp(x, given, values), memory), None
+
+    start = clamp(draw(schedule.steps), given, values)
+    (x, _), _ = jax.lax.scan(body, (start, sampler.begin(start)), jnp.arange(schedule.steps - 1, -1, -1))
     return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), x, masks)

@@ -1,0 +1,120 @@
+"""What a sweep of samplers says: which metrics a setting worsens, the cheapest that worsens none, table and picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+Row = dict[str, Any]
+
+# Name -> title, and whether more is better.
+METRICS = {
+    "frechet_connectivity": ("connectivity of the lane graph", False),
+    "frechet_density": ("density of the lane graph", False),
+    "frechet_reach": ("reach in the lane graph", False),
+    "frechet_convenience": ("convenience of the lane graph", False),
+    "joint_gap_m": ("gap at joints [m]", False),
+    "open_joints": ("joints open by more than 1 m", False),
+    "nearest_dist_jsd": ("distance to the next vehicle", False),
+    "lat_dev_jsd": ("vehicles off the centreline", False),
+    "ang_dev_jsd": ("vehicles off the lane's heading", False),
+    "speed_jsd": ("speeds", False),
+    "length_jsd": ("lengths of vehicles", False),
+    "width_jsd": ("widths of vehicles", False),
+    "vehicles_on_lane": ("vehicles within 1.5 m of a lane", True),
+    "off_heading": ("vehicles across their lane", False),
+    "vehicles_overlapping": ("vehicles that overlap", False),
+    "prompt": ("what the prompt asks for", True),
+}
+_COLUMNS = 4
+
+
+def worse(row: Row, reference: Row) -> list[str] | None:
+    """Metrics of a row that lie beyond the bad end of the reference's interval; None where it has no intervals."""
+    compared, found = 0, []
+    for name, (_, more) in METRICS.items():
+        value, bounds = row["metrics"][name]["value"], reference["metrics"][name]
+        if not (math.isfinite(bounds["low"]) and math.isfinite(bounds["high"])):
+            continue
+        compared += 1
+        if not (value >= bounds["low"] if more else value <= bounds["high"]):  # NaN is worse than any number
+            found.append(name)
+    return found if compared else None
+
+
+def verdict(rows: Sequence[Row], reference: Row) -> str:
+    """The setting with the fewest evaluations that worsens nothing, or the one that worsens least."""
+    others = [(row, worse(row, reference)) for row in rows if row is not reference]
+    judged = [(row, bad) for row, bad in others if bad is not None]
+    if not judged:
+        return "Nothing to compare: intervals need held-back scenes of two locations or more, and a second setting."
+    row, bad = min(judged, key=lambda pair: (bool(pair[1]), len(pair[1]), pair[0]["evaluations"], pair[0]["seconds"]))
+    cost = (
+        f"{row['evaluations']} evaluations of the network and {row['seconds']:.3g} s a scene, "
+        f"against {reference['evaluations']} and {reference['seconds']:.3g} s"
+    )
+    if not bad:
+        return f"Fewest steps inside the intervals of {reference['name']}: {row['name']} ({cost})."
+    titles = ", ".join(METRICS[name][0] for name in bad)
+    return (
+        f"Nothing is inside the intervals of {reference['name']}; nearest is {row['name']} ({cost}), worse in {titles}."
+    )
+
+
+def markdown(rows: Sequence[Row], reference: Row) -> str:
+    """A line a row: cost, and what is worse than the reference's intervals."""
+    lines = ["| setting | evaluations | s a scene | worse in |", "|---|---|---|---|"]
+    for row in rows:
+        bad = worse(row, reference)
+        told = "no intervals" if bad is None else ", ".join(METRICS[name][0] for name in bad) or "nothing"
+        lines.append(f"| {row['name']} | {row['evaluations']} | {row['seconds']:.3g} | {told} |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
+    """A panel a metric over evaluations of the network, a line a sampler and weight; grey: the reference's interval."""
+    shown = [name for name in METRICS if any(_finite(row["metrics"][name]["value"]) for row in rows)]
+    count = len(shown) + 1
+    lines = math.ceil(count / _COLUMNS)
+    figure = Figure(figsize=(3.4 * _COLUMNS, 2.5 * lines), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(lines, _COLUMNS, squeeze=False).ravel()
+    series: dict[tuple[str, float], list[Row]] = {}
+    for row in sorted(rows, key=lambda row: row["evaluations"]):
+        series.setdefault((row["sampler"], row["guidance"]), []).append(row)
+    several = len({weight for _, weight in series}) > 1
+    for (sampler, weight), each in series.items():
+        name, x = sampler + (f", w = {weight:g}" if several else ""), [row["evaluations"] for row in each]
+        for panel, metric in zip(panels, shown, strict=False):
+            value, low, high = ([row["metrics"][metric][part] for row in each] for part in ("value", "low", "high"))
+            off = np.maximum([np.subtract(value, low), np.subtract(high, value)], 0)
+            panel.errorbar(x, value, yerr=off, marker=".", lw=1, elinewidth=0.5, label=name)
+        panels[count - 1].plot(x, [row["seconds"] for row in each], ".-", lw=1, label=name)
+    for panel, metric in zip(panels, shown, strict=False):
+        bounds = reference["metrics"][metric]
+        if _finite(bounds["low"]) and _finite(bounds["high"]):
+            panel.axhspan(bounds["low"], bounds["high"], color="0.85", zorder=0)
+        panel.set_title(METRICS[metric][0], fontsize=9)
+    panels[count - 1].set_title("seconds a scene", fontsize=9)
+    for panel in panels[:count]:
+        panel.set_xscale("log")
+        panel.tick_params(labelsize=7)
+        panel.grid(alpha=0.3, lw=0.4)
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    panels[0].legend(fontsize=7)
+    figure.supxlabel("evaluations of the network", fontsize=9)
+    temporary = path.with_name(f".{path.name}")
+    figure.savefig(temporary, format="png", dpi=100)
+    temporary.replace(path)
+    return figure
+
+
+def _finite(value: float) -> bool:
+    return math.isfinite(value)

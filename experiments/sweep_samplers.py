@@ -1,0 +1,201 @@
+"""How few steps will do? A row a sampler, number of steps and guidance weight: metrics with intervals, seconds a scene.
+
+    python -m experiments.sweep_samplers --model=runs/prompt/model --records=runs/records --out=runs/sweep
+
+Scenes are made for held-back records, at their numbers of lanes and agents and, where the model reads text, for one of
+their captions; every row from the same keys. OUT gets a file a row (the same command goes on where it was stopped),
+sweep.json, sweep.md and sweep.png. Printed is the setting with the fewest evaluations of the network none of whose
+metrics is worse than the interval of the reference: 100 steps of ddpm (of heun for a rectified flow), under the first
+guidance weight.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import scjax
+from experiments.adherence import a_prompt
+from experiments.arguments import parser_of
+from experiments.evaluate.made import counts_of, weights_hash
+from experiments.evaluate.sources import Records, digest, row_text
+from experiments.sweep_report import METRICS, draw, markdown, verdict
+from scjax.data.captions.embeddings import TextStore
+from scjax.data.captions.facts import parse
+from scjax.data.captions.reading import Asked, met, read_prompt
+from scjax.data.captions.store import read_captions
+from scjax.devices import use_every_core
+from scjax.diffusion.guidance import WEIGHT
+from scjax.diffusion.samplers import SAMPLERS, sampler_of
+from scjax.metrics.distributions import Sums
+from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
+from scjax.metrics.pooling import Values
+from scjax.metrics.tally import Tally
+from scjax.sampling import bucket_of
+from scjax.scene import Scene
+
+FORMAT = 1  # of a row's file; to be raised when what it holds changes
+STEPS = (4, 6, 10, 16, 25, 50, 100)
+REFERENCE = {"noise": "ddpm", "velocity": "ddpm", "flow": "heun"}
+CALL = 128  # scenes a call of the sampler: the progress bar moves that often
+
+
+@dataclasses.dataclass(frozen=True)
+class Requests:
+    """What every row is made for.
+
+    Attributes:
+      references: recorded scenes, and their locations.
+      conditions: one a scene.
+      asked: what each prompt asks for; empty without prompts.
+      fingerprint: changes with all of it.
+    """
+
+    references: list[Scene]
+    clusters: list[str]
+    conditions: list[scjax.Condition]
+    asked: list[Asked]
+    fingerprint: str
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = parser_of("sweep_samplers", __doc__)
+    add = parser.add_argument
+    add("--model", required=True, help="model folder")
+    add("--records", default="runs/records", help="records, for prompts captioned and embedded (default: %(default)s)")
+    add("--out", type=Path, default=Path("runs/sweep"), help="folder (default: %(default)s)")
+    add("--samples", type=int, default=500, metavar="N", help="scenes a row at most (default: %(default)s)")
+    add("--samplers", nargs="+", metavar="NAME", help=f"of {', '.join(SAMPLERS)} (default: all that fit the model)")
+    add("--steps", type=int, nargs="+", default=list(STEPS), metavar="S", help="(default: %(default)s)")
+    add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: 4 with prompts, 1 without)")
+    add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
+    args = parser.parse_args(arguments)
+    try:
+        print(sweep(args))
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.sweep_samplers: {error}")
+
+
+def sweep(args) -> str:
+    """Makes the rows that are missing and writes the reports; returns the verdict.
+
+    Raises:
+      ValueError: no such model or records, records whose text the model does not read, or a sampler that does not fit.
+    """
+    model = scjax.load(args.model)
+    if model.denoiser_config is None:
+        raise ValueError(f"{args.model} has no denoiser: give the model folder of that stage")
+    prediction = model.denoiser_config.prediction
+    fitting = [name for name, one in SAMPLERS.items() if prediction in one.predictions]
+    names = [sampler_of(name, prediction).name for name in args.samplers or fitting]
+    weights = args.guidance or [1.0 if model.denoiser_config.condition is None else WEIGHT]
+    reference = (REFERENCE[prediction], 100, weights[0])
+    settings = dict.fromkeys([reference, *((n, s, w) for w in weights for n in names for s in sorted(args.steps))])
+    requests = requests_of(model, args.records, args.samples, args.seed)
+    real = measure(requests.references, requests.clusters).tally
+    args.out.mkdir(parents=True, exist_ok=True)
+    weights_of_model, rows = weights_hash(model), []
+    with tqdm(total=len(settings) * len(requests.conditions), unit="scene", disable=None) as bar:
+        for name, steps, weight in settings:
+            bar.set_description(label(name, steps, weight, weights))
+            key = digest(str(FORMAT), weights_of_model, requests.fingerprint, repr(SAMPLERS[name]), str(weight))
+            path = args.out / f"{name}-{steps}-{weight:g}-{key}.json"
+            if path.exists():
+                bar.update(len(requests.conditions))
+            else:
+                row = {"name": label(name, steps, weight, weights), "sampler": name, "steps": steps,
+                       "guidance": weight, "evaluations": SAMPLERS[name].evaluations(steps)}  # fmt: skip
+                _write(path, json.dumps(row | measured(model, requests, real, row, args.seed, bar), indent=1))
+            rows.append(json.loads(path.read_text()))
+    told = verdict(rows, rows[0])
+    _write(args.out / "sweep.json", json.dumps({"rows": rows, "reference": rows[0]["name"], "verdict": told}, indent=1))
+    _write(args.out / "sweep.md", markdown(rows, rows[0]) + f"\n{told}\n")
+    draw(rows, rows[0], args.out / "sweep.png")
+    return told
+
+
+def label(sampler: str, steps: int, weight: float, weights: Sequence[float]) -> str:
+    """Of a row; the weight only where there are several."""
+    return f"{sampler} {steps}" + (f", guidance {weight:g}" if len(weights) > 1 else "")
+
+
+def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Requests:
+    """Held-back records, evenly chosen, and what is asked of the model for each."""
+    source = Records(folder, "val")
+    places = source.clusters
+    if not places:
+        raise ValueError(f"{folder} has no held-back records: build them with a larger share (--split-percent)")
+    rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
+    references = source.read(rows.tolist())
+    conditions = [
+        counts_of(model, scene, source.domains[int(scene.domain)] if source.domains else None) for scene in references
+    ]
+    asked: list[Asked] = []
+    told = ""
+    if model.text_encoder:
+        captions, store, rng = list(read_captions(folder, "val")), TextStore(folder, "val"), np.random.default_rng(seed)
+        if store.encoder != model.text_encoder:
+            raise ValueError(
+                f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}"
+            )
+        prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
+        asked, told = [read_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
+        conditions = [
+            dataclasses.replace(cond, tokens=tokens) for cond, (_, tokens) in zip(conditions, prompts, strict=True)
+        ]
+    fingerprint = digest(source.fingerprint, row_text(rows), str(seed), told)
+    return Requests(references, [places[row] for row in rows], conditions, asked, fingerprint)
+
+
+def measured(model: scjax.Model, requests: Requests, real: Tally, row: dict, seed: int, bar: tqdm) -> dict[str, Any]:
+    """Metrics of a setting with their intervals, and its seconds a scene without compilation."""
+    how: dict[str, Any] = {name: row[name] for name in ("sampler", "steps", "guidance")}
+    buckets = {bucket_of(cond.num_agents or 1, cond.num_lanes or 1): cond for cond in requests.conditions}
+    for cond in buckets.values():  # two scenes are padded to a whole group: the program of this bucket
+        scjax.sample_many(jax.random.key(0), [cond] * 2, model=model, **how)
+    scenes, seconds = [], 0.0
+    for start in range(0, len(requests.conditions), CALL):
+        part = requests.conditions[start : start + CALL]
+        part = part * 2 if len(part) == 1 else part
+        begin = time.perf_counter()
+        made = scjax.sample_many(jax.random.fold_in(jax.random.key(seed), start), part, model=model, **how)
+        seconds += time.perf_counter() - begin
+        scenes += made[: len(requests.conditions) - start]
+        bar.update(len(scenes) - start)
+    tally = measure(scenes, requests.clusters).tally
+    if requests.asked:
+        prompts = Tally()
+        for asked, scene, cluster in zip(requests.asked, scenes, requests.clusters, strict=True):
+            hits = list(met(asked, parse(scene)).values())
+            prompts.add({"also/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
+        tally = Tally({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
+    values, bounds = _table(tally.total, real.total), tally.intervals(real, _table)
+    found = {name: {"value": values[name], "low": bounds[name][0], "high": bounds[name][1]} for name in values}
+    return {"seconds": seconds / len(scenes), "scenes": len(scenes), "metrics": found}
+
+
+def _table(ours: Sums, theirs: Sums) -> Values:
+    values = distribution_values(ours, theirs, "strict") | scene_values(ours) | also_values(ours)
+    return {name: values.get(name, math.nan) for name in METRICS}
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary.write_text(text)
+    temporary.replace(path)
+
+
+if __name__ == "__main__":
+    use_every_core()
+    main()

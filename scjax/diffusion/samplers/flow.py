@@ -1,0 +1,67 @@
+"""Euler and Heun along the velocity of a rectified flow: dx / ds = network(x, s), from noise at s = 1 to data."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+
+from scjax.diffusion.samplers.problem import Problem, Step, at
+from scjax.models.denoiser.config import Prediction
+from scjax.models.nodes import Nodes
+
+
+@dataclasses.dataclass(frozen=True)
+class Euler:
+    """First order, one evaluation a step."""
+
+    name: ClassVar[str] = "euler"
+    predictions: ClassVar[tuple[Prediction, ...]] = ("flow",)
+    last: ClassVar[float] = 1.0
+
+    def evaluations(self, steps: int) -> int:
+        return steps
+
+    def begin(self, x: Nodes) -> tuple[()]:
+        return ()
+
+    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+        return _moved(x, problem.denoise(x, step), _length(problem, step)), memory
+
+
+@dataclasses.dataclass(frozen=True)
+class Heun:
+    """Second order: the mean of the velocities at both ends of a step, two evaluations; the last step is Euler's.
+
+    (As in Karras et al. 2022: at s = 0 no network was trained.)
+    """
+
+    name: ClassVar[str] = "heun"
+    predictions: ClassVar[tuple[Prediction, ...]] = ("flow",)
+    last: ClassVar[float] = 0.5
+
+    def evaluations(self, steps: int) -> int:
+        return 2 * steps - 1
+
+    def begin(self, x: Nodes) -> tuple[()]:
+        return ()
+
+    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+        length, velocity = _length(problem, step), problem.denoise(x, step)
+        there = _moved(x, velocity, length)
+
+        def corrected() -> Nodes:
+            mean = jax.tree.map(lambda v, w: (v + w) / 2, velocity, problem.denoise(there, step - 1))
+            return _moved(x, mean, length)
+
+        return jax.lax.cond(step > 0, corrected, lambda: there), memory
+
+
+def _length(problem: Problem, step: Step):
+    _, noise, _, noise_after = problem.schedule.levels.host()
+    return at(noise_after - noise, step)
+
+
+def _moved(x: Nodes, velocity: Nodes, length) -> Nodes:
+    return jax.tree.map(lambda x, v: (x + length * v).astype(x.dtype), x, velocity)

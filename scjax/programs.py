@@ -1,0 +1,84 @@
+"""The compiled programs behind ``scjax.sample`` and ``scjax.reconstruct``; XLA compiles each once a padded shape."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from scjax.devices import spread
+from scjax.diffusion.estimator import estimator
+from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.samplers import Sampler, schedule_of
+from scjax.diffusion.samplers.loop import sample as sample_latents
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.denoiser.config import DenoiserConfig
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Functional, Params
+from scjax.representation import Representation, Tokens
+from scjax.scene import Scene
+
+Program = Callable[..., Scene]
+
+
+@functools.lru_cache(maxsize=32)
+def sampling_program(
+    representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
+    guidance: Guidance | None,
+) -> Program:  # fmt: skip
+    """(parameters, statistics, guidance weight; a batch of requests) -> scenes; ``guidance`` None is plain sampling."""
+    coder, network = autoencoder(ae_config), denoiser(config)
+    schedule = schedule_of(sampler, config.prediction, steps)
+
+    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features, away) -> Scene:
+        given = values = None
+        if known is not None:
+            tokens = representation.tokens(known)
+            given = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+            posterior = coder.apply(ae, tokens, method="encode")
+            values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
+        denoise = estimator(
+            network, config, params, config.domains * layout + domain, masks, times=schedule.levels.time, given=given,
+            features=features, away=away, guidance=guidance, weight=weight,
+        )  # fmt: skip
+        latents = sample_latents(
+            denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
+            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+        )  # fmt: skip
+        latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
+        return decode(coder, ae, representation, latents, masks, layout, domain)
+
+    return jax.jit(spread(run, shared=5))
+
+
+@functools.lru_cache(maxsize=8)
+def reconstruction_program(representation: Representation, config: AutoencoderConfig) -> Program:
+    """(parameters; scenes) -> the same scenes, encoded and decoded from the posterior mean."""
+    coder = autoencoder(config)
+
+    def run(params: Params, scenes: Scene) -> Scene:
+        tokens: Tokens = representation.tokens(scenes)
+        posterior = coder.apply(params, tokens, method="encode")
+        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
+
+    return jax.jit(spread(run, shared=1))
+
+
+def decode(
+    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain
+) -> Scene:
+    """Latents [B, tokens, latent] -> scenes in metres [B]."""
+    decoded = coder.apply(params, latents, masks, method="decode")
+    lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
+    if representation.num_lane_types:
+        lane_types = decoded.lane_type_logits.argmax(-1)
+    return representation.scene(
+        decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
+        decoded.link_logits, layout, domain,
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+"""The sweep end to end on an untrained model; what it says of made-up rows; what it refuses."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+
+import pytest
+
+import scjax
+from experiments import sweep_samplers
+from experiments.sweep_report import METRICS, draw, markdown, verdict, worse
+from scjax.data.build import build
+from scjax.data.captions.embeddings import embed_captions
+from scjax.data.captions.store import add_captions
+from scjax.data.sources import BuildOptions
+from scjax.data.synthetic.source import Worlds
+from scjax.models.denoiser.config import TextCondition
+from tests.test_prompts import Words
+from tests.worlds import tiny_model
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Captioned records, and a model that reads their words."""
+    folder = tmp_path_factory.mktemp("sweep")
+    build(Worlds(3, 6), folder / "records", BuildOptions(split_percent=50.0))
+    add_captions(folder / "records", paraphrases=1, progress=False)
+    embed_captions(folder / "records", Words(), progress=False)
+    model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)
+    scjax.save(model, folder / "model")
+    return folder
+
+
+def run(folder, *more):
+    sweep_samplers.main([f"--model={folder / 'model'}", f"--records={folder / 'records'}", "--samples=4",
+                         "--samplers", "dpm++", "--steps", "3", f"--out={folder / 'out'}", *more])  # fmt: skip
+
+
+def test_a_sweep_end_to_end_goes_on_where_it_was_stopped(folder, capsys):
+    run(folder, "--guidance", "2", "4")
+    told = capsys.readouterr().out
+    content = json.loads((folder / "out" / "sweep.json").read_text())
+    names = [row["name"] for row in content["rows"]]
+    assert names == ["ddpm 100, guidance 2", "dpm++ 3, guidance 2", "dpm++ 3, guidance 4"]
+    assert content["reference"] == names[0] and content["verdict"] in told and "ddpm 100, guidance 2" in told
+    for row in content["rows"]:
+        assert row["seconds"] > 0 and row["scenes"] == 4 and row["metrics"].keys() == METRICS.keys()
+        prompt = row["metrics"]["prompt"]
+        assert 0 <= prompt["low"] <= prompt["value"] <= prompt["high"] <= 1
+    assert (folder / "out" / "sweep.png").stat().st_size > 10_000
+    assert "| dpm++ 3, guidance 4 | 3 |" in (folder / "out" / "sweep.md").read_text()
+
+    files = {path: path.stat().st_mtime_ns for path in (folder / "out").glob("dd*.json")}
+    lost = next((folder / "out").glob("dpm++-3-4-*.json"))
+    before = json.loads(lost.read_text())
+    lost.unlink()
+    run(folder, "--guidance", "2", "4")
+    again = json.loads(lost.read_text())
+    assert files == {path: path.stat().st_mtime_ns for path in files}
+    assert {**again, "seconds": 0} == {**before, "seconds": 0}  # same keys, same scenes
+
+
+def test_mistakes_are_told(folder):
+    with pytest.raises(SystemExit, match=r"'heun' .*choose one of ddpm, ddim, dpm"):
+        run(folder, "--samplers", "heun")
+    with pytest.raises(SystemExit, match="no model folder"):
+        run(folder, "--model=nowhere")
+
+
+def rows():
+    """A reference with intervals 0.8..1.2 about 1, and a twin of 10 evaluations."""
+    metrics = {name: {"value": 1.0, "low": 0.8, "high": 1.2} for name in METRICS}
+    reference = {"name": "ddpm 100", "sampler": "ddpm", "steps": 100, "guidance": 1.0, "evaluations": 100,
+                 "seconds": 1.0, "metrics": metrics}  # fmt: skip
+    few = {**copy.deepcopy(reference), "name": "dpm++ 10", "sampler": "dpm++", "steps": 10, "evaluations": 10}
+    return reference, few
+
+
+def test_worse_is_beyond_the_bad_end_of_the_interval():
+    reference, few = rows()
+    assert worse(few, reference) == []
+    few["metrics"]["open_joints"]["value"] = few["metrics"]["off_heading"]["value"] = 1.3
+    few["metrics"]["vehicles_on_lane"]["value"] = 1.3  # more is better
+    few["metrics"]["joint_gap_m"]["value"] = 0.1  # less is better
+    assert worse(few, reference) == ["open_joints", "off_heading"]
+    few["metrics"]["vehicles_on_lane"]["value"] = float("nan")
+    assert "vehicles_on_lane" in (worse(few, reference) or [])
+    for bounds in reference["metrics"].values():
+        bounds["low"] = bounds["high"] = float("nan")
+    assert worse(few, reference) is None
+
+
+def test_the_verdict_takes_the_cheapest_of_those_inside(tmp_path):
+    reference, ten = rows()
+    six, four = copy.deepcopy(ten), copy.deepcopy(ten)
+    six |= {"name": "dpm++ 6", "evaluations": 6}
+    four |= {"name": "dpm++ 4", "evaluations": 4}
+    four["metrics"]["prompt"]["value"] = 0.5
+    every = [reference, ten, six, four]
+    assert verdict(every, reference).startswith("Fewest steps inside the intervals of ddpm 100: dpm++ 6 (6 evaluations")
+    assert "dpm++ 4 (4" in (told := verdict([reference, four], reference)) and "what the prompt asks for" in told
+    assert verdict([reference], reference).startswith("Nothing to compare")
+    assert "| dpm++ 4 | 4 | 1 | what the prompt asks for |" in markdown(every, reference)
+    figure = draw(every, reference, tmp_path / "sweep.png")
+    assert len([panel for panel in figure.axes if panel.get_title()]) == len(METRICS) + 1
