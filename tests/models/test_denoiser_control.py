@@ -12,7 +12,7 @@ import pytest
 
 from scjax.diffusion.guidance import guided, join
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.sampler import sample
+from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
 from scjax.model import _denoiser_config, _described
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
