@@ -288,7 +288,7 @@ def _program(
             if away is not None:
                 absent = ~jnp.asarray(away.mask).any(-1)
                 caches = join(cache, network.apply(params, away, absent, method="encode_condition"))
-            elif features is not None and config.attend_padding:  # else nothing can be read from "no condition"
+            elif features is not None and config.attend_padding:  # else a stage needs no cache for "no condition"
                 caches = join(cache, network.apply(params, features, ~dropped, method="encode_condition"))
             denoise = guided(lambda z, t: network.apply(params, z, t, labels, twice, both, caches), weight)
         latents = sample_latents(
