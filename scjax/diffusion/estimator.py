@@ -63,7 +63,7 @@ def estimator(
         if away is not None:
             absent = ~jnp.asarray(away.mask).any(-1)
             both_caches = join(cache, network.apply(params, away, absent, method="encode_condition"))
-        elif features is not None and config.attend_padding:  # else nothing can be read from "no condition"
+        elif features is not None and config.attend_padding:  # else a stage needs no cache for "no condition"
             both_caches = join(cache, network.apply(params, features, ~nobody, method="encode_condition"))
     ahead = modulation_ahead(network, params, times, both_labels, both_masks, most_ahead)
 

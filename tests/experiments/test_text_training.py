@@ -19,6 +19,7 @@ from scjax.data.captions.embeddings import embed_captions
 from scjax.data.captions.store import add_captions
 from scjax.data.sources import BuildOptions
 from scjax.data.synthetic.source import Worlds
+from scjax.nn.control.windowed import WindowedOptions
 from scjax.nn.functional import flatten
 from tests.experiments.smallest import get_config
 from tests.test_prompts import Words
@@ -53,6 +54,7 @@ def text_model(folder):
     config = configured("denoiser", folder)
     config.condition, config.start, config.freeze = "text", str(folder / "base" / "model"), True
     config.loss.collision = 0.1
+    config.control, config.control_options.windowed.window = "windowed", 4
     train(config, folder / "text")
     return scjax.load(folder / "text" / "model")
 
@@ -63,6 +65,7 @@ def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
     assert all(np.array_equal(text[path], value) for path, value in base.items())
     assert any("context" in path for path in text.keys() - base.keys())
     assert text_model.text_encoder == "words-1"
+    assert text_model.denoiser_config.control == WindowedOptions(window=4)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +127,10 @@ def test_mistakes_are_told(folder):
     config.freeze, config.condition = False, "smell"
     with pytest.raises(ValueError, match='choose "none" or "text"'):
         train(config, folder / "smell")
-    config.condition, config.start = "none", str(folder / "autoencoder")
+    config.condition, config.control = "none", "windowd"
+    with pytest.raises(ValueError, match="did you mean 'windowed'"):
+        train(config, folder / "windowd")
+    config.control, config.start = "full", str(folder / "autoencoder")
     with pytest.raises(ValueError, match="holds no denoiser"):
         train(config, folder / "no denoiser")
     config = configured("counter", folder)

@@ -1,4 +1,8 @@
-"""Buckets and classifiers of a trained model, for ``saap`` (attention-variants §4.6): what "posthoc" needs."""
+"""Buckets and classifiers of a trained model, for ``saap`` (attention-variants §4.6): what "posthoc" needs.
+
+One module at a time: of a denoiser, ``params["blocks"][i][stage]["cross"]``. Its traces give the inputs: ``cross_in``
+of the stage, and ``ctx_lane`` or ``ctx_agent`` and ``ctx_mask`` of ``encode_condition``.
+"""
 
 from __future__ import annotations
 

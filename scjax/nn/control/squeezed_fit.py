@@ -1,4 +1,7 @@
-"""The one threshold of a trained model, for ``squeezed`` (attention-variants §4.9): what its rule "threshold" needs."""
+"""The one threshold of a trained model, for ``squeezed`` (attention-variants §4.9): what its rule "threshold" needs.
+
+Inputs as in ``saap_fit``: the scores of every module together give the threshold of all.
+"""
 
 from __future__ import annotations
 
