@@ -15,6 +15,7 @@ import numpy as np
 
 import scjax
 from scjax.devices import use_every_core
+from scjax.diffusion.samplers import SAMPLERS
 from scjax.scene import Layout
 from scjax.scene_io import load_npz, save_json, save_npz
 from scjax.viz import grid
@@ -35,7 +36,8 @@ def main(arguments: list[str] | None = None) -> None:
         "--layout", choices=[kind.name.lower() for kind in Layout], default="centred", help="window (default: centred)"
     )
     parser.add_argument("--known", type=Path, help="npz with one scene whose lanes and agents are kept")
-    parser.add_argument("--steps", type=int, help="diffusion steps (default: all of training)")
+    parser.add_argument("--sampler", choices=SAMPLERS, help="default: ddpm, of a rectified flow heun")
+    parser.add_argument("--steps", type=int, help="sampling steps (default: the sampler's own; ddpm: all of training)")
     parser.add_argument("--guidance", type=float, help="guidance weight; 1 is none")
     args = parser.parse_args(arguments)
     use_every_core()
@@ -58,8 +60,9 @@ def run(args: argparse.Namespace) -> scjax.Scene:
     model = scjax.load(args.model)
     start = time.perf_counter()
     scenes = scjax.sample(
-        jax.random.key(args.seed), condition, model=model, n=args.n, steps=args.steps, guidance=args.guidance
-    )
+        jax.random.key(args.seed), condition, model=model, n=args.n, sampler=args.sampler, steps=args.steps,
+        guidance=args.guidance,
+    )  # fmt: skip
     print(f"sampled in {time.perf_counter() - start:.1f} s, compilation included", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
     save_npz(scenes, args.out / "scenes.npz")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -11,6 +12,7 @@ import pytest
 
 from scjax.diffusion.loss import LatentBatch, diffusion_loss, training_loss
 from scjax.diffusion.schedule import cosine_schedule
+from scjax.diffusion.times import Times
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
@@ -83,6 +85,31 @@ def test_both_dropouts_act():
 def test_every_draw_follows_the_key():
     one, again, other = (_evaluate(_params(), _batch(), jax.random.key(i), 0.5, 0.5)[0][0] for i in (1, 1, 2))
     assert one == again != other
+
+
+def test_a_flow_network_that_says_nothing_has_the_loss_of_its_target():
+    """The target is eps - x_0: per number 1 + x_0^2 on average, halved, agents once and lanes ten times."""
+    network = denoiser(dataclasses.replace(CONFIG, prediction="flow"))
+    params, batch = network.init(jax.random.key(0)), _batch()  # its heads are zero
+    batch = batch.replace(agent_weight=None, given=jax.tree.map(jnp.zeros_like, batch.given))
+    times = Times("logit-normal", continuous=True)
+
+    @golden.jit
+    def losses(keys):
+        return jax.lax.map(
+            lambda key: training_loss(
+                network, params, SCHEDULE, batch, key, null_label=CONFIG.null_label, prediction="flow", times=times
+            )[0],
+            keys,
+        )
+
+    scene = jax.tree.map(
+        lambda x, mask: (jnp.where(mask[..., None], x, 0) ** 2).mean(-1).sum(-1) / mask.sum(-1),
+        batch.latents, batch.masks,
+    )  # fmt: skip
+    expected = ((1 + scene.agents) + 10 * (1 + scene.lanes)).mean() / 2
+    found = losses(jax.random.split(jax.random.key(1), 300))
+    np.testing.assert_allclose(found.mean(), expected, rtol=0.03)
 
 
 def test_agent_weights_choose_the_agents_that_count():

@@ -25,8 +25,8 @@ SAMPLERS: dict[str, Sampler] = {one.name: one for one in (DDPM(), DDIM(), DPMSol
 DEFAULT: dict[Prediction, str] = {"noise": "ddpm", "velocity": "ddpm", "flow": "heun"}
 LEAST_SIGNAL = 0.03
 """Of the noisiest time at which a network is asked for the noise in fewer than all steps: the last two of 100 are left
-out. At the last one abar is 2.4e-7, and x_0 = (x - noise eps) / signal would take an error of eps 2029 times; at this
-one 32 times, and a start from pure noise is as good there. Networks of the other predictions divide by nothing."""
+out. At the last one abar is 2.4e-7, and x_0 = (x - noise eps) / signal takes an error of eps 2029 times; here 32 times,
+and of x_0 the start lacks 0.03. Networks of the other predictions divide by nothing and are asked at all times."""
 STEPS = {"ddpm": OFFICIAL_STEPS, "ddim": 50, "dpm++": 25, "euler": 50, "heun": 25}
 
 

@@ -1,7 +1,7 @@
 """The one loop of all samplers, around one ``denoise(z, t)`` (official-spec §5.3, outpainting §3).
 
 Every scene has its own key, and its noise is drawn for the largest number of tokens and then cut: a scene gets the
-same noise in any batch and under any padding.
+same noise in any batch and under any padding, and the same start in any number of steps.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scjax.diffusion.guidance import Denoise
 from scjax.diffusion.samplers.ancestral import DDPM
 from scjax.diffusion.samplers.problem import Problem, Sampler, Step
 from scjax.diffusion.samplers.threshold import BOUND
-from scjax.diffusion.schedule import Schedule
+from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
@@ -107,6 +107,6 @@ def sample(
         x = jax.tree.map(lambda x: jnp.clip(x, -limit, limit), x)
         return (clamp(x, given, values), memory), None
 
-    start = clamp(draw(schedule.steps), given, values)
+    start = clamp(draw(max(schedule.steps, OFFICIAL_STEPS)), given, values)
     (x, _), _ = jax.lax.scan(body, (start, sampler.begin(start)), jnp.arange(schedule.steps - 1, -1, -1))
     return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), x, masks)

@@ -121,6 +121,14 @@ def test_the_exact_estimate_of_a_gaussian_follows_its_recursion(steps):
         np.testing.assert_allclose(leaf.std(), np.sqrt(variance), rtol=0.02)
 
 
+def test_a_seed_starts_alike_in_any_number_of_steps():
+    """Where the velocity is zero, the end is the start."""
+    masks = _masks([(7, 9)] * 6, 7, 9)
+    ends = [drawn("euler", lambda z, t: jax.tree.map(jnp.zeros_like, z), KEYS, masks, steps) for steps in (3, 7)]
+    jax.tree.map(np.testing.assert_array_equal, *ends)
+    assert 0.9 < ends[0].agents.std() < 1.1
+
+
 def test_temperature_scales_the_noise_of_a_kind():
     """With an estimate of zero noise nothing but the drawn noise moves the state."""
     masks = _masks([(7, 9)] * 6, 7, 9)
