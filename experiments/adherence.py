@@ -3,10 +3,11 @@
     python -m experiments.adherence --model=runs/prompt/model --records=runs/synthetic --out=runs/adherence
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
-(scjax.data.captions). Rows: the model at several guidance weights, also at true counts, the model without prompts at
-true counts, the training scene whose caption is nearest, and the record itself (what the rules miss: the ceiling). A
-second table tells how sound the scenes are, as they were sampled and after ``scjax.tidy``. Where records have labels,
-the agreement of the rules with them is printed below.
+(scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
+candidates (chosen by the same rules, so no independent judgement); the model without prompts at true counts; the
+training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
+how sound the scenes are, as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
+rules with them is printed below.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.captions.store import Caption, read_captions
 from scjax.data.captions.text import STYLES
 from scjax.devices import use_every_core
+from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
+from scjax.prompts import best
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
@@ -51,12 +54,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--records", required=True, help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts (default %(default)s)")
     add("--guidance", type=float, nargs="+", default=[4.0], metavar="W", help="weights (default %(default)s)")
-    add("--steps", type=int, help="denoising steps (default: all)")
+    add("--sampler", choices=SAMPLERS, help="default: the model's own")
+    add("--steps", type=int, help="sampling steps (default: the sampler's own)")
+    add("--best", type=int, default=0, metavar="K", help="a row of the best of K candidates a prompt (default: none)")
     add("--seed", type=int, default=0)
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        table, sound, ceiling = measure(args.model, args.records, args.samples, args.guidance, args.steps, args.seed)
+        table, sound, ceiling = measure(
+            args.model, args.records, args.samples, args.guidance, args.sampler, args.steps, args.best, args.seed
+        )
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.adherence: {error}")
     content = {"rows": table, "realism": sound, "labels": ceiling}
@@ -68,8 +75,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(
-    model_folder: str, folder: str, samples: int, weights: Sequence[float], steps: int | None, seed: int
-) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:
+    model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None, steps: int | None,
+    candidates: int, seed: int,
+) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
     captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
@@ -87,13 +95,17 @@ def measure(
         real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
     both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
-    runs = {f"prompt, guidance {weight:g}": (told, weight) for weight in weights}
-    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0]
-    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0
+    runs = {f"prompt, guidance {weight:g}": (told, weight, 1) for weight in weights}
+    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], 1
+    if candidates:
+        runs[f"prompt, guidance {weights[0]:g}, best of {candidates}"] = told, weights[0], candidates
+    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, 1
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
-    for title, (conditions, weight) in runs.items():
-        made = _sampled(conditions, model, seed, steps, weight, title)
+    for title, (conditions, weight, times) in runs.items():
+        made = _sampled([one for one in conditions for _ in range(times)], model, seed, sampler, steps, weight, title)
+        groups = [made[k : k + times] for k in range(0, len(made), times)]
+        made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)] if times > 1 else made
         table[title] = scores(zip(asked, map(parse, made), strict=True))
         sound[title], sound[f"{title}, tidied"] = realism(made), realism(map(scjax.tidy, made))
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
@@ -161,11 +173,13 @@ def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceili
     return "\n".join(lines) + "\n"
 
 
-def _sampled(conditions, model, seed: int, steps: int | None, weight: float, title: str) -> list:
+def _sampled(conditions, model, seed: int, sampler: str | None, steps: int | None, weight: float, title: str) -> list:
     made, size = [], 32
     for start in tqdm(range(0, len(conditions), size), title, disable=None):
         key = jax.random.fold_in(jax.random.key(seed), start)
-        made += scjax.sample_many(key, conditions[start : start + size], model=model, steps=steps, guidance=weight)
+        made += scjax.sample_many(
+            key, conditions[start : start + size], model=model, sampler=sampler, steps=steps, guidance=weight
+        )
     return made
 
 

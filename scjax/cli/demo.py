@@ -24,10 +24,11 @@ PROMPTS = (
 @click.command()
 @click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
 @click.option("--steps", type=click.IntRange(2, 100), help=f"Sampling steps. [default: {STEPS[DEFAULT['velocity']]}]")
+@click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
-def demo(seed, steps, folder, model_folder, as_json) -> None:
+def demo(seed, steps, raw, folder, model_folder, as_json) -> None:
     """Draws a scene for each of some prompts and saves them in one labelled picture, and each as npz."""
     out = writable_folder(folder)
     clock = Clock()
@@ -37,6 +38,7 @@ def demo(seed, steps, folder, model_folder, as_json) -> None:
         import jax
 
         import scjax
+        from scjax.cli.scenes import make
         from scjax.cli.start import start
         from scjax.prompts import with_tokens
         from scjax.viz.grid import grid
@@ -46,11 +48,10 @@ def demo(seed, steps, folder, model_folder, as_json) -> None:
         told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
     scenes = []
     key = jax.random.key(seed)
-    with click.progressbar(told, label="scenes", file=sys.stderr) as bar:
-        for k, condition in enumerate(bar):
+    with click.progressbar(list(zip(PROMPTS, told, strict=True)), label="scenes", file=sys.stderr) as bar:
+        for k, (prompt, condition) in enumerate(bar):
             with clock.part("first scene (with compiling)" if not k else "later scenes"):
-                made = scjax.sample_many(jax.random.fold_in(key, k), [condition], model=model, steps=steps)
-            scenes += made
+                scenes += make(jax.random.fold_in(key, k), [prompt], [condition], model=model, raw=raw, steps=steps)
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]
         picture = out / f"scjax-demo-{seed}.png"

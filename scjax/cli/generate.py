@@ -30,24 +30,28 @@ from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 @click.option("--lanes", type=click.IntRange(1), help="Lanes in the scene. [default: as the prompt asks]")
 @click.option("--negative", help="What the scene shall not show.")
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
+@click.option("--pick", default=1, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene, of which "
+              "the one is kept that shows most of the prompt.")  # fmt: skip
+@click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
               help="May be given several times.")  # fmt: skip
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, sampler, steps, guidance, agents, lanes, negative, domain, folder, formats, model_folder,
-    as_json,
+    prompts, number, seed, sampler, steps, guidance, agents, lanes, negative, domain, pick, raw, folder, formats,
+    model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
-    scjax generate "a roundabout" --sampler dpm++ --steps 16
+    scjax generate "a roundabout" --sampler dpm++ --steps 16 --pick 4
 
-    Numbers that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is
-    fetched once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
+    Scenes are tidied as by scjax.tidy unless --raw. Numbers that are given (--agents, --lanes) win over what a prompt
+    says. Free text needs the text encoder, which is fetched once; see SCJAX_TEXT_ENCODER in the README for machines
+    without a network.
     """
     out = writable_folder(folder)
     clock = Clock()
@@ -55,6 +59,7 @@ def generate(
         import jax
 
         import scjax
+        from scjax.cli.scenes import make
         from scjax.cli.start import start
         from scjax.data.captions.facts import parse
         from scjax.prompts import contradictions
@@ -75,9 +80,10 @@ def generate(
 
         told = with_tokens(conditions, model)
     with clock.part("scenes"):
-        scenes = scjax.sample_many(
-            jax.random.key(seed), [one for one in told for _ in range(number)], model=model, sampler=sampler,
-            steps=steps, guidance=guidance,
+        repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
+        scenes = make(
+            jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
+            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance,
         )  # fmt: skip
     made = []
     with clock.part("files"):

@@ -15,6 +15,7 @@ from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.models.denoiser.config import TextCondition
+from scjax.prompts import best
 from scjax.scene_io import load_json, load_npz, save_npz
 from tests.examples import example_batch
 from tests.test_prompts import Words
@@ -81,6 +82,22 @@ def test_sampler_and_guidance_change_the_scene(run, folder, tmp_path):
     assert not any(np.allclose(scenes[0].lanes, other.lanes, atol=1e-3) for other in scenes[1:])
     help = " ".join(run("generate", "--help")[1].split())
     assert "[default: ddpm; rectified flow: heun]" in help and "ddpm 100" in help and "dpm++" in help
+
+
+def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder, tmp_path):
+    options = ("--model", folder, "--steps", 2, "--agents", 6, "--lanes", 5, "--format", "npz")
+    kept = {}
+    for name, words in {
+        "raw": ["--raw"],
+        "tidied": [],
+        "three": ["--raw", "-n", 3],
+        "best": ["--raw", "--pick", 3],
+    }.items():
+        assert run("generate", PROMPT, *options, *words, "--out", tmp_path / name)[0] == 0
+        kept[name] = [load_npz(path) for path in sorted((tmp_path / name).iterdir())]
+    np.testing.assert_array_equal(kept["tidied"][0].lanes, scjax.tidy(kept["raw"][0]).lanes)
+    assert not np.array_equal(kept["tidied"][0].lanes, kept["raw"][0].lanes)
+    np.testing.assert_array_equal(kept["best"][0].lanes, kept["three"][best(PROMPT, kept["three"])].lanes)
 
 
 def test_given_counts_win_with_a_warning(run, folder):

@@ -1,0 +1,43 @@
+"""What ``generate`` and ``demo`` do with prompts: several candidates a scene, the best of them, tidied."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxtyping import Array
+
+from scjax.condition import Condition
+from scjax.diffusion.samplers import Sampler
+from scjax.model import Model
+from scjax.prompts import best
+from scjax.sampling import sample_many
+from scjax.scene import Scene
+from scjax.tidy import tidy
+
+
+def make(
+    key: Array,
+    prompts: Sequence[str],
+    told: Sequence[Condition],
+    *,
+    model: Model,
+    pick: int = 1,
+    raw: bool = False,
+    sampler: str | Sampler | None = None,
+    steps: int | None = None,
+    guidance: float | None = None,
+) -> list[Scene]:
+    """One scene a prompt: the best of ``pick`` candidates, tidied unless ``raw``.
+
+    Args:
+      prompts: what the best candidate is judged by.
+      told: the conditions of the prompts, with their token features.
+    """
+    candidates = sample_many(
+        key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance
+    )
+    groups = [candidates[k * pick : (k + 1) * pick] for k in range(len(prompts))]
+    chosen = [
+        group[best(prompt, group)] if pick > 1 else group[0] for prompt, group in zip(prompts, groups, strict=True)
+    ]
+    return chosen if raw else [tidy(scene) for scene in chosen]
