@@ -16,6 +16,7 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from scjax.nn.control import CrossGlobalOptions
 from tests import golden
 
 WIDTHS, MOST = Nodes(agents=3, lanes=5), Nodes(agents=4, lanes=6)
@@ -27,8 +28,8 @@ def made(prediction):
     """(network, config, params): every leaf random."""
     config = DenoiserConfig(
         lane_width=16, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-        max_lanes=6, max_agents=4, latent_tokens=2, condition=TextCondition(width=4), given_embedding=True,
-        prediction=prediction,
+        max_lanes=6, max_agents=4, control=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
+        given_embedding=True, prediction=prediction,
     )  # fmt: skip
     network = denoiser(config)
     rng = np.random.default_rng(0)
