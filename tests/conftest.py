@@ -15,7 +15,12 @@ jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as exp
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Most of the suite's time is XLA compiling the same programs: workers and child processes share a cache."""
+    """Most of the suite's time is XLA compiling: workers and child processes share a cache, and optimise little.
+
+    (The graph's own passes still run; what is left out are LLVM's, which change no result and take half of the time.)
+    """
+    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+    jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")
     folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax"))))  # pyright: ignore
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     jax.config.update("jax_compilation_cache_dir", str(folder))
