@@ -23,14 +23,13 @@ def check_readable(conditions: Sequence[Condition], reads: Reads) -> None:
             raise ValueError(f"Condition.{name} is given, but this model {told}: leave it out")
     if not isinstance(reads, ImageCondition):
         return
-    pictured = [cond for cond in conditions if cond.image is not None]
-    for cond in pictured:
-        if np.shape(cond.image) != (reads.channels, *reads.grid):
+    for shape in (np.shape(cond.image) for cond in conditions if cond.image is not None):
+        if shape != (reads.channels, *reads.grid):
             raise ValueError(
-                f"Condition.image is [channels, rows, columns] {np.shape(cond.image)}, the model takes "
+                f"Condition.image is [channels, rows, columns] {shape}, the model takes "
                 f"{(reads.channels, *reads.grid)}: use the encoder and the size that it was trained with"
             )
-    sizes = sorted({np.shape(cond.depth) for cond in pictured})
+    sizes = sorted({np.shape(cond.depth) for cond in conditions if cond.depth is not None})
     if len(sizes) > 1:
         raise ValueError(f"Condition.depth of one call have the sizes {sizes}: bring them to one")
 
