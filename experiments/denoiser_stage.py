@@ -15,7 +15,8 @@ from experiments.state import Stage, TrainState, initial, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
-from scjax.data.pipeline import Example, batch_of, captioned, validation_scenes
+from scjax.data.pipeline import Example, batch_of, captioned, pictured, validation_scenes
+from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw, unchanged
@@ -25,8 +26,8 @@ from scjax.model import Model
 from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.counts import count_table
-from scjax.models.denoiser.config import DenoiserConfig, TextCondition
-from scjax.models.denoiser.context import TextFeatures
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 from scjax.nn.control import ControlOptions, named
@@ -47,9 +48,9 @@ def build(config) -> Stage:
     representation, coder = frozen.representation, autoencoder(frozen.autoencoder_config)
     manifest = load_manifest(config.records)
     fields = config.model.to_dict()
-    texts = _texts(config)
+    texts, images = _texts(config), config.condition == "image"
     fields |= {
-        "condition": None if texts is None else TextCondition(texts.width),
+        "condition": ImageCondition(len(CLASSES), GRID, patch=1) if images else texts and TextCondition(texts.width),
         "control": _control(config),
         "lane_latent": frozen.autoencoder_config.lane_latent,
         "agent_latent": frozen.autoencoder_config.agent_latent,
@@ -65,10 +66,7 @@ def build(config) -> Stage:
     schedule = cosine_schedule()
     loss = config.loss
     times = Times(draw=loss.times, continuous=loss.continuous_times)
-    if texts is None:
-        validation = [Example(scene=scene) for scene in validation_scenes(config.records, representation)]
-    else:
-        validation = with_captions(config, representation)
+    validation = _validation(config, representation)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
@@ -86,9 +84,7 @@ def build(config) -> Stage:
         return LatentBatch(
             latents=frozen.latents.normalise(latents), masks=masks, given=given,
             label=model.domains * tokens.layout + tokens.domain,
-            condition=None if texts is None else TextFeatures(
-                tokens=batch.tokens.astype(jnp.float32), mask=batch.token_mask
-            ),
+            condition=condition_features(batch),
         )  # fmt: skip
 
     def penalty_of(masks: Nodes, scene):
@@ -140,12 +136,22 @@ def build(config) -> Stage:
 
     def export(state: TrainState, resolved: dict) -> Model:
         notes = {"stage": "denoiser", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
+        notes |= {"images": "scjax.data.stand_in"} if images else {}
         return as_model(state, {**notes, "autoencoder": frozen.notes})
 
     step = training_step(
         objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(representation, init, step, evaluate, pictures, export, texts)
+    return Stage(representation, init, step, evaluate, pictures, export, texts, images)
+
+
+def condition_features(batch: Example) -> ConditionFeatures | None:
+    """What the network reads of a batch besides its scenes; None where that is nothing."""
+    if batch.tokens is not None and batch.token_mask is not None:
+        return TextFeatures(tokens=jnp.asarray(batch.tokens, jnp.float32), mask=batch.token_mask)
+    if batch.image is not None and batch.depth is not None:
+        return ImageFeatures(dino=batch.image, depth=batch.depth, present=batch.has_image)
+    return None
 
 
 def started(params: Params, base: Params) -> Params:
@@ -192,9 +198,21 @@ def _control(config) -> ControlOptions:
 
 
 def _texts(config) -> TextStore | None:
-    if config.condition not in ("none", "text"):
-        raise ValueError(f'config.condition is {config.condition!r}: choose "none" or "text"')
+    if config.condition not in ("none", "text", "image"):
+        raise ValueError(f'config.condition is {config.condition!r}: choose "none", "text" or "image"')
     return TextStore(config.records, "train") if config.condition == "text" else None
+
+
+def _validation(config, representation: Representation) -> list[Example]:
+    """Held-back scenes: centred ones, with the first caption of each, or those ahead, with what stands in for their
+    images."""
+    if config.condition == "text":
+        return with_captions(config, representation)
+    if config.condition == "image":
+        return [
+            pictured(scene) for scene in validation_scenes(config.records, representation, layout=Layout.FORWARD)
+        ]  # fmt: skip
+    return [Example(scene=scene) for scene in validation_scenes(config.records, representation)]
 
 
 def with_captions(config, representation: Representation) -> list[Example]:
@@ -207,14 +225,15 @@ def with_captions(config, representation: Representation) -> list[Example]:
 
 
 def _like(example: Example) -> Condition:
-    """Counts, domain and caption of a scene."""
+    """Counts, domain, layout and caption or image of a scene."""
     scene = example.scene
     tokens = None
     if example.tokens is not None and example.token_mask is not None:
         tokens = np.asarray(example.tokens[example.token_mask], np.float32)
     return Condition(
-        num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain), tokens=tokens
-    )
+        num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain),
+        layout=Layout(int(scene.layout)), tokens=tokens, image=example.image, depth=example.depth,
+    )  # fmt: skip
 
 
 def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:

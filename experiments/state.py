@@ -39,7 +39,7 @@ class TrainState:
 class Stage(NamedTuple):
     """One training stage as functions over a ``TrainState``; ``step`` is a ``training_step``.
 
-    ``texts`` are the captions that its batches carry, if any.
+    ``texts`` are the captions that its batches carry, if any; ``images`` whether they carry stand-ins for images.
     """
 
     representation: Representation
@@ -49,6 +49,7 @@ class Stage(NamedTuple):
     pictures: Callable[[TrainState, int, Reporter], None]
     export: Callable[[TrainState, dict], Model]
     texts: TextStore | None = None
+    images: bool = False
 
 
 def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainState:

@@ -61,7 +61,7 @@ def train(config, workdir: Path) -> None:
     stage = STAGES[config.stage].build(config)
     batches = training_batches(
         config.records, stage.representation, pipeline_config(resolved["batch"]), texts=stage.texts,
-        process=jax.process_index(), processes=jax.process_count(),
+        images=stage.images, process=jax.process_index(), processes=jax.process_count(),
     )  # fmt: skip
     state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))
 

@@ -23,6 +23,9 @@ class Condition:
       tokens: condition tokens [n, features] instead of a prompt.
       token_mask: [n] True for real tokens; by default all.
       negative_tokens: tokens instead of a negative prompt, all of them real.
+      image: features [channels, rows, columns] of what lies ahead, for a model trained on images; it needs ``depth``
+        and the forward layout. ``scjax.data.stand_in`` makes both of a scene.
+      depth: [height, width] of the same picture, in 0..1.
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
     """
@@ -36,6 +39,8 @@ class Condition:
     tokens: Array | np.ndarray | None = None
     token_mask: Array | np.ndarray | None = None
     negative_tokens: Array | np.ndarray | None = None
+    image: Array | np.ndarray | None = None
+    depth: Array | np.ndarray | None = None
     known: Scene | None = None
 
     def __post_init__(self):
@@ -56,3 +61,16 @@ class Condition:
                 raise ValueError(f"Condition.{name} must be [tokens, features], not of rank {np.ndim(tokens)}")
             if tokens is not None and text is not None:
                 raise ValueError(f"Condition.{name} and a prompt are both given: leave one of them out")
+        for name, axes in (("image", "channels, rows, columns"), ("depth", "height, width")):
+            features = getattr(self, name)
+            if features is not None and np.ndim(features) != axes.count(",") + 1:
+                raise ValueError(f"Condition.{name} must be [{axes}], not of shape {np.shape(features)}")
+        if (self.image is None) != (self.depth is None):
+            raise ValueError("Condition.image and Condition.depth belong together: give both or neither")
+        if self.image is not None and self.layout != Layout.FORWARD:
+            raise ValueError(
+                f"Condition.image shows what lies ahead of the ego, but the layout is {Layout(self.layout).name}: "
+                "give layout=Layout.FORWARD"
+            )
+        if self.image is not None and (self.prompt is not None or self.tokens is not None):
+            raise ValueError("Condition.image and a prompt are both given: a model reads one of them, leave one out")

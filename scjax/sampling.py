@@ -15,11 +15,11 @@ from scjax.condition import Condition
 from scjax.data.ordering import arrange
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
+from scjax.features import check_readable, features_of, text_features
 from scjax.model import Model, load
 from scjax.models.counter import CounterConfig, counter
 from scjax.models.counts import draw_counts
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
-from scjax.models.denoiser.context import TextFeatures
 from scjax.models.nodes import Nodes
 from scjax.programs import reconstruction_program, sampling_program
 from scjax.prompts import with_tokens
@@ -79,8 +79,7 @@ def sample_many(
     config = model.denoiser_config
     assert config is not None
     conditions = with_tokens(conditions, model)
-    if config.condition is None and any(cond.tokens is not None for cond in conditions):
-        raise ValueError("Condition.tokens is given, but this model is unconditional: leave it out")
+    check_readable(conditions, config.condition)
     sampler = sampler_of(sampler, config.prediction)
     if guidance is None:
         guidance = WEIGHT if config.condition is not None else 1.0
@@ -208,7 +207,7 @@ def _count_table(cond: Condition, domain: int | None, model: Model) -> np.ndarra
     if cond.tokens is None or model.counter is None or config is None or cond.layout == Layout.FORWARD:
         return model.counts
     text = TextCondition(config.text_width)
-    features = _text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
+    features = text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
     label = jnp.array([config.domains if domain is None else domain])
     told = np.exp(np.asarray(_counter_program(config)(model.counter, features, label)[0], np.float64))
     shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
@@ -221,7 +220,7 @@ def _counter_program(config: CounterConfig) -> Callable[..., Array]:
 
 
 def _collate(requests: list[_Request], bucket: tuple[int, int], config: DenoiserConfig):
-    """Requests -> (keys, masks, layout, domain, known scenes, features of prompts, of negative prompts), batched."""
+    """Requests -> (keys, masks, layout, domain, known scenes, features, those of negative prompts), batched."""
     agent_slots, lane_slots = bucket
     masks = Nodes(
         agents=np.stack([np.arange(agent_slots) < request.counts[0] for request in requests]),
@@ -233,33 +232,10 @@ def _collate(requests: list[_Request], bucket: tuple[int, int], config: Denoiser
         parts = [none if r.known is None else pad(r.known, agent_slots, lane_slots) for r in requests]
         layouts = [np.asarray(request.cond.layout, np.int32) for request in requests]
         known = stack([part.replace(layout=layout) for part, layout in zip(parts, layouts, strict=True)])
-    features = away = None
-    if isinstance(config.condition, TextCondition):
-        told = [request.cond for request in requests]
-        texts = [(cond.tokens, cond.token_mask) for cond in told]
-        negative = [(cond.negative_tokens, None) for cond in told if cond.negative_tokens is not None]
-        longest = max(0 if tokens is None else len(tokens) for tokens, _ in [*texts, *negative])
-        features = _text_features(texts, longest, config.condition)
-        if negative:
-            away = _text_features([(cond.negative_tokens, None) for cond in told], longest, config.condition)
+    features, away = features_of([request.cond for request in requests], config.condition)
     layout = np.array([request.cond.layout for request in requests], np.int32)
     domain = np.array([request.domain for request in requests], np.int32)
     return jnp.stack([request.key for request in requests]), masks, layout, domain, known, features, away
-
-
-def _text_features(texts: list[tuple], longest: int, config: TextCondition) -> TextFeatures:
-    """(tokens, mask) of every scene, padded to 64 or 128, ... of them, so that few programs are compiled."""
-    lengths = [0 if tokens is None else len(tokens) for tokens, _ in texts]
-    slots = max(64, -(-longest // 64) * 64)
-    padded, valid = np.zeros((len(lengths), slots, config.width), np.float32), np.zeros((len(lengths), slots), bool)
-    for row, ((tokens, mask), length) in enumerate(zip(texts, lengths, strict=True)):
-        if tokens is None:
-            continue
-        if np.shape(tokens)[1] != config.width:
-            raise ValueError(f"Condition.tokens are {np.shape(tokens)[1]} wide, the model takes {config.width}")
-        padded[row, :length] = tokens
-        valid[row, :length] = True if mask is None else mask
-    return TextFeatures(tokens=jnp.asarray(padded), mask=jnp.asarray(valid))
 
 
 def bucket_of(agents: int, lanes: int) -> tuple[int, int]:

@@ -45,7 +45,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.stage = "denoiser"
     config.records = "runs/records"  # folder made by python -m scjax.data build
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
-    config.condition = "none"  # or "text": captions of the records, embedded by python -m scjax.data embed
+    # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
+    # in forward windows, ray-cast (scjax.data.stand_in); the other windows then go without.
+    config.condition = "none"
     config.start = ""  # model folder of a denoiser to begin with, e.g. the unconditional base of a text model
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0

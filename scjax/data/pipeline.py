@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 
 from scjax.data import ordering, records
 from scjax.data.captions.embeddings import TextStore
+from scjax.data.stand_in import CLASSES, GRID, StandIn, stand_in
 from scjax.pytree import pytree
 from scjax.representation import Representation
 from scjax.scene import AnyArray, Layout, Scene, pad, permute, stack
@@ -33,11 +34,16 @@ class Example:
     Attributes:
       scene: in the pipeline's layout and order.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
+      image, depth: what stands in for a picture of the scene (``stand_in``), or None; zeros where ``has_image`` is
+        False, i.e. in windows that do not lie ahead.
     """
 
     scene: Scene
     tokens: Float[AnyArray, "*b slots width"] | None = None
     token_mask: Bool[AnyArray, "*b slots"] | None = None
+    image: Float[AnyArray, "*b classes rows columns"] | None = None
+    depth: Float[AnyArray, "*b rows columns"] | None = None
+    has_image: Bool[AnyArray, "*b"] | None = None
 
     if TYPE_CHECKING:
 
@@ -139,14 +145,23 @@ def captioned(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: 
     return Example(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features))
 
 
+def pictured(scene: Scene) -> Example:
+    """A scene with the stand-in for its image, if its window lies ahead of the ego."""
+    if int(scene.layout) == Layout.FORWARD:
+        return Example(scene=scene, **stand_in(scene)._asdict(), has_image=np.asarray(True))
+    none = StandIn(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
+    return Example(scene=scene, **none._asdict(), has_image=np.asarray(False))
+
+
 def batch_of(examples: Sequence[Example], bucket: Bucket) -> Example:
-    """Examples, padded to ``bucket``, as one batch."""
-    scenes = stack([pad(example.scene, *bucket) for example in examples])
-    tokens = [example.tokens for example in examples if example.tokens is not None]
-    masks = [example.token_mask for example in examples if example.token_mask is not None]
-    if not tokens:
-        return Example(scene=scenes)
-    return Example(scene=scenes, tokens=np.stack(tokens), token_mask=np.stack(masks))
+    """Examples, padded to ``bucket``, as one batch; all of them have a caption, or all an image, or none has."""
+    names = ("tokens", "token_mask", "image", "depth", "has_image")
+    features = {
+        name: np.stack([getattr(example, name) for example in examples])
+        for name in names
+        if getattr(examples[0], name) is not None
+    }
+    return Example(scene=stack([pad(example.scene, *bucket) for example in examples]), **features)
 
 
 def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
@@ -166,17 +181,26 @@ def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
 
 def training_batches(
     folder: str | Path, representation: Representation, config: PipelineConfig, *, texts: TextStore | None = None,
-    process: int = 0, processes: int = 1,
+    images: bool = False, process: int = 0, processes: int = 1,
 ) -> Batches:  # fmt: skip
     """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``).
 
     Args:
       texts: captions of that split, of which every example gets one. They describe the centred window, so that the
         forward one goes without.
+      images: whether examples carry the stand-in for an image, seen from where the window's jittered pose is.
 
     Raises:
-      ValueError: the texts are not those of the records.
+      ValueError: the texts are not those of the records, texts and images are both wanted, or images of windows none of
+        which lies ahead.
     """
+    if images and texts is not None:
+        raise ValueError("a network reads texts or images: leave one of them out")
+    if images and not config.layouts[Layout.FORWARD]:
+        raise ValueError(
+            f"images show what lies ahead, but of layouts {config.layouts} the forward one, the last, never occurs: "
+            "give it a frequency, as in (0, 0, 1)"
+        )
     held = records.source(folder, "train")
     if texts is not None and len(texts) != len(held):
         raise ValueError(f"{folder}: {len(texts)} captions for {len(held)} records: caption and embed them again")
@@ -192,6 +216,8 @@ def training_batches(
         scene = records.sample_scene(records.decode(data), layout, dx, dy, turn)
         scene = clip_counts(representation.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
+        if images:
+            return pictured(scene)
         if texts is None:
             return Example(scene=scene)
         if layout == Layout.FORWARD:

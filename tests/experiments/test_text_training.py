@@ -125,7 +125,7 @@ def test_mistakes_are_told(folder):
     with pytest.raises(ValueError, match=r"name its folder in config\.start"):
         train(config, folder / "no start")
     config.freeze, config.condition = False, "smell"
-    with pytest.raises(ValueError, match='choose "none" or "text"'):
+    with pytest.raises(ValueError, match='choose "none", "text" or "image"'):
         train(config, folder / "smell")
     config.condition, config.control = "none", "windowd"
     with pytest.raises(ValueError, match="did you mean 'windowed'"):

@@ -34,10 +34,14 @@ class TextFeatures:
 
 @pytree
 class ImageFeatures:
-    """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalise_depth``)."""
+    """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalise_depth``).
+
+    ``present`` is False in scenes without an image, whose features are not read; None: all have one.
+    """
 
     dino: Float[Array | np.ndarray, "b channels rows columns"]
     depth: Float[Array | np.ndarray, "b height width"]
+    present: Bool[Array | np.ndarray, " b"] | None = None
 
 
 ConditionFeatures = TextFeatures | ImageFeatures

@@ -146,6 +146,8 @@ class Denoiser(nnx.Module):
             raise ValueError("this denoiser is unconditional (config.condition is None): it has no condition to encode")
         if self.context is None:
             return [{} for _ in self.blocks]
+        if isinstance(features, ImageFeatures) and features.present is not None:
+            dropped = dropped | ~jnp.asarray(features.present)
         if isinstance(self.context, TextContext) and isinstance(features, TextFeatures):
             context, mask = self.context(features, dropped, trace)
         elif isinstance(self.context, ImageContext) and isinstance(features, ImageFeatures):

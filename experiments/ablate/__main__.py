@@ -1,0 +1,35 @@
+"""Which way to condition works best?
+
+    python -m experiments.ablate --config=experiments/configs/ablation.py --workdir=runs/ablation
+
+Trains every mechanism from one base on the same batches, with several seeds, on texts and on what stands in for images;
+samples held-back conditions with each, once with a scene's own condition and once with another's; and writes a table,
+its JSON and a plot: ablation.md, ablation.json, ablation.png. The same command goes on where it was stopped, and
+leaves alone what is finished. Fields: experiments/configs/ablation.py.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from absl import app, flags, logging
+
+from experiments.ablate.run import ablate  # the trainer, imported with it, defines --config and --workdir
+from scjax.devices import use_every_core
+
+
+def main(_) -> None:
+    logging.set_verbosity(logging.FATAL)
+    use_every_core()
+    try:
+        report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir))
+    except (ValueError, FloatingPointError, OSError) as error:
+        sys.exit(f"experiments.ablate: {error}")
+    except KeyboardInterrupt:
+        report = None
+    print(report.read_text() if report else "stopped: the same command continues")
+
+
+if __name__ == "__main__":
+    app.run(main)

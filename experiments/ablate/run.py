@@ -1,0 +1,163 @@
+"""The ablation from config to report: a base, then a training and two sets of samples a mechanism, kind and seed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+from tqdm import tqdm
+
+import scjax
+from benchmarks.flops import denoiser_forward
+from experiments.ablate.entries import ENTRIES, PADDED_SLOTS, Entry, chosen
+from experiments.ablate.judge import Sampler, sampled, values_of
+from experiments.ablate.report import write
+from experiments.ablate.requests import Requests, padded, requests_of
+from experiments.evaluate.made import weights_hash
+from experiments.evaluate.sources import digest
+from experiments.train import train
+from scjax.metrics.measure import measure
+
+FORMAT = 1  # of a run's result; to be raised when what it holds changes
+LAYOUTS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
+
+
+def ablate(config: Any, workdir: Path) -> Path | None:
+    """The whole ablation, top to bottom; the report, or None if a signal stopped it.
+
+    Raises:
+      ValueError: from the config; nothing is trained then.
+    """
+    workdir.mkdir(parents=True, exist_ok=True)
+    (workdir / "config.json").write_text(json.dumps(json.loads(config.to_json()), indent=1))
+    names = {kind: chosen(tuple(config.entries), kind) for kind in config.kinds}
+    frozen = scjax.load(config.autoencoder)
+    sampler = Sampler(config.sampler, config.sampler_steps, float(config.guidance))
+    asked = {kind: requests_of(kind, config.records, config.samples, frozen) for kind in names}
+
+    base = config.base or _base(config, workdir)
+    if base is None:
+        return None
+    known = weights_hash(scjax.load(base))
+    # A whole seed at a time: a report of what is done so far compares everything.
+    todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
+    rows: list[dict[str, Any]] = []
+    with tqdm(todo, unit="run", disable=None) as bar:
+        for seed, kind, name in bar:
+            bar.set_description(f"{kind} {name} {seed}")
+            row = _row(config, workdir, base, known, asked[kind], name, kind, seed, sampler)
+            if row is None:
+                return None
+            rows.append({"kind": kind, "entry": name, "seed": seed, **row})
+            report = write(rows, workdir)
+            jax.clear_caches()  # the programs of a mechanism are of no use to another
+    return report
+
+
+def _base(config: Any, workdir: Path) -> str | None:
+    """Model folder of the unconditional denoiser that all runs start from, trained on all of their windows."""
+    training = _copy(config)
+    training.steps = config.base_steps
+    training.optimiser.warmup = min(training.optimiser.warmup, max(config.base_steps // 5, 1))
+    training.batch.layouts = tuple(sum(np.array([LAYOUTS[kind] for kind in config.kinds])).tolist())
+    training.condition = "none"
+    return _trained(training, workdir / f"base-{digest(training.to_json())[:8]}")
+
+
+def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> ConfigDict:
+    """What ``experiments.train`` does for one run; between mechanisms only the mechanism differs."""
+    training = _copy(config)
+    training.start, training.condition, training.control = base, kind, entry.control
+    training.seed = training.batch.seed = seed
+    training.batch.layouts = LAYOUTS[kind]
+    options = entry.options_of(kind)
+    if options:
+        training.control_options[entry.control].update(options)
+    training.model.attend_padding = entry.padded
+    if entry.padded and kind == "text":
+        training.batch.text_slots = PADDED_SLOTS
+    return training
+
+
+def _copy(config: Any) -> ConfigDict:
+    training = ConfigDict(config.training.to_dict())
+    training.records, training.autoencoder = config.records, config.autoencoder
+    return training
+
+
+def _row(
+    config: Any, workdir: Path, base: str, known: str, requests: Requests, name: str, kind: str, seed: int,
+    sampler: Sampler,
+) -> dict[str, Any] | None:  # fmt: skip
+    """A run's result, made now or before; None if a signal stopped it."""
+    training = run_config(config, base, ENTRIES[name], kind, seed)
+    told = digest(json.dumps({**json.loads(training.to_json()), "start": known}, sort_keys=True))[:8]
+    folder = workdir / "runs" / f"{kind}-{name}-{seed}-{told}"
+    path = folder / f"result-{digest(str(FORMAT), requests.fingerprint, str(sampler))[:8]}.json"
+    if path.exists():
+        return json.loads(path.read_text())
+    trained = _trained(training, folder)
+    if trained is None:
+        return None
+    made = _result(scjax.load(trained), folder, path.stem, base, requests, ENTRIES[name], kind, seed, sampler)
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(json.dumps(made, indent=1))
+    temporary.replace(path)
+    return made
+
+
+def _trained(training: ConfigDict, folder: Path) -> str | None:
+    """The folder's model, trained or trained on; None if a signal stopped the training."""
+    model = folder / "model"
+    if not model.exists():
+        train(training, folder)
+    if not model.exists():
+        return None
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)  # ten times the model, and there are many
+    return str(model)
+
+
+def _result(
+    model: scjax.Model, folder: Path, stem: str, base: str, requests: Requests, entry: Entry, kind: str, seed: int,
+    sampler: Sampler,
+) -> dict[str, Any]:  # fmt: skip
+    slots = PADDED_SLOTS if entry.padded and kind == "text" else 0
+    real = measure(requests.references, requests.clusters)
+    found: dict[str, Any] = {}
+    for which, conditions in (("own", requests.own), ("shuffled", requests.shuffled)):
+        if which == "shuffled" and entry.control == "none":
+            found["shuffled"] = found["own"]  # nobody reads it
+            continue
+        path = folder / f"{stem}-{which}.npz"
+        scenes, seconds = sampled(model, padded(conditions, slots), sampler, seed, path)
+        found[which] = values_of(scenes, requests, real)
+        found["seconds_a_scene"] = seconds
+    lanes, agents = (
+        float(np.mean([getattr(scene, name) for scene in requests.references])) for name in ("num_lanes", "num_agents")
+    )
+    context, config = slots or requests.context, model.denoiser_config
+    assert config is not None
+    flops = {
+        f"flops{name}": denoiser_forward(config, lanes, agents, context, cached=cached)  # pyright: ignore
+        for name, cached in (("", False), ("_cached", True))
+    }
+    return {**found, **flops, "parameters": _size(model) - _size(scjax.load(base)),
+            "seconds_a_step": _step_seconds(folder)}  # fmt: skip
+
+
+def _size(model: scjax.Model) -> int:
+    return sum(np.size(leaf) for leaf in jax.tree.leaves(model.denoiser))
+
+
+def _step_seconds(folder: Path) -> float:
+    """The median over what was logged: compilation and interruptions fall into few of the lines."""
+    lines: Sequence[dict[str, Any]] = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    size = json.loads((folder / "config.json").read_text())["batch"]["batch_size"]
+    return statistics.median(size / line["scenes_per_second"] for line in lines if line["scope"] == "train")

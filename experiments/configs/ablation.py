@@ -1,0 +1,51 @@
+"""The study of conditioning mechanisms (attention-variants.md): which ones, on what, how long, how judged.
+
+    python -m experiments.ablate --config=experiments/configs/ablation.py --workdir=runs/ablation \
+        --config.records=runs/records --config.autoencoder=runs/autoencoder/model
+
+Every run starts from one unconditional base and trains all weights, ``none`` too: what a mechanism adds is then not
+what more steps add, and few steps suffice. (--config.training.freeze=True is the paper's regime, in which only the
+mechanism learns; ``none`` is the base itself then.) smoke: a handful of steps, to see that everything runs.
+"""
+
+from __future__ import annotations
+
+import ml_collections
+
+from experiments.ablate.entries import ENTRIES, KINDS
+from experiments.configs import denoiser
+
+VARIANTS = ("standard", "smoke")
+
+
+def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of ablation.py: choose one of {', '.join(VARIANTS)}")
+    smoke = variant == "smoke"
+    config = ml_collections.ConfigDict()
+    config.records = "runs/records"  # captioned and embedded for kind text
+    config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
+    config.base = ""  # model folder of an unconditional denoiser of training's sizes; "": trained first
+    config.base_steps = 2 if smoke else 3000
+    config.kinds = ("text",) if smoke else KINDS
+    config.entries = ("none", "full") if smoke else tuple(ENTRIES)
+    config.seeds = (0,) if smoke else (0, 1, 2)  # of weights, data order, noise and samples
+    config.samples = 4 if smoke else 150  # held-back conditions, each asked once with its own and once with another's
+    config.sampler = "dpm++"
+    config.sampler_steps = 2 if smoke else 10
+    config.guidance = 4.0
+
+    training = denoiser.get_config("tiny")  # of every run; records, autoencoder, condition and control are set by it
+    training.steps = 3 if smoke else 600
+    # Compiling takes a good part of a short run. What lies farthest off is left out, hardly anything in our worlds.
+    training.batch.buckets = ((61, 100),) if smoke else ((16, 28), (32, 48))
+    training.optimiser.warmup = 1 if smoke else 100
+    training.evaluate_every = training.picture_every = 0
+    training.log_every = 1 if smoke else 50
+    training.checkpoint_every = 2 if smoke else 250
+    training.tensorboard = False
+    if smoke:
+        training.batch.batch_size = 2
+    config.training = training
+    return config
