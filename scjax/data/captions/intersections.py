@@ -80,9 +80,12 @@ def side_of(place: np.ndarray) -> Literal["ahead", "behind", "left", "right"]:
 
 
 def find_intersections(road: Road) -> tuple[list[Intersection], int]:
-    """Intersections of three or more arms, those with most crossings first; pairs of lanes on different levels."""
+    """Intersections of three or more arms, those with most crossings first; pairs of lanes on different levels.
+
+    Lanes that on average cross each other more than once, as those of untrained models do, are a tangle without any.
+    """
     places, pairs, bridges = _crossings(road)
-    if not len(places):
+    if not len(places) or len(places) > len(road) * (len(road) - 1) // 2:
         return [], bridges
     near = np.linalg.norm(places[:, None] - places[None], axis=-1) < _LINK
     label = connected_components(csr_array(near), directed=False)[1]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from scjax.data.captions.facts import FORMAT, Facts, parse
-from scjax.scene import AgentType, Signal, pad, permute
+from scjax.data.captions.intersections import find_intersections
+from scjax.data.captions.road import road_of
+from scjax.scene import AgentType, Signal, empty, pad, permute
 from tests.data.captions.towns import WIDTH, Town
 
 
@@ -195,3 +197,13 @@ def test_facts_go_to_json_and_back():
         Facts.from_json({"format": 7})
     with pytest.raises(ValueError, match="unknown fields: colour"):
         Facts.from_json({"format": FORMAT, "layout": "T", "colour": "red"})
+
+
+def test_a_tangle_of_lanes_has_no_intersections():
+    """Untrained models draw such scenes; pairs of their crossings, all compared, took minutes and gigabytes."""
+    scene = empty(1, 60).replace(
+        lanes=np.random.default_rng(0).normal(0, 12, (60, 20, 3)).astype(np.float32), lane_mask=np.ones(60, bool),
+        agent_mask=np.ones(1, bool),
+    )  # fmt: skip
+    assert find_intersections(road_of(scene))[0] == []
+    assert parse(scene).layout not in ("four-way", "T", "complex")
