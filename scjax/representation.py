@@ -274,12 +274,17 @@ class Representation:
         return jnp.asarray(table)[scene.signals]
 
     def _consistent_links(self, logits: Float[AnyArray, "*b n n kinds"]) -> Int[Array, "*b n n"]:
-        """Log-probabilities of i -> j and of the inverse relation j -> i, summed, argmax; SELF on the diagonal."""
+        """Log-probabilities of i -> j and of the inverse relation j -> i, summed, argmax; SELF on the diagonal.
+
+        Below the diagonal stand the inverses of what is above it: of equal sums the two argmaxes could disagree.
+        """
         inverse = np.array([self.links.index(Link(INVERSE_LINK[link])) for link in self.links])
         scores = jax.nn.log_softmax(jnp.asarray(logits), -1)
         scores = scores + jnp.swapaxes(scores, -2, -3)[..., inverse]
         self_id = self.links.index(Link.SELF)
         best = jnp.argmax(scores.at[..., self_id].set(-jnp.inf), -1)
+        lower = _like(np.tri(logits.shape[-2], k=-1, dtype=bool), best.ndim)
+        best = jnp.where(lower, jnp.asarray(inverse)[jnp.swapaxes(best, -1, -2)], best)
         diagonal = _like(np.eye(logits.shape[-2], dtype=bool), best.ndim)
         return jnp.where(diagonal, Link.SELF, jnp.asarray(self.links, jnp.int32)[best])
 

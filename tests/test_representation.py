@@ -147,6 +147,16 @@ def test_links_are_consistent_whatever_the_logits(name):
     assert set(np.unique(np.asarray(made.links))) <= {int(link) for link in preset.links}
 
 
+def test_links_of_equal_evidence_are_consistent():
+    preset = representation.scjax()
+    logits = np.zeros((3, 12, 12, len(preset.links)), np.float32)
+    logits[..., preset.links.index(Link.LEFT)] = logits[..., preset.links.index(Link.RIGHT)] = 1
+    made = _decode(preset.name)(_encode(preset.name, example_scene(1)), logits).to_numpy()
+    validate(made)
+    pairs = made.lane_mask[:, :, None] & made.lane_mask[:, None] & ~np.eye(12, dtype=bool)[None]
+    assert set(made.links[pairs].tolist()) == {Link.LEFT, Link.RIGHT}
+
+
 def test_evidence_of_both_directions_decides_a_link():
     tokens = _encode("official_nuplan", example_scene(agents=1, lanes=2))
     logits = np.zeros((3, 12, 12, 4), np.float32)
