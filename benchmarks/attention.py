@@ -30,6 +30,8 @@ from tqdm import tqdm
 
 from benchmarks.attention_points import DENSE, VARIANTS, Point
 from benchmarks.workload import table
+from scjax.data.shards import write_text
+from scjax.viz.grid import save
 
 KEYS = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384)
 QUERIES = (16, 32, 64, 128, 256)
@@ -81,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows.append(row)
         with log.open("a") as file:
             file.write(json.dumps(row) + "\n")
-    (args.out / "attention.md").write_text(report(rows))
+    write_text(args.out / "attention.md", report(rows))
     draw(rows, args.out / "attention.png")
     print(report(rows))
 
@@ -182,7 +184,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         ax.set(xscale="log", yscale="log", xlabel=title, ylabel="ms, core, forward, one core")
         ax.grid(alpha=0.3)
     axes[0].legend(fontsize=7, ncols=2)
-    figure.savefig(path, dpi=80)
+    save(figure, path, dpi=80)
 
 
 def _is(row: dict[str, Any], variant: str, stage: str, backward: bool, **fields: Any) -> bool:

@@ -34,6 +34,7 @@ from scjax.data.captions.facts import Facts, parse
 from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.captions.store import Caption, read_captions
 from scjax.data.captions.text import STYLES
+from scjax.data.shards import write_text
 from scjax.devices import use_every_core
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
@@ -68,9 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f"experiments.adherence: {error}")
     content = {"rows": table, "realism": sound, "labels": ceiling}
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.with_suffix(".json").write_text(json.dumps(content, indent=1))
+    write_text(args.out.with_suffix(".json"), json.dumps(content, indent=1))
     text = markdown(table, sound, ceiling)
-    args.out.with_suffix(".md").write_text(text)
+    write_text(args.out.with_suffix(".md"), text)
     print(text)
 
 
@@ -80,9 +81,7 @@ def measure(
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
-    captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
-    if store.encoder != model.text_encoder:
-        raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
+    captions, store = held_back(folder, model)
     rng = np.random.default_rng(seed)
     rows = [int(row) for row in rng.permutation(len(captions))[:samples]]
     asked, told, prompts, real = [], [], [], []
@@ -112,6 +111,18 @@ def measure(
     table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
     sound["the record itself"] = realism(real)
     return table, sound, label_agreement(folder, [caption.facts for caption in captions])
+
+
+def held_back(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore]:
+    """Captions of the held-back records, and their token features.
+
+    Raises:
+      ValueError: they are embedded by another encoder than the model's.
+    """
+    captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
+    if store.encoder != model.text_encoder:
+        raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
+    return captions, store
 
 
 def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:

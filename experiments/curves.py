@@ -17,6 +17,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from scjax.viz.grid import save
+
 Series = dict[str, list[tuple[int, float]]]
 
 _COLUMNS = 4
@@ -81,10 +83,7 @@ def draw(runs: dict[str, Series], path: Path) -> Figure:
         panel.set_axis_off()
     panels[0].legend(fontsize=7)
     figure.supxlabel("training step", fontsize=9)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}")
-    figure.savefig(temporary, format="png", dpi=110)
-    temporary.replace(path)
+    save(figure, path, dpi=110)
     return figure
 
 

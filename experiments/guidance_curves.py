@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from experiments.adherence import SOUND
 from experiments.arguments import parser_of
+from scjax.viz.grid import save
 
 Curve = list[tuple[float, float]]
 """(guidance weight, value), weights ascending."""
@@ -84,9 +85,7 @@ def draw(files: dict[str, tuple[dict[str, Curve], dict[str, float]]], path: Path
     if len(files) > 1:
         axes[0].legend(fontsize=7)
     figure.supxlabel("guidance weight (dashed: the record itself)", fontsize=9)
-    temporary = path.with_name(f".{path.name}")
-    figure.savefig(temporary, format="png", dpi=100)
-    temporary.replace(path)
+    save(figure, path, dpi=100)
     return figure
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from scjax.viz.grid import save
+
 Row = dict[str, Any]
 
 # Name -> title, and whether more is better.
@@ -79,7 +81,7 @@ def markdown(rows: Sequence[Row], reference: Row) -> str:
 
 def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
     """A panel a metric over evaluations of the network, a line a sampler and weight; grey: the reference's interval."""
-    shown = [name for name in METRICS if any(_finite(row["metrics"][name]["value"]) for row in rows)]
+    shown = [name for name in METRICS if any(math.isfinite(row["metrics"][name]["value"]) for row in rows)]
     count = len(shown) + 1
     lines = math.ceil(count / _COLUMNS)
     figure = Figure(figsize=(3.4 * _COLUMNS, 2.5 * lines), layout="constrained")
@@ -98,7 +100,7 @@ def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
         panels[count - 1].plot(x, [row["seconds"] for row in each], ".-", lw=1, label=name)
     for panel, metric in zip(panels, shown, strict=False):
         bounds = reference["metrics"][metric]
-        if _finite(bounds["low"]) and _finite(bounds["high"]):
+        if math.isfinite(bounds["low"]) and math.isfinite(bounds["high"]):
             panel.axhspan(bounds["low"], bounds["high"], color="0.85", zorder=0)
         panel.set_title(METRICS[metric][0], fontsize=9)
     panels[count - 1].set_title("seconds a scene", fontsize=9)
@@ -110,11 +112,5 @@ def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
         panel.set_axis_off()
     panels[0].legend(fontsize=7)
     figure.supxlabel("evaluations of the network", fontsize=9)
-    temporary = path.with_name(f".{path.name}")
-    figure.savefig(temporary, format="png", dpi=100)
-    temporary.replace(path)
+    save(figure, path, dpi=100)
     return figure
-
-
-def _finite(value: float) -> bool:
-    return math.isfinite(value)

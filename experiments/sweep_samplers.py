@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -26,15 +25,14 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.adherence import a_prompt
+from experiments.adherence import a_prompt, held_back
 from experiments.arguments import parser_of
 from experiments.evaluate.made import counts_of, weights_hash
 from experiments.evaluate.sources import Records, digest, row_text
 from experiments.sweep_report import METRICS, draw, markdown, verdict
-from scjax.data.captions.embeddings import TextStore
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import Asked, met, read_prompt
-from scjax.data.captions.store import read_captions
+from scjax.data.shards import write_text
 from scjax.devices import use_every_core
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
@@ -116,11 +114,13 @@ def sweep(args) -> str:
             else:
                 row = {"name": label(name, steps, weight, weights), "sampler": name, "steps": steps,
                        "guidance": weight, "evaluations": SAMPLERS[name].evaluations(steps)}  # fmt: skip
-                _write(path, json.dumps(row | measured(model, requests, real, row, args.seed, bar), indent=1))
+                write_text(path, json.dumps(row | measured(model, requests, real, row, args.seed, bar), indent=1))
             rows.append(json.loads(path.read_text()))
     told = verdict(rows, rows[0])
-    _write(args.out / "sweep.json", json.dumps({"rows": rows, "reference": rows[0]["name"], "verdict": told}, indent=1))
-    _write(args.out / "sweep.md", markdown(rows, rows[0]) + f"\n{told}\n")
+    write_text(
+        args.out / "sweep.json", json.dumps({"rows": rows, "reference": rows[0]["name"], "verdict": told}, indent=1)
+    )
+    write_text(args.out / "sweep.md", markdown(rows, rows[0]) + f"\n{told}\n")
     draw(rows, rows[0], args.out / "sweep.png")
     return told
 
@@ -144,11 +144,7 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
     asked: list[Asked] = []
     told = ""
     if model.text_encoder:
-        captions, store, rng = list(read_captions(folder, "val")), TextStore(folder, "val"), np.random.default_rng(seed)
-        if store.encoder != model.text_encoder:
-            raise ValueError(
-                f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}"
-            )
+        (captions, store), rng = held_back(folder, model), np.random.default_rng(seed)
         prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
         asked, told = [read_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
         conditions = [
@@ -188,12 +184,6 @@ def measured(model: scjax.Model, requests: Requests, real: Tally, row: dict, see
 def _table(ours: Sums, theirs: Sums) -> Values:
     values = distribution_values(ours, theirs, "strict") | scene_values(ours) | also_values(ours)
     return {name: values.get(name, math.nan) for name in METRICS}
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    temporary.write_text(text)
-    temporary.replace(path)
 
 
 if __name__ == "__main__":

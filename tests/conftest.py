@@ -17,7 +17,7 @@ jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as exp
 def pytest_configure(config: pytest.Config) -> None:
     """Most of the suite's time is XLA compiling: workers and child processes share a cache, and optimise little.
 
-    (The graph's own passes still run; what is left out are LLVM's, which change no result and take half of the time.)
+    (The graph's own passes still run; what is left out are LLVM's, which take up to half of the time of a compilation.)
     """
     os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
     jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")

@@ -14,6 +14,7 @@ from scipy.stats import t as student
 from experiments.ablate.entries import ENTRIES
 from experiments.ablate.judge import HEADLINE, METRICS
 from experiments.ablate.picture import draw
+from scjax.data.shards import write_text
 
 Run = dict[str, Any]
 LEVEL = 0.95
@@ -45,10 +46,8 @@ def write(runs: Sequence[Run], workdir: Path) -> Path:
     """ablation.json, .png and .md of what is done so far; returns the last."""
     content = {"level": LEVEL, "runs": list(runs), "rows": summary(runs)}
     report = workdir / "ablation.md"
-    for path, text in ((workdir / "ablation.json", json.dumps(content, indent=1)), (report, markdown(runs))):
-        temporary = path.with_name(f".{path.name}.part")
-        temporary.write_text(text)
-        temporary.replace(path)
+    write_text(workdir / "ablation.json", json.dumps(content, indent=1))
+    write_text(report, markdown(runs))
     draw(content["rows"], workdir / "ablation.png")
     return report
 

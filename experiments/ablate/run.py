@@ -23,6 +23,7 @@ from experiments.ablate.requests import Requests, padded, requests_of
 from experiments.evaluate.made import weights_hash
 from experiments.evaluate.sources import digest
 from experiments.train import train
+from scjax.data.shards import write_text
 from scjax.metrics.measure import measure
 
 FORMAT = 1  # of a run's result; to be raised when what it holds changes
@@ -48,6 +49,8 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     known = weights_hash(scjax.load(base))
     # A whole seed at a time: a report of what is done so far compares everything.
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
+    if not todo:
+        raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
     rows: list[dict[str, Any]] = []
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
@@ -107,9 +110,7 @@ def _row(
     if trained is None:
         return None
     made = _result(scjax.load(trained), folder, path.stem, base, requests, ENTRIES[name], kind, seed, sampler)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(json.dumps(made, indent=1))
-    temporary.replace(path)
+    write_text(path, json.dumps(made, indent=1))
     return made
 
 

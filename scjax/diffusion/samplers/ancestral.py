@@ -12,25 +12,19 @@ import jax
 import jax.numpy as jnp
 
 from scjax.diffusion.process import posterior_mean, posterior_std
-from scjax.diffusion.samplers.problem import Problem, Step
+from scjax.diffusion.samplers.problem import Problem, Sampler, Step
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 
 @dataclasses.dataclass(frozen=True)
-class DDPM:
+class DDPM(Sampler):
     """Ancestral sampling; x_0 is not clipped."""
 
     name: ClassVar[str] = "ddpm"
     predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity")
     last: ClassVar[float] = 1.0
-
-    def evaluations(self, steps: int) -> int:
-        return steps
-
-    def begin(self, x: Nodes) -> tuple[()]:
-        return ()
 
     def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
         assert isinstance(problem.schedule, Schedule)  # by ``predictions``

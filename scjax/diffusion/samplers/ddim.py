@@ -8,7 +8,7 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from scjax.diffusion.samplers.problem import Problem, Step, at
+from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
@@ -16,7 +16,7 @@ from scjax.models.nodes import Nodes
 
 
 @dataclasses.dataclass(frozen=True)
-class DDIM:
+class DDIM(Sampler):
     """x' = signal' x_0 + sqrt(noise'^2 - std^2) eps + std z, with std = eta times that of the posterior.
 
     Attributes:
@@ -33,12 +33,6 @@ class DDIM:
     def __post_init__(self):
         if not 0 <= self.eta <= 1:
             raise ValueError(f"DDIM.eta must lie in 0 (deterministic)..1 (ancestral), not {self.eta}")
-
-    def evaluations(self, steps: int) -> int:
-        return steps
-
-    def begin(self, x: Nodes) -> tuple[()]:
-        return ()
 
     def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
         assert isinstance(problem.schedule, Schedule)  # by ``predictions``

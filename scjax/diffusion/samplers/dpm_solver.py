@@ -16,23 +16,20 @@ import numpy as np
 from jaxtyping import Float
 
 from scjax.diffusion.level import Level
-from scjax.diffusion.samplers.problem import Problem, Step, at
+from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 
 @dataclasses.dataclass(frozen=True)
-class DPMSolver:
+class DPMSolver(Sampler):
     """DPM-Solver++ 2M, deterministic; ``threshold`` bounds the estimate of x_0."""
 
     threshold: Threshold | None = Threshold()  # noqa: RUF009 - frozen
     name: ClassVar[str] = "dpm++"
     predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity", "flow")
     last: ClassVar[float] = 0.5
-
-    def evaluations(self, steps: int) -> int:
-        return steps
 
     def begin(self, x: Nodes) -> Nodes:
         return jax.tree.map(jnp.zeros_like, x)

@@ -7,31 +7,25 @@ from typing import ClassVar
 
 import jax
 
-from scjax.diffusion.samplers.problem import Problem, Step, at
+from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 
 @dataclasses.dataclass(frozen=True)
-class Euler:
+class Euler(Sampler):
     """First order, one evaluation a step."""
 
     name: ClassVar[str] = "euler"
     predictions: ClassVar[tuple[Prediction, ...]] = ("flow",)
     last: ClassVar[float] = 1.0
 
-    def evaluations(self, steps: int) -> int:
-        return steps
-
-    def begin(self, x: Nodes) -> tuple[()]:
-        return ()
-
     def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
         return _moved(x, problem.denoise(x, step), _length(problem, step)), memory
 
 
 @dataclasses.dataclass(frozen=True)
-class Heun:
+class Heun(Sampler):
     """Second order: the mean of the velocities at both ends of a step, two evaluations; the last step is Euler's.
 
     (As in Karras et al. 2022: at s = 0 no network was trained.)
@@ -43,9 +37,6 @@ class Heun:
 
     def evaluations(self, steps: int) -> int:
         return 2 * steps - 1
-
-    def begin(self, x: Nodes) -> tuple[()]:
-        return ()
 
     def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
         length, velocity = _length(problem, step), problem.denoise(x, step)

@@ -42,7 +42,8 @@ class Problem(NamedTuple):
 
 @runtime_checkable
 class Sampler(Protocol):
-    """A sampler: a frozen dataclass of its options.
+    """A sampler: a frozen dataclass of its options. Unless it says otherwise, it asks the network once a step and
+    remembers nothing.
 
     Attributes:
       name: in messages and on the command line.
@@ -56,11 +57,11 @@ class Sampler(Protocol):
 
     def evaluations(self, steps: int) -> int:
         """How often the network runs in so many steps."""
-        ...
+        return steps
 
     def begin(self, x: Nodes) -> Any:
         """What it remembers from step to step, before the first."""
-        ...
+        return ()
 
     def step(self, problem: Problem, x: Nodes, step: Step, memory: Any) -> tuple[Nodes, Any]:
         """The state at the next level, and what to remember."""
