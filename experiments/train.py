@@ -45,7 +45,9 @@ def main(_) -> None:
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:
-        print(f"experiments.train: {error}", file=sys.stderr, flush=True)
+        # Writing to an open file fails without its name.
+        where = f" (in {_WORKDIR.value})" if isinstance(error, OSError) and error.filename is None else ""
+        print(f"experiments.train: {error}{where}", file=sys.stderr, flush=True)
         # The threads of a checkpoint that could not be written would print their traces after this line.
         os._exit(1)
 

@@ -1,4 +1,7 @@
-"""The official preset against golden vectors of the official autoencoder: every array, gradient and loss term."""
+"""The official preset against golden vectors of the official autoencoder: every array, gradient and loss term.
+
+(In one padded batch; that a scene alone gives the same is a test of test_autoencoder.py.)
+"""
 
 from __future__ import annotations
 
@@ -59,30 +62,19 @@ def run(config, params):
 @pytest.fixture(scope="module")
 def together(run, inputs):
     """All scenes in one batch, the largest with two rows of padding, and garbage in all padding."""
-    names = cases.scene_names(inputs)
-    return jax.device_get(run(*_batch(inputs, names, _sizes(inputs, extra=2), garbage=1e30)))
+    return jax.device_get(run(*_batch(inputs, cases.scene_names(inputs), garbage=1e30)))
 
 
-@pytest.fixture(scope="module")
-def alone(run, inputs):
-    """Every scene on its own, at the size of the largest."""
-    names = cases.scene_names(inputs)
-    return [jax.device_get(run(*_batch(inputs, [name], _sizes(inputs)))) for name in names]
-
-
-def _sizes(inputs, extra=0) -> tuple[int, int]:
-    scenes = [cases.tokens_of(inputs, name) for name in cases.scene_names(inputs)]
-    return max(s.agent_mask.shape[1] for s in scenes) + extra, max(s.lane_mask.shape[1] for s in scenes) + extra
-
-
-def _batch(inputs, names, sizes, garbage=None) -> tuple[Tokens, Nodes, Nodes]:
+def _batch(inputs, names, garbage) -> tuple[Tokens, Nodes, Nodes]:
     """Tokens, latents for the decoder, noise."""
-    tokens = [cases.padded(cases.tokens_of(inputs, name), *sizes, garbage) for name in names]
+    tokens = [cases.tokens_of(inputs, name) for name in names]
+    sizes = (max(s.agent_mask.shape[1] for s in tokens) + 2, max(s.lane_mask.shape[1] for s in tokens) + 2)
     latents, noise = (
         [cases.padded_nodes(cases.nodes_of(inputs, name, kind), *sizes, garbage) for name in names]
         for kind in ("decode_z", "noise")
     )
-    return cases.concatenate(*tokens), cases.concatenate(*latents), cases.concatenate(*noise)
+    tokens = cases.concatenate(*(cases.padded(scene, *sizes, garbage) for scene in tokens))
+    return tokens, cases.concatenate(*latents), cases.concatenate(*noise)
 
 
 def _arrays(posterior, decoded, trace) -> dict[str, jax.Array]:
@@ -120,17 +112,10 @@ def _compare(found: dict[str, np.ndarray], outputs, inputs, scene: str, row: int
     return len(wanted)
 
 
-def test_forward_parity_scene_by_scene(parity_dir, inputs, alone):
-    outputs = cases.load(parity_dir, "ae_outputs.npz")
-    names = cases.scene_names(inputs)
-    compared = sum(_compare(found, outputs, inputs, name, 0) for name, (found, *_) in zip(names, alone, strict=True))
-    assert compared == len(outputs) - len(names)  # all but the edges after the last encoder block
-
-
 def test_forward_parity_in_one_padded_batch(parity_dir, inputs, together):
-    outputs = cases.load(parity_dir, "ae_outputs.npz")
-    for row, scene in enumerate(cases.scene_names(inputs)):
-        _compare(together[0], outputs, inputs, scene, row)
+    outputs, names = cases.load(parity_dir, "ae_outputs.npz"), cases.scene_names(inputs)
+    compared = sum(_compare(together[0], outputs, inputs, name, row) for row, name in enumerate(names))
+    assert compared == len(outputs) - len(names)  # all but the edges after the last encoder block
 
 
 def test_partition_masks_parity(inputs):
@@ -146,7 +131,7 @@ def test_partition_masks_parity(inputs):
             np.testing.assert_array_equal(rows[0][:, None] == columns[0][None], wanted, err_msg=f"{scene} {name}")
 
 
-def test_loss_parity(parity_dir, alone, together):
+def test_loss_parity(parity_dir, together):
     reference = cases.load(parity_dir, "ae_loss.npz")
     means, scenes = together[1]
     renamed = {"lane_count_over_nonzero_types": "lane_count_over_counted"}
@@ -154,19 +139,11 @@ def test_loss_parity(parity_dir, alone, together):
         kind, term = name.split("/")
         found = scenes[term] if kind == "per_scene" else means[renamed.get(term, term)]
         np.testing.assert_allclose(found, wanted, 1e-5, 1e-5, err_msg=name)
-        if kind == "per_scene":
-            single = np.concatenate([terms[1][term] for _, terms, _ in alone])
-            np.testing.assert_allclose(single, wanted, 1e-5, 1e-5, err_msg=name)
 
 
-@pytest.mark.parametrize("way", ["scene_by_scene", "padded_batch"])
-def test_gradient_parity(parity_dir, config, alone, together, way):
+def test_gradient_parity(parity_dir, config, together):
     reference = cases.load(parity_dir, "ae_grads.npz")
-    if way == "padded_batch":
-        found = together[2]
-    else:
-        found = jax.tree.map(lambda *g: sum(g) / len(g), *(gradient for *_, gradient in alone))
-    found = to_official(found, config)
+    found = to_official(together[2], config)
     unused = unused_sizes(config)
     for key, wanted in reference.items():
         if key in unused:

@@ -1,0 +1,10 @@
+"""Most of the time of these tests is compiling: all that they sample has one shape."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def one_bucket(monkeypatch):
+    monkeypatch.setattr("scjax.sampling.BUCKETS", ((61, 100),))
