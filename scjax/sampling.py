@@ -25,7 +25,7 @@ from scjax.programs import reconstruction_program, sampling_program
 from scjax.prompts import with_tokens
 from scjax.scene import Layout, Scene, empty, pad, permute, stack, unpadded
 
-BUCKETS = ((12, 16), (16, 28), (32, 48), (61, 100))  # (agent, lane) slots
+BUCKETS = ((16, 28), (32, 48), (61, 100))  # (agent, lane) slots; each is a program to compile
 GROUP = 8  # scenes a compiled call, when there is more than one
 
 Tables = dict[tuple[int, int | None, Layout], np.ndarray | None]

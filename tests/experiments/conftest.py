@@ -7,4 +7,4 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def one_bucket(monkeypatch):
-    monkeypatch.setattr("scjax.sampling.BUCKETS", ((61, 100),))
+    monkeypatch.setattr("scjax.sampling.BUCKETS", ((52, 64),))

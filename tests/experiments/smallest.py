@@ -16,7 +16,7 @@ def get_config(stage: str = "autoencoder"):
     if stage in sizes:
         config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "control"}
     config.batch.batch_size = 2
-    config.batch.buckets = ((61, 100),)
+    config.batch.buckets = ((52, 64),)
     config.steps = 9
     config.optimiser.warmup = 2
     config.log_every = config.checkpoint_every = 3

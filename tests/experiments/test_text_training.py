@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import scjax
+from experiments import calibration
 from experiments.adherence import markdown, measure
 from experiments.ship import ship
 from experiments.train import train
@@ -82,6 +83,13 @@ def test_a_prompt_decides_counts_and_scene(prompt_model):
     tokens = Words()(["a straight road"])[0].features
     scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
     scjax.validate(scene)
+
+
+def test_calibration_of_the_counts(folder, prompt_model):
+    found, told, true = calibration.measure(str(folder / "prompt" / "model"), str(folder / "records"), 0)
+    assert found["both"]["scenes"] == len(true["lanes"]) == len(told["agents"]) > 1
+    assert found["lanes"]["mae_of_mean"] > 0 and 0 <= found["agents"]["in_central_90_percent"] <= 1
+    np.testing.assert_allclose(told["lanes"].sum(1), 1, atol=1e-5)
 
 
 def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
