@@ -34,7 +34,7 @@ def grid(
     Args:
       scenes: a batch [n], or single scenes.
       columns: pictures a row; about a square if None.
-      titles: one line per scene.
+      titles: one per scene, of one line or several.
       known: as in ``plot``: one pair of masks a scene, or a batch of them.
       speeds: as in ``plot``.
       path: where to write a PNG as well (to a temporary name first, then renamed).
@@ -57,7 +57,7 @@ def grid(
             raise ValueError(f"{len(items)} {name} for {len(scenes)} scenes: give one each, or None")
     columns = columns or math.ceil(math.sqrt(len(scenes)))
     rows = math.ceil(len(scenes) / columns)
-    line = 0.2 if titles is not None else 0.0  # inches for a title
+    line = 0.2 * max((title.count("\n") + 1 for title in titles), default=0) if titles is not None else 0.0  # inches
     figure = Figure(figsize=(columns * _CELL, rows * (_CELL + line) + 0.3), facecolor="white")
     FigureCanvasAgg(figure)
     width, height = figure.get_size_inches()
