@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import shutil
 import uuid
@@ -103,14 +104,20 @@ def load(path: str | Path | None = None) -> Model:
     """Reads a model folder written by ``save``, by training or by ``python -m scjax.convert``.
 
     Args:
-      path: the folder; None: the model that ships with scjax, trained on its synthetic world alone.
+      path: the folder; None: the model that ships with scjax, trained on its synthetic world alone, read once.
 
     Raises:
       ValueError: if the folder is missing, incomplete, damaged (by the hashes of its files), or of a newer format.
     """
-    folder = Path(path) if path is not None else SHIPPED
-    if path is None and not (folder / _JSON).is_file():
-        raise ValueError("no model ships with this version of scjax: train one with python -m experiments.train")
+    return _shipped() if path is None else _read(Path(path))
+
+
+@functools.cache
+def _shipped() -> Model:
+    return _read(SHIPPED)
+
+
+def _read(folder: Path) -> Model:
     if not (folder / _JSON).is_file():
         raise ValueError(f"{folder} is no model folder: it has no {_JSON}. Train one with python -m experiments.train")
     try:
