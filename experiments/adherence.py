@@ -28,6 +28,7 @@ from tqdm import tqdm
 import scjax
 from experiments.arguments import parser_of
 from experiments.evaluate.retrieval import tf_idf
+from scjax.cli.start import start_jax
 from scjax.data import records
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.captions.facts import Facts, parse
@@ -35,7 +36,6 @@ from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.captions.store import Caption, read_captions
 from scjax.data.captions.text import STYLES
 from scjax.data.shards import write_text
-from scjax.devices import use_every_core
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
 from scjax.prompts import best
@@ -206,5 +206,5 @@ def _all(texts: dict[str, list[str]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    use_every_core()
+    start_jax()
     main()

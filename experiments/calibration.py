@@ -25,9 +25,9 @@ from matplotlib.figure import Figure
 import scjax
 from experiments.adherence import a_prompt, held_back
 from experiments.arguments import parser_of
+from scjax.cli.start import start_jax
 from scjax.data import records
 from scjax.data.shards import write_text
-from scjax.devices import use_every_core
 from scjax.features import text_features
 from scjax.models.counter import counter
 from scjax.models.denoiser.config import TextCondition
@@ -145,5 +145,5 @@ def draw(told: dict[str, Shares], true: dict[str, Numbers], path: Path) -> Figur
 
 
 if __name__ == "__main__":
-    use_every_core()
+    start_jax()
     main()

@@ -21,9 +21,9 @@ from tqdm import tqdm
 
 import scjax
 from experiments.arguments import parser_of
+from scjax.cli.start import start_jax
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met, read_prompt
-from scjax.devices import use_every_core
 from scjax.prompts import with_tokens
 from scjax.viz.grid import grid
 
@@ -108,5 +108,5 @@ def read_prompts(path: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    use_every_core()
+    start_jax()
     main()

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 import scjax
-from scjax.devices import use_every_core
+from scjax.cli.start import start_jax
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.scene import Layout
 from scjax.scene_io import load_npz, save_json, save_npz
@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, help="sampling steps (default: the sampler's own; ddpm: all of training)")
     parser.add_argument("--guidance", type=float, help="guidance weight; 1 is none")
     args = parser.parse_args(arguments)
-    use_every_core()
+    start_jax()
     try:
         scenes = run(args)
     except (ValueError, OSError) as error:

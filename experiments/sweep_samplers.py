@@ -30,10 +30,10 @@ from experiments.arguments import parser_of
 from experiments.evaluate.made import counts_of, weights_hash
 from experiments.evaluate.sources import Records, digest, row_text
 from experiments.sweep_report import METRICS, draw, markdown, verdict
+from scjax.cli.start import start_jax
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.shards import write_text
-from scjax.devices import use_every_core
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
 from scjax.metrics.distributions import Sums
@@ -187,5 +187,5 @@ def _table(ours: Sums, theirs: Sums) -> Values:
 
 
 if __name__ == "__main__":
-    use_every_core()
+    start_jax()
     main()

@@ -27,8 +27,8 @@ from experiments import autoencoder_stage, counter_stage, decoder_stage, denoise
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
 from experiments.state import pipeline_config
+from scjax.cli.start import start_jax
 from scjax.data.pipeline import training_batches
-from scjax.devices import use_every_core
 from scjax.model import save
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
@@ -46,7 +46,7 @@ STAGES = {
 def main(_) -> None:
     # orbax reports every file that it touches, and logs with a traceback what it then raises.
     logging.set_verbosity(logging.FATAL)
-    use_every_core()
+    start_jax()
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:

@@ -16,12 +16,12 @@ from pathlib import Path
 from absl import app, flags, logging
 
 from experiments.ablate.run import ablate  # the trainer, imported with it, defines --config and --workdir
-from scjax.devices import use_every_core
+from scjax.cli.start import start_jax
 
 
 def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
-    use_every_core()
+    start_jax()
     try:
         report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir))
     except (ValueError, FloatingPointError, OSError) as error:

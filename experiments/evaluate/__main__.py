@@ -14,7 +14,7 @@ from absl import app, flags, logging
 from ml_collections import config_flags
 
 from experiments.evaluate.run import evaluate
-from scjax.devices import use_every_core
+from scjax.cli.start import start_jax
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
 _WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the evaluation: made scenes, measured parts, the report.")
@@ -23,7 +23,7 @@ flags.mark_flags_as_required(["config", "workdir"])
 
 def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
-    use_every_core()
+    start_jax()
     try:
         report = evaluate(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, OSError) as error:

@@ -39,11 +39,11 @@ def demo(seed, steps, raw, folder, model_folder, as_json) -> None:
 
         import scjax
         from scjax.cli.scenes import make
-        from scjax.cli.start import start
+        from scjax.cli.start import start_jax
         from scjax.prompts import with_tokens
         from scjax.viz.grid import grid
 
-        start()
+        start_jax()
         model = scjax.load(model_folder)
         told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
     scenes = []

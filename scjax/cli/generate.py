@@ -60,11 +60,11 @@ def generate(
 
         import scjax
         from scjax.cli.scenes import make
-        from scjax.cli.start import start
+        from scjax.cli.start import start_jax
         from scjax.data.captions.facts import parse
         from scjax.prompts import contradictions
 
-        start()
+        start_jax()
         model = scjax.load(model_folder)
         conditions = [
             scjax.Condition(

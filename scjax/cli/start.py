@@ -8,7 +8,7 @@ from scjax.devices import use_every_core
 from scjax.encoders.find import cache_folder
 
 
-def start() -> None:
+def start_jax() -> None:
     """Uses all cores, and keeps compiled programs in the cache folder: the second start of a command is fast."""
     use_every_core()
     if jax.config.values.get("jax_compilation_cache_dir") is None:

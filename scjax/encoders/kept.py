@@ -15,7 +15,7 @@ def write_prompts(features: Mapping[str, np.ndarray], encoder: str, path: str | 
     path = Path(path)
     temporary = path.with_name(f".{path.name}.part")
     arrays = {text: np.ascontiguousarray(one, np.float16) for text, one in features.items()}
-    safetensors.numpy.save_file(arrays, temporary, metadata={"encoder": encoder})
+    temporary.write_bytes(safetensors.numpy.save(arrays, metadata={"encoder": encoder}))
     temporary.replace(path)
 
 

@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("scjax.cli.start.start", lambda: None)  # no cache folder, no other devices
+    monkeypatch.setattr("scjax.cli.start.start_jax", lambda: None)  # no cache folder, no other devices
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str, str]:
