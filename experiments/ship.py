@@ -73,7 +73,7 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
 
 def public_notes(notes: dict[str, Any]) -> dict[str, Any]:
     """Of the notes of training: steps of every stage and the hash of the records, no folders of the machine."""
-    stages = {"denoiser": notes, **{name: notes.get(name, {}) for name in ("autoencoder", "decoder", "counter")}}
+    stages = {"denoiser": notes, "autoencoder": notes.get("autoencoder", {}), "counter": notes.get("counter", {})}
     batches = {name: stage["config"]["batch"] for name, stage in stages.items() if "config" in stage}
     return {
         "data": "the synthetic world of scjax, nothing else",

@@ -1,10 +1,9 @@
 """Trains one stage: python -m experiments.train --config=experiments/configs/<stage>.py:<variant> --workdir=runs/x
 
 Stages: ``autoencoder``, then ``denoiser`` (which reads the first one's exported model), for prompts once more with
---config.condition=text and then ``counter``; ``decoder`` makes samples of any model tidier. Variants: tiny, small,
-base, official. Any field is changed on the command line: --config.batch.batch_size=32. A run that is started again in
-the same --workdir continues at the very next batch; Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the
-trained model for scjax.load.
+--config.condition=text and then ``counter``. Variants: tiny, small, base, official. Any field is changed on the command
+line: --config.batch.batch_size=32. A run that is started again in the same --workdir continues at the very next batch;
+Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the trained model for scjax.load.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import numpy as np
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from experiments import autoencoder_stage, counter_stage, decoder_stage, denoiser_stage
+from experiments import autoencoder_stage, counter_stage, denoiser_stage
 from experiments.checkpoint import Checkpoints
 from experiments.reporting import Reporter
 from experiments.state import pipeline_config
@@ -35,12 +34,7 @@ _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and varia
 _WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the run: checkpoints, metrics, pictures, the model.")
 flags.mark_flags_as_required(["config", "workdir"])
 
-STAGES = {
-    "autoencoder": autoencoder_stage,
-    "denoiser": denoiser_stage,
-    "counter": counter_stage,
-    "decoder": decoder_stage,
-}
+STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage, "counter": counter_stage}
 
 
 def main(_) -> None:

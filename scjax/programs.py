@@ -17,7 +17,6 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
-from scjax.models.latents import perturbed
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional, Params
 from scjax.representation import Representation, Tokens
@@ -59,17 +58,16 @@ def sampling_program(
 
 @functools.lru_cache(maxsize=8)
 def reconstruction_program(representation: Representation, config: AutoencoderConfig) -> Program:
-    """(parameters, standard deviations, share of noise; keys, scenes) -> the same scenes, encoded and decoded."""
+    """(parameters; scenes) -> the same scenes, encoded and decoded from the posterior mean."""
     coder = autoencoder(config)
 
-    def run(params: Params, std, noise, keys, scenes: Scene) -> Scene:
+    def run(params: Params, scenes: Scene) -> Scene:
         tokens: Tokens = representation.tokens(scenes)
         posterior = coder.apply(params, tokens, method="encode")
-        latents = jax.vmap(perturbed, (0, 0, None, None))(keys, posterior.mean, std, noise)
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, representation, latents, masks, tokens.layout, tokens.domain)
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
 
-    return jax.jit(spread(run, shared=3))
+    return jax.jit(spread(run, shared=1))
 
 
 def decode(

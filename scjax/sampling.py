@@ -109,24 +109,16 @@ def sample_many(
     return [results[i] for i in range(len(requests))]
 
 
-def reconstruct(model: Model, scenes: Sequence[Scene], *, noise: float = 0.0, key: Array | None = None) -> list[Scene]:
+def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order.
 
     The scenes must be of the model's types (``model.representation.select``), so that twins match by index.
-
-    Args:
-      noise: standard deviation of noise on the latents, as a share of their spread over all scenes: how a decoder bears
-        latents as imprecise as samples are.
-      key: of that noise; a scene's depends on its place in the list alone. Not needed without noise.
 
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
     if model.autoencoder is None or model.autoencoder_config is None:
         raise ValueError("this model has no autoencoder: train that stage (or convert its checkpoint) first")
-    if noise and key is None:
-        raise ValueError(f"noise {noise} on the latents needs a key: reconstruct(..., key=jax.random.key(0))")
-    key = jax.random.key(0) if key is None else key
     program = reconstruction_program(model.representation, model.autoencoder_config)
     results: dict[int, Scene] = {}
     chosen = [scene.to_numpy() for scene in scenes]
@@ -137,8 +129,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene], *, noise: float = 0.0, ke
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
             batch = stack([pad(chosen[i], *bucket) for i in part + [part[0]] * (GROUP - len(part))])
-            keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(jnp.array(part + [0] * (GROUP - len(part))))
-            decoded = program(model.autoencoder, model.latents.std, noise, keys, batch).to_numpy()
+            decoded = program(model.autoencoder, batch).to_numpy()
             results.update({i: unpadded(decoded[row]) for row, i in enumerate(part)})
     return [results[i] for i in range(len(chosen))]
 

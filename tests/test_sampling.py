@@ -158,17 +158,3 @@ def test_bad_requests(model, condition, message):
 def test_bad_conditions(fields, message):
     with pytest.raises(ValueError, match=message):
         Condition(**fields)
-
-
-def test_noise_on_latents_belongs_to_the_place_in_the_list(model):
-    one, other, last = (unpadded(example_scene(seed, agents=3, lanes=4)) for seed in (1, 2, 3))
-    key = jax.random.key(4)
-    plain = scjax.reconstruct(model, [one, last])
-    noised, again = (scjax.reconstruct(model, [first, last], noise=0.2, key=key) for first in (one, other))
-    chex.assert_trees_all_equal(noised[1].to_dict(), again[1].to_dict())
-    assert not np.allclose(noised[1].lanes, plain[1].lanes, atol=1e-3)
-    chex.assert_trees_all_equal(
-        scjax.reconstruct(model, [one, last], noise=0.0, key=key)[0].to_dict(), plain[0].to_dict()
-    )
-    with pytest.raises(ValueError, match=r"noise 0\.2 .* needs a key"):
-        scjax.reconstruct(model, [one], noise=0.2)

@@ -40,12 +40,6 @@ class LatentStatistics:
         return jax.tree.map(lambda z, mean, std: z * std + mean, latents, self.mean, self.std)
 
 
-def perturbed(key: jax.Array, latents: Nodes, std: Nodes, share: jax.Array | float) -> Nodes:
-    """z + share std noise, for one scene: latents as imprecise as samples are. Each kind draws from its own key."""
-    keys = Nodes(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
-    return jax.tree.map(lambda k, z, s: z + share * s * jax.random.normal(k, z.shape, z.dtype), keys, latents, std)
-
-
 def statistics(latents: Sequence[Nodes], masks: Sequence[Nodes]) -> LatentStatistics:
     """Over the valid tokens of many batches of sampled latents [B, tokens, latent], masks [B, tokens]; float64.
 

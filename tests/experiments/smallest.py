@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 
-from experiments.configs import autoencoder, counter, decoder, denoiser
+from experiments.configs import autoencoder, counter, denoiser
 from tests.worlds import AUTOENCODER, DENOISER
 
 
 def get_config(stage: str = "autoencoder"):
     """Nine steps, a checkpoint every third."""
-    stages = {"autoencoder": autoencoder, "denoiser": denoiser, "counter": counter, "decoder": decoder}
-    config = stages[stage].get_config("tiny")
+    config = {"autoencoder": autoencoder, "denoiser": denoiser, "counter": counter}[stage].get_config("tiny")
     sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
-    if stage == "counter":
-        config.model = {"width": 8, "queries": 2, "heads": 2}
+    config.model = {"width": 8, "queries": 2, "heads": 2}
     if stage in sizes:
         config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "control"}
     config.batch.batch_size = 2

@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import jax
-import numpy as np
 import pytest
 
 import scjax
@@ -125,27 +124,6 @@ def test_a_full_disk_names_the_cause_and_keeps_the_last_checkpoint(undisturbed, 
     config.records = str(records)
     train(config, tmp_path)
     assert weights(tmp_path) == weights(undisturbed)
-
-
-def test_the_decoder_is_trained_on_alone(undisturbed_denoiser, records, tmp_path):
-    before = scjax.load(undisturbed_denoiser / "model")
-    config = get_config("decoder")
-    config.records, config.start = str(records), str(undisturbed_denoiser / "model")
-    train(config, tmp_path)
-    after = scjax.load(tmp_path / "model")
-    changed = jax.tree.map(lambda x, y: not np.array_equal(x, y), before.autoencoder, after.autoencoder)
-    assert not any(jax.tree.leaves(changed["encoder"])) and any(jax.tree.leaves(changed["decoder"]))
-    jax.tree.map(np.testing.assert_array_equal, before.denoiser, after.denoiser)
-    assert (before.latents, before.notes["steps"]) == (after.latents, after.notes["steps"])
-    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
-    errors = next(line for line in lines if line["scope"] == "val")
-    assert len({errors[f"agent_centre_m_at_{share}"] for share in (0.0, 0.1, 0.3)}) == 3
-    config.loss.latent_noise = 0.0
-    with pytest.raises(ValueError, match="latent_noise is 0"):
-        train(config, tmp_path / "none")
-    config.start = str(records)
-    with pytest.raises(ValueError, match="no model folder"):
-        train(config, tmp_path / "none")
 
 
 def test_a_loss_that_is_not_finite_stops_the_run(records, tmp_path):

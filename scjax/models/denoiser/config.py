@@ -56,6 +56,7 @@ class DenoiserConfig:
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
       control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.control``).
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
+      waves: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
       prediction: what the network estimates, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
@@ -79,14 +80,17 @@ class DenoiserConfig:
     condition: Condition = None
     control: ControlOptions = _RELEASED
     given_embedding: bool = False
+    waves: int = 0
     prediction: Prediction = "noise"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
     attend_padding: bool = False
     compute: Compute = "float32"
 
     def __post_init__(self):
-        integers = (field.name for field in dataclasses.fields(self) if field.type == "int")
+        integers = (field.name for field in dataclasses.fields(self) if field.type == "int" and field.name != "waves")
         _positive(self, *integers)
+        if self.waves < 0:
+            raise ValueError(f"waves must be 0 (none) or a number of projections, got {self.waves!r}")
         for kind in ("lane", "agent"):
             width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
             if width % heads:

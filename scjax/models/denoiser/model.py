@@ -15,6 +15,7 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.stage import Head, Stage
+from scjax.models.denoiser.waves import Waves
 from scjax.models.nodes import Nodes
 from scjax.nn.control import Aux, NoOptions
 from scjax.nn.functional import Functional, functional
@@ -110,6 +111,9 @@ class Denoiser(nnx.Module):
         lane, agent, compute = config.lane_width, config.agent_width, config.compute
         self.lane_embedder = ResidualMLP(config.lane_latent, lane, draws=draws, compute=compute)
         self.agent_embedder = ResidualMLP(config.agent_latent, agent, draws=draws, compute=compute)
+        waves = config.waves
+        self.lane_waves = Waves(config.lane_latent, lane, waves, draws=draws, compute=compute) if waves else None
+        self.agent_waves = Waves(config.agent_latent, agent, waves, draws=draws, compute=compute) if waves else None
         self.time_in = Linear(TIME_CODE, lane, draws=draws, compute=compute, std=_STD)
         self.time_out = Linear(lane, lane, draws=draws, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
@@ -214,6 +218,9 @@ class Denoiser(nnx.Module):
         """
         z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
         tokens = Nodes(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
+        if self.lane_waves is not None and self.agent_waves is not None:
+            waves = Nodes(agents=self.agent_waves(z.agents), lanes=self.lane_waves(z.lanes))
+            tokens = jax.tree.map(jnp.add, tokens, waves)
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config
