@@ -23,6 +23,7 @@ from scjax.cli.demo import PROMPTS
 from scjax.data.synthetic.domains import DOMAINS
 from scjax.encoders.text import Encoder, load_text_encoder
 from scjax.model import SHIPPED, Model
+from scjax.models.nodes import Nodes
 
 _FILE, _ALL = 15.0, 60.0  # megabytes at most
 _CARD = "README.md"
@@ -32,9 +33,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = parser_of("ship", __doc__)
     parser.add_argument("--model", required=True, help="trained model folder with denoiser and counter")
     parser.add_argument("--out", type=Path, default=SHIPPED, help="folder to replace (default: the package's own)")
+    parser.add_argument(
+        "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
+    )
     args = parser.parse_args(arguments)
     try:
-        files = ship(scjax.load(args.model), args.out)
+        model = scjax.load(args.model)
+        if args.temperature:
+            model = dataclasses.replace(model, temperature=Nodes(agents=args.temperature[0], lanes=args.temperature[1]))
+        files = ship(model, args.out)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.ship: {error}")
     for name, size in files.items():

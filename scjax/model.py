@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from scjax.diffusion.samplers.loop import TEMPERATURE
 from scjax.encoders.kept import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.counter import CounterConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
+from scjax.models.nodes import Nodes
 from scjax.nn.control import described, named
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.representation import Representation
@@ -43,6 +45,7 @@ class Model:
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
       prompts: features of texts that ship with the model, so that they need no encoder.
       counter, counter_config: network that tells counts from a prompt (``scjax.models.counter``), or None.
+      temperature: scale of the sampler's noise a kind, unless ``sample`` is told another: what the network needs.
       notes: free JSON: training data, steps, licence.
     """
 
@@ -58,6 +61,7 @@ class Model:
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     counter: Params | None = None
     counter_config: CounterConfig | None = None
+    temperature: Nodes = TEMPERATURE
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
@@ -77,6 +81,7 @@ def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest:
         "domains": list(model.domains),
         "text_encoder": model.text_encoder,
         "counter": dataclasses.asdict(model.counter_config) if model.counter_config else None,
+        "temperature": dataclasses.asdict(model.temperature),
         "notes": model.notes,
     }
     networks = {name: getattr(model, name) or {} for name in ("autoencoder", "denoiser", "counter")}
@@ -143,6 +148,7 @@ def _read(folder: Path) -> Model:
         prompts=load_prompts(folder / PROMPTS, description.get("text_encoder", "")),
         counter=params.get("counter"),
         counter_config=CounterConfig(**description["counter"]) if description.get("counter") else None,
+        temperature=Nodes(**description["temperature"]) if "temperature" in description else TEMPERATURE,
         notes=description["notes"],
     )
 

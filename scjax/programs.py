@@ -30,11 +30,16 @@ def sampling_program(
     representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
     guidance: Guidance | None,
 ) -> Program:  # fmt: skip
-    """(parameters, statistics, guidance weight; a batch of requests) -> scenes; ``guidance`` None is plain sampling."""
+    """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
+
+    ``guidance`` None is plain sampling.
+    """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
 
-    def run(ae: Params, params: Params, mean, std, weight, keys, masks, layout, domain, known, features, away) -> Scene:
+    def run(
+        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away
+    ) -> Scene:
         given = values = None
         if known is not None:
             tokens = representation.tokens(known)
@@ -48,12 +53,12 @@ def sampling_program(
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
-            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
         latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
         return decode(coder, ae, representation, latents, masks, layout, domain)
 
-    return jax.jit(spread(run, shared=5))
+    return jax.jit(spread(run, shared=6))
 
 
 @functools.lru_cache(maxsize=8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
 
 import jax
@@ -40,6 +41,7 @@ def sample(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | Guidance | None = None,
+    temperature: float | Nodes | None = None,
 ) -> Scene:
     """``n`` scenes under one condition, [n, ...] in metres, padded to their largest size.
 
@@ -54,15 +56,21 @@ def sample(
       steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS`` (ddpm: all of training).
       guidance: w in u + w (c - u), of the estimates with and without condition; 1, the default of unconditional models,
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
+      temperature: scale of the noise, above 0: one for both kinds, or ``Nodes(agents=, lanes=)``; by default the
+        model's. Lower is tidier and less varied.
 
     Raises:
-      ValueError: no model, a model without denoiser, a condition that the model can't meet, or a sampler that does not
-        fit what its network estimates.
+      ValueError: no model, a model without denoiser, a condition that the model can't meet, a sampler that does not fit
+        what its network estimates, or a temperature that is not positive.
     """
     if n < 1:
         raise ValueError(f"n must be at least 1, not {n}")
     conditions = [cond or Condition()] * n
-    return stack(sample_many(key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance))
+    return stack(
+        sample_many(
+            key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature
+        )
+    )
 
 
 def sample_many(
@@ -73,6 +81,7 @@ def sample_many(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | Guidance | None = None,
+    temperature: float | Nodes | None = None,
 ) -> list[Scene]:
     """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
     model = _with_denoiser(model)
@@ -85,6 +94,7 @@ def sample_many(
         guidance = WEIGHT if config.condition is not None else 1.0
     if not isinstance(guidance, Guidance):
         guidance = Guidance(float(guidance))
+    temperature = _temperature(model.temperature if temperature is None else temperature)
     tables: Tables = {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     # The weight is an argument of the program: every other weight is the same program.
@@ -102,7 +112,7 @@ def sample_many(
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
             batch = program(
                 model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, jnp.float32(guidance.weight),
-                *_collate(chosen, bucket, config),
+                temperature, *_collate(chosen, bucket, config),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
                 results[i] = requests[i].finish(batch[row])
@@ -244,6 +254,13 @@ def bucket_of(agents: int, lanes: int) -> tuple[int, int]:
         if agents <= bucket[0] and lanes <= bucket[1]:
             return bucket
     raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
+
+
+def _temperature(value: float | Nodes) -> Nodes:
+    both = value if isinstance(value, Nodes) else Nodes(agents=value, lanes=value)
+    if not all(0 < one < math.inf for one in (both.agents, both.lanes)):
+        raise ValueError(f"temperature must be positive for agents and lanes, not {value}: 1 is that of the training")
+    return jax.tree.map(jnp.float32, both)
 
 
 def _with_denoiser(model: Model | None) -> Model:

@@ -1,5 +1,6 @@
 """A model folder: complete round trip, refused when damaged or newer, never half-written."""
 
+import dataclasses
 import json
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 import scjax
 from scjax.model import load, save
 from scjax.models.denoiser.config import ImageCondition, TextCondition
+from scjax.models.nodes import Nodes
 from scjax.nn.functional import flatten
 from tests.worlds import tiny_model
 
@@ -72,6 +74,16 @@ def test_damage_is_named(tmp_path):
 def test_public_api_is_what_the_docstring_shows():
     assert {"Scene", "Condition", "load", "sample"} <= set(scjax.__all__)
     assert scjax.load() is scjax.load()  # the model that ships, read once
+
+
+def test_a_model_keeps_its_temperature_and_older_ones_have_the_releases(tmp_path):
+    cold = dataclasses.replace(tiny_model(), temperature=Nodes(agents=0.5, lanes=0.25))
+    folder = save(cold, tmp_path / "model")
+    assert load(folder).temperature == cold.temperature
+    description = json.loads((folder / "model.json").read_text())
+    del description["temperature"]
+    (folder / "model.json").write_text(json.dumps(description))
+    assert load(folder).temperature == Nodes(agents=1.0, lanes=0.75)
 
 
 def test_weights_in_several_files_of_half_precision(tmp_path):

@@ -1,5 +1,7 @@
 """``scjax.sample``: shapes, determinism, known elements, buckets; on an untrained model."""
 
+import dataclasses
+
 import chex
 import jax
 import numpy as np
@@ -10,6 +12,7 @@ from scjax import Guidance, programs
 from scjax.condition import Condition
 from scjax.diffusion.samplers import DDIM
 from scjax.models.denoiser.config import TextCondition
+from scjax.models.nodes import Nodes
 from scjax.scene import Layout, Link, unpadded, validate
 from tests.examples import example_scene
 from tests.worlds import tiny_model
@@ -76,7 +79,7 @@ def test_one_program_a_bucket(model, monkeypatch):
     traced = chex.assert_max_traces(lambda *args, **kwargs: original(*args, **kwargs), n=1)
     monkeypatch.setattr(programs, "sample_latents", traced)
     for seed, (lanes, weight) in enumerate(((3, 2.0), (9, 3.0), (15, 4.0))):
-        draw(model, Condition(num_lanes=lanes, num_agents=4), seed=seed, guidance=weight)
+        draw(model, Condition(num_lanes=lanes, num_agents=4), seed=seed, guidance=weight, temperature=weight / 4)
     programs.sampling_program.cache_clear()
 
 
@@ -101,6 +104,19 @@ def test_the_default_fits_what_the_network_estimates(model):
         draw(flow, condition, sampler="ddpm")
     with pytest.raises(ValueError, match=r"no sampler 'plms': choose one of ddpm, ddim, dpm\+\+"):
         draw(model, condition, sampler="plms")
+
+
+def test_temperature_is_the_models_unless_told(model):
+    condition = Condition(num_lanes=5, num_agents=3)
+    cold = dataclasses.replace(model, temperature=Nodes(agents=0.5, lanes=0.5))
+    told = draw(model, condition, temperature=0.5)
+    chex.assert_trees_all_equal(draw(cold, condition).to_dict(), told.to_dict())
+    chex.assert_trees_all_equal(
+        draw(cold, condition, temperature=model.temperature).to_dict(), draw(model, condition).to_dict()
+    )
+    assert not np.allclose(told.agents, draw(model, condition).agents, atol=0.05)
+    with pytest.raises(ValueError, match="temperature must be positive"):
+        draw(model, condition, temperature=Nodes(agents=1.0, lanes=0.0))
 
 
 def test_guidance_with_options(model):

@@ -24,6 +24,8 @@ from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
               f"{', '.join(f'{name} {steps}' for name, steps in STEPS.items())}]")  # fmt: skip
 @click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed. "
               f"[default: {WEIGHT:g}]")  # fmt: skip
+@click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
+              "less varied. [default: the model's]")  # fmt: skip
 @click.option(
     "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
 )
@@ -39,8 +41,8 @@ from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, sampler, steps, guidance, agents, lanes, negative, domain, pick, raw, folder, formats,
-    model_folder, as_json,
+    prompts, number, seed, sampler, steps, guidance, temperature, agents, lanes, negative, domain, pick, raw, folder,
+    formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
@@ -83,7 +85,7 @@ def generate(
         repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
         scenes = make(
             jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
-            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance,
+            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
         )  # fmt: skip
     made = []
     with clock.part("files"):

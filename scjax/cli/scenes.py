@@ -26,6 +26,7 @@ def make(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | None = None,
+    temperature: float | None = None,
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, tidied unless ``raw``.
 
@@ -34,8 +35,9 @@ def make(
       told: the conditions of the prompts, with their token features.
     """
     candidates = sample_many(
-        key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance
-    )
+        key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance,
+        temperature=temperature,
+    )  # fmt: skip
     groups = [candidates[k * pick : (k + 1) * pick] for k in range(len(prompts))]
     chosen = [
         group[best(prompt, group)] if pick > 1 else group[0] for prompt, group in zip(prompts, groups, strict=True)

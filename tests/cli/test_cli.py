@@ -72,9 +72,9 @@ def test_generate_in_json_is_for_machines(run, folder):
     assert set(content["seconds"]) == {"start", "text", "scenes", "files"}
 
 
-def test_sampler_and_guidance_change_the_scene(run, folder, tmp_path):
+def test_sampler_guidance_and_temperature_change_the_scene(run, folder, tmp_path):
     scenes = []
-    for words in ((), ("--sampler", "dpm++"), ("--guidance", 1)):
+    for words in ((), ("--sampler", "dpm++"), ("--guidance", 1), ("--temperature", 0.5)):
         out = tmp_path / str(len(scenes))
         options = ("--steps", 2, "--agents", 3, "--lanes", 5, "--format", "npz", "--out", out)
         assert run("generate", PROMPT, "--model", folder, *options, *words)[0] == 0

@@ -20,9 +20,10 @@ from tests import golden
 
 SMALLEST = {
     "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
-    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "given_embedding": True,
+    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "given_embedding": True, "waves": 2,
     "control": CrossGlobalOptions(latent_tokens=3),
 }  # fmt: skip
+WAVES = ("agent_waves", "lane_waves")
 TEXT = TextCondition(width=6)
 SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes
 ROWS = (6, 8)
@@ -200,6 +201,17 @@ def test_given_tokens_are_marked():
     assert all(np.abs(x - y).max() > 1e-3 for x, y in zip(*map(jax.tree.leaves, (marked, unmarked)), strict=True))
 
 
+def test_fresh_waves_are_silent_and_random_ones_are_not():
+    z, t, label, masks, given, _ = _cast(_scenes())
+    params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "waves": 0}))
+    fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in WAVES}}
+    without = {name: value for name, value in params.items() if name not in WAVES}
+    wanted = golden.jit(plain.apply)(without, z, t, label, masks, given)
+    silent = _unconditional(fresh, z, t, label, masks, given)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), silent, wanted)
+    assert np.abs(_unconditional(params, z, t, label, masks, given).lanes - wanted.lanes).max() > 1e-3
+
+
 @pytest.mark.parametrize(
     ("condition", "parameters"), [(None, 345_145_890), (TextCondition(), 556_719_658), (ImageCondition(), 544_015_402)]
 )
@@ -222,6 +234,7 @@ def test_presets_are_valid(preset):
     [
         ({"lane_heads": 3}, "multiple of lane_heads"),
         ({"blocks": 0}, "positive integer"),
+        ({"waves": -1}, "waves must be 0"),
         ({"agent_width": 7, "agent_heads": 1}, "even"),
     ],
 )

@@ -23,6 +23,7 @@ from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
 
 TEMPERATURE = Nodes(agents=1.0, lanes=0.75)
+"""The release's."""
 CLIP = BOUND
 
 
@@ -85,7 +86,7 @@ def sample(
       given, values: tokens that are known and their clean latents: written over the state before the first and after
         every step. Lane-conditioned generation gives all lanes.
       prediction: what ``denoise`` estimates.
-      temperature: scale of the initial and of any step noise, a kind.
+      temperature: scale of the initial and of any step noise, a kind; below 1 what is likely is drawn more often.
       clip: bound on the state after every step.
     """
     zeros = jax.tree.map(lambda mask, width: jnp.zeros((*mask.shape, width), dtype), masks, widths)

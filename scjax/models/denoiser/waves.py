@@ -7,8 +7,9 @@ Kingma et al. 2021, section 5). Not in the release.
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
-import numpy as np
 from flax import nnx
 from jaxtyping import Array, Float
 
@@ -28,6 +29,7 @@ class Waves(nnx.Module):
         self.out = Linear(2 * projections * len(WAVELENGTHS), width, draws=draws, compute=compute, std=0.0)
 
     def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b width"]:
-        phases = self.project(latents)[..., None] * jnp.asarray(2 * np.pi / np.array(WAVELENGTHS), latents.dtype)
+        projected = self.project(latents)
+        phases = jnp.stack([projected * (2 * math.pi / length) for length in WAVELENGTHS], -1)
         phases = phases.reshape(*latents.shape[:-1], -1)
         return self.out(jnp.concatenate([jnp.sin(phases), jnp.cos(phases)], -1))
