@@ -56,8 +56,8 @@ def sample(
       steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS`` (ddpm: all of training).
       guidance: w in u + w (c - u), of the estimates with and without condition; 1, the default of unconditional models,
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
-      temperature: scale of the noise, above 0: one for both kinds, or ``Nodes(agents=, lanes=)``; by default the
-        model's. Lower is tidier and less varied.
+      temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
+        default the model's. Lower is tidier and less varied.
 
     Raises:
       ValueError: no model, a model without denoiser, a condition that the model can't meet, a sampler that does not fit

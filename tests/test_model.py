@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.model import load, save
+from scjax.model import _shipped, load, save
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import flatten
@@ -73,7 +73,14 @@ def test_damage_is_named(tmp_path):
 
 def test_public_api_is_what_the_docstring_shows():
     assert {"Scene", "Condition", "load", "sample"} <= set(scjax.__all__)
-    assert scjax.load() is scjax.load()  # the model that ships, read once
+
+
+def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypatch):
+    assert scjax.load() is scjax.load()
+    _shipped.cache_clear()
+    monkeypatch.setattr("scjax.model.SHIPPED", tmp_path)
+    with pytest.raises(ValueError, match=r"experiments\.train"):
+        scjax.sample(jax.random.key(0))
 
 
 def test_a_model_keeps_its_temperature_and_older_ones_have_the_releases(tmp_path):

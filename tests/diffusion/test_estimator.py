@@ -70,6 +70,7 @@ def test_modulation_of_all_steps_at_once_changes_nothing(sampler, prediction, gu
 
 
 def test_one_evaluation_in_float32_agrees_to_rounding():
+    """To 1e-6 a branch; guidance 2 (c - u) + u = 2 c - u makes three of them."""
     network, config, params = made("velocity")
     params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
     rng = np.random.default_rng(2)
@@ -86,7 +87,7 @@ def test_one_evaluation_in_float32_agrees_to_rounding():
     ahead, within = golden.jit(at, static_argnums=0), golden.jit(lambda t: at(0, t))
     for t in times:
         jax.tree.map(
-            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-5), ahead(2**25, t), within(jnp.asarray(t))
+            lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6, atol=3e-6), ahead(2**25, t), within(jnp.asarray(t))
         )
 
 

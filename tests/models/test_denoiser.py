@@ -234,7 +234,7 @@ def test_presets_are_valid(preset):
     [
         ({"lane_heads": 3}, "multiple of lane_heads"),
         ({"blocks": 0}, "positive integer"),
-        ({"waves": -1}, "waves must be 0"),
+        ({"waves": -1}, "waves must be a positive integer"),
         ({"agent_width": 7, "agent_heads": 1}, "even"),
     ],
 )

@@ -87,10 +87,8 @@ class DenoiserConfig:
     compute: Compute = "float32"
 
     def __post_init__(self):
-        integers = (field.name for field in dataclasses.fields(self) if field.type == "int" and field.name != "waves")
-        _positive(self, *integers)
-        if self.waves < 0:
-            raise ValueError(f"waves must be 0 (none) or a number of projections, got {self.waves!r}")
+        integers = [field.name for field in dataclasses.fields(self) if field.type == "int"]
+        _positive(self, *(name for name in integers if name != "waves" or self.waves != 0))
         for kind in ("lane", "agent"):
             width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
             if width % heads:
