@@ -18,6 +18,7 @@ from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import Example, batch_of, captioned, pictured, validation_scenes
 from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
+from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw, unchanged
 from scjax.diffusion.schedule import cosine_schedule
@@ -88,15 +89,21 @@ def build(config) -> Stage:
         )  # fmt: skip
 
     def penalty_of(masks: Nodes, scene):
-        def penalty(latents: Nodes, level):
-            made = decode(
-                coder, coder_params, representation, frozen.latents.denormalise(latents), masks, scene.layout,
-                scene.domain,
-            )  # fmt: skip
-            vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
-            return loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
+        vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
 
-        return penalty
+        def penalty(estimate: Nodes, level):
+            latents = frozen.latents.denormalise(estimate)
+            made = decode(coder, coder_params, representation, latents, masks, scene.layout, scene.domain)
+            total = jnp.zeros(len(scene.layout))
+            if loss.collision:
+                total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
+            if loss.joints:
+                total += loss.joints * estimate_weight(level) * joint_error(made, scene)
+            if loss.offsets:
+                total += loss.offsets * estimate_weight(level) * offset_error(made, scene)
+            return total
+
+        return penalty if loss.collision or loss.joints or loss.offsets else None
 
     def objective(params, example: Example, key):
         batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
@@ -104,7 +111,7 @@ def build(config) -> Stage:
             network, held(params, kept), schedule, batch, key, null_label=model.null_label,
             prediction=model.prediction, times=times, label_dropout=loss.label_dropout,
             condition_dropout=loss.condition_dropout, count_given=loss.count_given,
-            penalty=penalty_of(batch.masks, example.scene) if loss.collision else None,
+            penalty=penalty_of(batch.masks, example.scene),
         )  # fmt: skip
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:

@@ -82,6 +82,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
         "count_given": official,  # whether given tokens stay in the loss mean
         "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
+        # Weights of errors in metres of the decoded estimate: joints of lanes, offsets of agents from their lane.
+        "joints": 0.0,
+        "offsets": 0.0,
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)

@@ -54,7 +54,7 @@ def configured(stage: str, folder):
 def text_model(folder):
     config = configured("denoiser", folder)
     config.condition, config.start, config.freeze = "text", str(folder / "base" / "model"), True
-    config.loss.collision = 0.1
+    config.loss.collision, config.loss.joints, config.loss.offsets = 0.1, 0.3, 0.1
     config.control, config.control_options.windowed.window = "windowed", 4
     train(config, folder / "text")
     return scjax.load(folder / "text" / "model")
