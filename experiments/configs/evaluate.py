@@ -1,9 +1,10 @@
 """What an evaluation compares: python -m experiments.evaluate --config=experiments/configs/evaluate.py:<variant>
 
 standard: a model beside floor and baselines (--config.model=runs/denoiser/model --config.reference=records:R#val
---config.bank=records:R#train). baselines: the rows that need no model. placement: traffic on given lanes. The paper's
-tables: controllability, mechanisms, collisions (L_col x f_count), generalisation; their rows are scenes that were made
-before (npz:) or models, one row each.
+--config.bank=records:R#train). baselines: the rows that need no model. placement: traffic on given lanes. prompts: what
+a model that reads text makes of captions. The paper's tables: controllability, mechanisms, collisions (L_col x f_count;
+a model without f_count draws counts from its table), generalisation; their rows are models, or scenes made before
+(npz:).
 """
 
 from __future__ import annotations
@@ -29,32 +30,41 @@ VARIANTS: dict[str, tuple[str, ...]] = {
         "count-matched",
         "copy",
     ),
+    "prompts": (
+        "prompt=model:MODEL#prompt",
+        "prompt, true counts=model:MODEL#prompt+counts",
+        "another's prompt, true counts=model:MODEL#other prompt+counts",
+        "no prompt, true counts=model:MODEL#counts",
+        *_RETRIEVAL,
+        "other scene, same counts",
+        "copy",
+    ),
     "controllability": (
         "unconditional, true counts=model:MODEL#counts",
-        "prompt=npz:PROMPT?inorder",
+        "prompt=model:MODEL#prompt",
         "image=npz:IMAGE?inorder",
         *_RETRIEVAL,
         "other scene, same counts",
         "copy",
     ),
     "mechanisms": (
-        "cross-global=npz:CROSS_GLOBAL?inorder",
-        "windowed=npz:WINDOWED?inorder",
-        "global only=npz:GLOBAL?inorder",
-        "concatenation=npz:CONCAT?inorder",
+        "cross-global=model:CROSS_GLOBAL#prompt",
+        "windowed=model:WINDOWED#prompt",
+        "global only=model:GLOBAL#prompt",
+        "concatenation=model:CONCAT#prompt",
         "count-matched",
         "copy",
     ),
     "collisions": (
-        "neither=npz:NEITHER?inorder",
-        "L_col=npz:L_COL?inorder",
-        "f_count=npz:F_COUNT?inorder",
-        "both=npz:BOTH?inorder",
+        "neither=model:NEITHER#prompt",
+        "L_col=model:L_COL#prompt",
+        "f_count=model:F_COUNT#prompt",
+        "both=model:BOTH#prompt",
         "count-matched",
         "copy",
     ),
     "generalisation": (
-        "prompt=npz:PROMPT?inorder",
+        "prompt=model:MODEL#prompt",
         "unconditional, true counts=model:MODEL#counts",
         *_RETRIEVAL,
         "copy",
@@ -71,7 +81,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.reference = "records:runs/records#val"  # scenes that rows answer; records:, tiles: or npz:
     config.bank = "records:runs/records#train"  # training scenes, for retrieval, floor and novelty; "" for none
     config.model = ""  # folder that MODEL in a row stands for
-    config.scenes = ("",)  # NAME=FOLDER: what other capitals in a row stand for, as PROMPT=runs/prompt
+    config.scenes = ("",)  # NAME=FOLDER: what other capitals in a row stand for, as IMAGE=runs/image
     config.rows = VARIANTS[variant]  # see experiments/evaluate/rows.py
     config.more = ("",)  # rows besides
     config.samples = 0  # scenes of a row; 0: as many as there are references
@@ -86,7 +96,8 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.novelty = 0 if variant == "baselines" else 150  # scenes of a row whose nearest training scene is sought
     config.latent = ""  # folder of a model whose autoencoder judges, too; MODEL for that of --config.model
     config.compat = True  # the tables as the reference code counts, too
-    config.prompt_gain = ("",)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
+    gain = "prompt, true counts|another's prompt, true counts" if variant == "prompts" else ""
+    config.prompt_gain = (gain,)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
     config.draws = 300  # of the bootstrap
     config.workers = 2  # processes that measure; 0: this one
     # (i, n): make or measure every n-th part from the i-th on. n calls on one folder, then, where a model makes scenes,

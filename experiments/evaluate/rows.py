@@ -10,14 +10,18 @@ import numpy as np
 
 from experiments.evaluate.corruption import LADDER, Corrupted
 from experiments.evaluate.lane_aligned import LaneAligned
-from experiments.evaluate.made import Ask, Sampling, Shard, counts_of, decoded, lanes_of, nothing_of, sampled
+from experiments.evaluate.made import Ask, Sampling, Shard, counts_of, decoded, lanes_of, nothing_of, prompt_of, sampled
 from experiments.evaluate.population import Population
 from experiments.evaluate.retrieval import RULES, Index, retrieve
 from experiments.evaluate.sources import Chosen, Source, open_source
+from scjax.condition import Condition
 from scjax.model import Model, load
+from scjax.scene import Scene
 
 DECODED, DRAWN = "decoded", "drawn"
-ASKED = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of}
+REQUESTS = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of, "prompt": prompt_of}
+OTHER = "other prompt"
+ASKED = (*REQUESTS, "prompt+counts", f"{OTHER}+counts")
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
@@ -32,6 +36,8 @@ class RowText:
     NAME=SOURCE?RULE            for each reference the scene of a source that a rule of retrieval finds
     NAME=model:FOLDER#counts    made by a model at each reference's numbers of lanes and agents
     NAME=model:FOLDER#lanes     traffic on each reference's own lanes
+    NAME=model:FOLDER#prompt    made from a caption of each reference; prompt+counts: at its numbers of lanes and agents
+    NAME=model:FOLDER#other prompt+counts   from the caption of a reference of another location, at each one's numbers
     NAME=model:FOLDER#drawn     made without any request; they answer no reference
     NAME=model:FOLDER#decoded   each reference as the autoencoder decodes it
     NAME                        a baseline: a rule of retrieval in the bank, C1, C2, C3, random on lanes, copy
@@ -175,17 +181,31 @@ class Rows:
             made.decoded_by = row.place
             return made
         how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw)
-        ask, title = self._ask(model, ASKED[row.how]), f"{row.name} ({row.how})"
-        return sampled(model, place, self.reference, self.rows, ask, how, title, self.shard)
+        title = f"{row.name} ({row.how})"
+        return sampled(model, place, self.reference, self.rows, self._ask(model, row.how), how, title, self.shard)
 
-    def _ask(self, model: Model, request) -> Ask:
+    def _ask(self, model: Model, how: str) -> Ask:
+        what, _, counts = how.partition("+")
         domains = getattr(self.reference, "domains", ())
 
-        def ask(scene, row):
+        def ask(scene: Scene, row: int) -> Condition:
             index = int(scene.domain)
-            return request(model, scene, domains[index] if index < len(domains) else None)
+            domain = domains[index] if index < len(domains) else None
+            told = self.reference.read([self._elsewhere(row)])[0] if what == OTHER else scene
+            asked = REQUESTS[what.removeprefix("other ")](model, told, domain)
+            same = counts_of(model, scene, domain)
+            return dataclasses.replace(asked, num_lanes=same.num_lanes, num_agents=same.num_agents) if counts else asked
 
         return ask
+
+    def _elsewhere(self, row: int) -> int:
+        """The next reference, in a circle, that lies at another location."""
+        clusters = self.reference.clusters
+        others = (*range(row + 1, len(clusters)), *range(row))
+        found = next((other for other in others if clusters[other] != clusters[row]), None)
+        if found is None:
+            raise ValueError(f"all references lie at {clusters[row]}: there is no other location's prompt to give")
+        return found
 
 
 def _file_name(name: str, draw: int) -> str:

@@ -8,6 +8,7 @@ metres, against the scene that was noised, whose own joints need not be closed. 
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -49,9 +50,13 @@ def offset_error(made: Scene, scene: Scene) -> Float[Array, " b"]:
 
 
 def estimate_weight(level: Level) -> Float[Array, " b"]:
-    """(1 - noise) / noise, the noise at least 0.1: errors of an estimate of x_0 shrink with the noise."""
+    """(1 - 2 noise) / noise where that is positive, the noise at least 0.1.
+
+    Errors of an estimate of x_0 shrink with the noise. Where there is much of it the estimate is a mean of many scenes,
+    and no scene: to close its joints, too, cost layouts that prompts had asked for.
+    """
     noise = jnp.asarray(level.noise)
-    return (1 - noise) / jnp.maximum(noise, 0.1)
+    return jax.nn.relu(1 - 2 * noise) / jnp.maximum(noise, 0.1)
 
 
 def _length(square: Float[AnyArray, "*shape"]) -> Float[Array, "*shape"]:

@@ -77,8 +77,9 @@ def test_padding_and_other_scenes_change_nothing_and_gradients_are_finite(functi
     assert np.isfinite(perfect).all()
 
 
-def test_weight_follows_how_errors_shrink():
+def test_weight_follows_how_errors_shrink_and_ends_where_the_estimate_is_no_scene():
     levels = cosine_schedule().levels
-    weight = np.asarray(estimate_weight(levels))
-    assert 9 < weight.max() < 10 and weight[-1] < 0.01
-    assert (weight[np.asarray(levels.noise) > 0.1] * np.asarray(levels.noise)[np.asarray(levels.noise) > 0.1] < 1).all()
+    weight, noise = np.asarray(estimate_weight(levels)), np.asarray(levels.noise)
+    middle = (noise > 0.1) & (noise < 0.5)
+    np.testing.assert_allclose(weight[middle], 1 / noise[middle] - 2, rtol=1e-5)
+    assert (weight[noise <= 0.1] > 7.9).all() and weight.max() < 10 and not weight[noise >= 0.5].any()

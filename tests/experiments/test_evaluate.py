@@ -238,20 +238,40 @@ def test_traffic_on_given_lanes(worlds, tmp_path, stand_in):
     assert any(one.known is not None and len(one.known.lane_mask) for one in stand_in)
 
 
+def test_what_is_asked_of_a_model_that_reads_text(worlds, tmp_path, stand_in):
+    program.evaluate(config(worlds, "prompts", model="m", novelty=0, draws=5), tmp_path / "out")
+    own, counted, another, silent = (stand_in[k : k + 16] for k in range(0, 64, 16))
+    assert all(one.num_lanes is None and one.prompt for one in own)
+    assert [one.prompt for one in counted] == [one.prompt for one in own]
+    sizes = [(len(one.lane_mask), len(one.agent_mask)) for one in open_source(f"npz:{worlds}").read(range(16))]
+    for row in (counted, another, silent):
+        assert [(one.num_lanes, one.num_agents) for one in row] == sizes
+    assert [one.prompt for one in another] == [one.prompt for one in (*own[1:], own[0])]
+    assert all(one.prompt is None for one in silent)
+    gain = report(tmp_path / "out")["tables"]["What the condition adds"]["rows"]
+    assert set(gain) == {"prompt, true counts over another's prompt, true counts"}
+
+
+def test_another_locations_prompt_needs_another_location(worlds, tmp_path, stand_in):
+    asked = config(worlds, reference=f"npz:{worlds}/b0.npz", rows=("one=model:m#other prompt+counts",))
+    with pytest.raises(ValueError, match="all references lie at"):
+        program.evaluate(asked, tmp_path / "out")
+
+
 PAPER = {
-    "controllability": ("PROMPT", "IMAGE"),
+    "controllability": ("IMAGE",),
     "mechanisms": ("CROSS_GLOBAL", "WINDOWED", "GLOBAL", "CONCAT"),
     "collisions": ("NEITHER", "L_COL", "F_COUNT", "BOTH"),
-    "generalisation": ("PROMPT",),
+    "generalisation": (),
 }
 
 
 @pytest.mark.parametrize("variant", PAPER)
-def test_the_papers_tables_on_made_scenes(variant, worlds, tmp_path, stand_in):
+def test_the_papers_tables(variant, worlds, tmp_path, stand_in):
     made = tmp_path / "made"
     made.mkdir()
     save_npz(stack(SCENES), made / "scenes.npz")
-    scenes = tuple(f"{name}={made}" for name in PAPER[variant])
+    scenes = tuple(f"{name}={made}" for name in PAPER[variant]) or ("",)
     asked = config(worlds, variant, model="m", scenes=scenes, novelty=0, compat=False, draws=5)
     program.evaluate(asked, tmp_path / "out")
     tables, names = report(tmp_path / "out")["tables"], {row.partition("=")[0] for row in get_config(variant).rows}
@@ -289,7 +309,10 @@ def test_what_a_condition_adds(worlds, tmp_path):
         ({"rows": ("luck",)}, "row 'luck': write NAME=SOURCE, or one of the baselines"),
         ({"rows": ("prompt=npz:PROMPT",)}, "PROMPT stands for no folder: give --config.scenes"),
         ({"rows": ("made=model:MODEL#counts",)}, "MODEL stands for no folder: give --config.model"),
-        ({"rows": ("made=model:m#luck",)}, "write what is asked behind the #: counts, lanes, drawn, decoded"),
+        (
+            {"rows": ("made=model:m#luck",)},
+            "write what is asked behind the #: counts, lanes, drawn, prompt, prompt\\+counts",
+        ),
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
         ({"rows": ("copy",), "prompt_gain": ("copy",)}, "prompt_gain 'copy': write two rows"),
