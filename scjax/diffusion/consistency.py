@@ -53,7 +53,7 @@ def estimate_weight(level: Level) -> Float[Array, " b"]:
     """(1 - 2 noise) / noise where that is positive, the noise at least 0.1.
 
     Errors of an estimate of x_0 shrink with the noise. Where there is much of it the estimate is a mean of many scenes,
-    and no scene: to close its joints, too, cost layouts that prompts had asked for.
+    and no scene whose joints should be closed; doing so went with fewer prompts met (experiments/results/shipped).
     """
     noise = jnp.asarray(level.noise)
     return jax.nn.relu(1 - 2 * noise) / jnp.maximum(noise, 0.1)
