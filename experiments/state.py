@@ -107,27 +107,21 @@ def training_step(
         out_specs=PartitionSpec(), check_vma=False,
     )  # fmt: skip
 
-    def differentiate(params: Params, step: jax.Array, batch: Example):
-        return gradients_of(params, batch, jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), step))
-
-    def update(state: TrainState, gradients: Params):
+    def step(state: TrainState, batch: Example):
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
+        (loss, terms), gradients = gradients_of(state.params, batch, key)
         updates, moments = optimiser.update(gradients, state.optimiser, state.params)
         params = optax.apply_updates(state.params, updates)
         ema = update_ema(state.ema, params, state.step + 1, ema_decay)
         norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
-        return TrainState(step=state.step + 1, params=params, ema=ema, optimiser=moments), norms
+        new = TrainState(step=state.step + 1, params=params, ema=ema, optimiser=moments)
+        return new, {"loss": loss, **terms, **norms}
 
-    # Two programs: the one that takes minutes to compile, once a bucket, knows nothing of rates and numbers of steps,
-    # so that a run with others finds it in the cache.
-    differentiated = jax.jit(differentiate, out_shardings=whole)
-    updated = jax.jit(update, donate_argnums=0, out_shardings=whole)
+    program = jax.jit(step, donate_argnums=0, out_shardings=whole)
 
     def run(state: TrainState, batch: Example):
         batch = jax.tree.map(lambda x: jax.make_array_from_process_local_data(shared, np.asarray(x)), batch)
-        state = jax.device_put(state, whole)
-        (loss, terms), gradients = differentiated(state.params, state.step, batch)
-        state, norms = updated(state, gradients)
-        return state, {"loss": loss, **terms, **norms}
+        return program(jax.device_put(state, whole), batch)
 
     return run
 
