@@ -186,13 +186,14 @@ class Rows:
 
     def _ask(self, model: Model, how: str) -> Ask:
         what, _, counts = how.partition("+")
+        request = prompt_of if what == OTHER else REQUESTS[what]
         domains = getattr(self.reference, "domains", ())
 
         def ask(scene: Scene, row: int) -> Condition:
             index = int(scene.domain)
             domain = domains[index] if index < len(domains) else None
             told = self.reference.read([self._elsewhere(row)])[0] if what == OTHER else scene
-            asked = REQUESTS[what.removeprefix("other ")](model, told, domain)
+            asked = request(model, told, domain)
             same = counts_of(model, scene, domain)
             return dataclasses.replace(asked, num_lanes=same.num_lanes, num_agents=same.num_agents) if counts else asked
 

@@ -311,7 +311,7 @@ def test_what_a_condition_adds(worlds, tmp_path):
         ({"rows": ("made=model:MODEL#counts",)}, "MODEL stands for no folder: give --config.model"),
         (
             {"rows": ("made=model:m#luck",)},
-            "write what is asked behind the #: counts, lanes, drawn, prompt, prompt\\+counts",
+            r"behind the #: counts, lanes, drawn, prompt, prompt\+counts, other prompt\+counts, decoded",
         ),
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
