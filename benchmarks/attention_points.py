@@ -23,6 +23,7 @@ from flax import nnx
 
 from benchmarks import workload
 from benchmarks.control_flops import control_work
+from scjax.memory import keep_memory
 from scjax.nn.control import ContextLayout, ControlOptions, build, named
 from scjax.nn.functional import Functional, Params, functional
 
@@ -199,4 +200,5 @@ def _enough(times: list[float]) -> bool:
 
 
 if __name__ == "__main__":
+    keep_memory()
     measure([Point(**one) for one in json.load(sys.stdin)])

@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks import workload
 from scjax.devices import spread, use_every_core
+from scjax.memory import keep_memory
 from scjax.nn.attention import attend_heads
 
 SCENES, HEADS, QUERIES, KEYS, WIDTH = 32, 8, 161, 392, 32
@@ -34,6 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
         import torch
     except ImportError:
         parser.exit(1, "benchmarks.sdpa: PyTorch is not installed: pip install 'scjax[parity]'\n")
+    keep_memory()
     use_every_core()
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     scenes, rounds = (2, 2) if args.smoke else (SCENES, _ROUNDS)

@@ -21,6 +21,7 @@ from scjax.devices import use_every_core
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.schedule import cosine_schedule
+from scjax.memory import keep_memory
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.loss import loss
 from scjax.models.autoencoder.model import autoencoder, noise_like
@@ -67,6 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=3, help="timed passes over the workload")
     parser.add_argument("--smoke", action="store_true", help="one small batch, to see that it runs")
     args = parser.parse_args(arguments)
+    keep_memory()
     use_every_core()
     scenes = args.batch if args.smoke else max(64, args.batch)
     parts = workload.batches(args.batch, scenes)
