@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--out", required=True, type=Path, help="folder for pictures and gallery.md")
     add("--samples", type=int, default=3, help="scenes a prompt (default %(default)s)")
     add("--guidance", type=float, help="weight (default: the model's)")
-    add("--steps", type=int, help="denoising steps (default: all)")
+    add("--steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--seed", type=int, default=0)
     add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
     args = parser.parse_args(arguments)

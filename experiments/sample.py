@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--known", type=Path, help="npz with one scene whose lanes and agents are kept")
     parser.add_argument("--sampler", choices=SAMPLERS, help="default: ddpm, of a rectified flow heun")
-    parser.add_argument("--steps", type=int, help="sampling steps (default: the sampler's own; ddpm: all of training)")
+    parser.add_argument("--steps", type=int, help="sampling steps (default: the sampler's own)")
     parser.add_argument("--guidance", type=float, help="guidance weight; 1 is none")
     args = parser.parse_args(arguments)
     start_jax()

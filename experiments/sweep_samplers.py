@@ -36,6 +36,7 @@ from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.shards import write_text
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
+from scjax.features import padded_length
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
 from scjax.metrics.pooling import Values
@@ -115,6 +116,8 @@ def sweep(args) -> str:
                 row = {"name": label(name, steps, weight, weights), "sampler": name, "steps": steps,
                        "guidance": weight, "evaluations": SAMPLERS[name].evaluations(steps)}  # fmt: skip
                 write_text(path, json.dumps(row | measured(model, requests, real, row, args.seed, bar), indent=1))
+                # A program is 1,200 areas of memory here, and Linux ends a process that wants more than 65,530.
+                jax.clear_caches()
             rows.append(json.loads(path.read_text()))
     told = verdict(rows, rows[0])
     write_text(
@@ -157,8 +160,11 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
 def measured(model: scjax.Model, requests: Requests, real: Tally, row: dict, seed: int, bar: tqdm) -> dict[str, Any]:
     """Metrics of a setting with their intervals, and its seconds a scene without compilation."""
     how: dict[str, Any] = {name: row[name] for name in ("sampler", "steps", "guidance")}
-    buckets = {bucket_of(cond.num_agents or 1, cond.num_lanes or 1): cond for cond in requests.conditions}
-    for cond in buckets.values():  # two scenes are padded to a whole group: the program of this bucket
+    programs = {
+        (bucket_of(cond.num_agents or 1, cond.num_lanes or 1), padded_length(len(cond.tokens))
+         if cond.tokens is not None else 0): cond for cond in requests.conditions
+    }  # fmt: skip
+    for cond in programs.values():  # two scenes are padded to a whole group
         scjax.sample_many(jax.random.key(0), [cond] * 2, model=model, **how)
     scenes, seconds = [], 0.0
     for start in range(0, len(requests.conditions), CALL):

@@ -49,14 +49,19 @@ def features_of(conditions: Sequence[Condition], reads: Reads) -> tuple[Conditio
     return features, text_features(negative, longest, reads)
 
 
+def padded_length(longest: int) -> int:
+    """Slots of a batch of texts whose longest has so many tokens: 64, 128, ..., so that few programs are compiled."""
+    return max(64, -(-longest // 64) * 64)
+
+
 def text_features(texts: Sequence[tuple], longest: int, reads: TextCondition) -> TextFeatures:
-    """(tokens, mask) of every scene, padded to 64 or 128, ... of them, so that few programs are compiled.
+    """(tokens, mask) of every scene, padded to ``padded_length``.
 
     Raises:
       ValueError: tokens of another width than the network reads.
     """
     lengths = [0 if tokens is None else len(tokens) for tokens, _ in texts]
-    slots = max(64, -(-longest // 64) * 64)
+    slots = padded_length(longest)
     padded, valid = np.zeros((len(lengths), slots, reads.width), np.float32), np.zeros((len(lengths), slots), bool)
     for row, ((tokens, mask), length) in enumerate(zip(texts, lengths, strict=True)):
         if tokens is None:

@@ -53,7 +53,7 @@ def sample(
       model: from ``scjax.load``; None: the one that ships.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, as ``scjax.diffusion.samplers.DDIM(eta=0.5)``.
-      steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS`` (ddpm: all of training).
+      steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS``.
       guidance: w in u + w (c - u), of the estimates with and without condition; 1, the default of unconditional models,
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
       temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
@@ -99,7 +99,7 @@ def sample_many(
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     # The weight is an argument of the program: every other weight is the same program.
     options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
-    steps = STEPS[sampler.name] if steps is None else steps
+    steps = STEPS[config.prediction][sampler.name] if steps is None else steps
     program = sampling_program(model.representation, model.autoencoder_config, config, sampler, steps, options)
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):

@@ -23,7 +23,8 @@ PROMPTS = (
 
 @click.command()
 @click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
-@click.option("--steps", type=click.IntRange(2, 100), help=f"Sampling steps. [default: {STEPS[DEFAULT['velocity']]}]")
+@click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps. [default: "
+              f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")

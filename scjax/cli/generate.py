@@ -11,6 +11,8 @@ from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_s
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
+_DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] | STEPS["velocity"]).items())
+
 
 @click.command()
 @click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
@@ -20,8 +22,9 @@ from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 )
 @click.option("--sampler", type=click.Choice(list(SAMPLERS)), help="How noise becomes a scene; euler and heun are for "
               f"rectified flows. [default: {DEFAULT['velocity']}; rectified flow: {DEFAULT['flow']}]")  # fmt: skip
-@click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps; fewer are faster. [default: "
-              f"{', '.join(f'{name} {steps}' for name, steps in STEPS.items())}]")  # fmt: skip
+@click.option(
+    "--steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
+)
 @click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed. "
               f"[default: {WEIGHT:g}]")  # fmt: skip
 @click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
@@ -49,7 +52,7 @@ def generate(
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
-    scjax generate "a roundabout" --sampler dpm++ --steps 16 --pick 4
+    scjax generate "a roundabout" --pick 4
 
     Scenes are tidied as by scjax.tidy unless --raw. Numbers that are given (--agents, --lanes) win over what a prompt
     says. Free text needs the text encoder, which is fetched once; see SCJAX_TEXT_ENCODER in the README for machines

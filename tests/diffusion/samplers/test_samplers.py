@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from scjax.diffusion.process import posterior_std
-from scjax.diffusion.samplers import DDIM, DDPM, DPMSolver, Euler, Heun, dpm_solver, sampler_of
+from scjax.diffusion.samplers import (
+    DDIM,
+    DDPM,
+    SAMPLERS,
+    STEPS,
+    DPMSolver,
+    Euler,
+    Heun,
+    dpm_solver,
+    sampler_of,
+    schedule_of,
+)
 from scjax.diffusion.samplers.loop import scene_noise
 from scjax.diffusion.samplers.problem import Problem
 from scjax.models.nodes import Nodes
@@ -181,3 +192,13 @@ def test_networks_disagree_where_they_should():
     wrong = network(lambda signal, noise, x, name: 0 * x - 1.0, "flow")
     found = drawn("heun", wrong, KEYS[:2], masks([(7, 9)] * 2), steps=5)
     np.testing.assert_allclose(found.lanes, -1.0, atol=1e-4)
+
+
+def test_every_sampler_that_fits_a_prediction_has_a_number_of_steps():
+    assert {name: set(steps) for name, steps in STEPS.items()} == {
+        prediction: {name for name, one in SAMPLERS.items() if prediction in one.predictions} for prediction in STEPS
+    }
+    for prediction, steps in STEPS.items():
+        for name, count in steps.items():
+            assert schedule_of(SAMPLERS[name], prediction).steps == count
+    assert STEPS["noise"]["ddpm"] == 100  # what the release does
