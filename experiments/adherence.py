@@ -39,6 +39,7 @@ from scjax.data.shards import write_text
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
 from scjax.prompts import best
+from scjax.sampling import with_counts
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
@@ -102,6 +103,8 @@ def measure(
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
     for title, (conditions, weight, times) in runs.items():
+        if times > 1:  # as the command line: candidates of equal counts
+            conditions = with_counts(jax.random.key(seed), conditions, model=model)  # noqa: PLW2901
         made = _sampled([one for one in conditions for _ in range(times)], model, seed, sampler, steps, weight, title)
         groups = [made[k : k + times] for k in range(0, len(made), times)]
         made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)] if times > 1 else made

@@ -10,7 +10,7 @@ from scjax.condition import Condition
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met, read_prompt
 from scjax.encoders.text import Encoder, checked, load_text_encoder
-from scjax.metrics.realism import joint_gaps, overlapping_pairs
+from scjax.metrics.realism import ON_LANE, OPEN_JOINT, joint_gaps, lane_offsets, overlapping_pairs
 from scjax.model import Model
 from scjax.scene import Scene
 
@@ -57,7 +57,9 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
 def best(prompt: str, scenes: Sequence[Scene]) -> int:
     """Index of the scene that shows most of what a prompt asks for, by rule (``captions.reading``).
 
-    Among equals the one with fewer overlapping boxes wins, then the one whose linked lanes meet better, then the first.
+    Every prompt also asks for an ego on a lane: scraps of lanes can pass for much, a curve for one.
+    Among equals the one with the fewest faults wins (boxes that overlap, joints open by more than 1 m, vehicles on no
+    lane), then the one whose linked lanes meet better, then the first.
 
     Raises:
       ValueError: there are no scenes.
@@ -67,8 +69,10 @@ def best(prompt: str, scenes: Sequence[Scene]) -> int:
     asked = read_prompt(prompt)
 
     def faults(scene: Scene) -> tuple[int, int, float]:
-        missed = sum(not good for good in met(asked, parse(scene)).values())
-        return missed, len(overlapping_pairs(scene)), float(joint_gaps(scene).sum())
+        gaps, (offsets, _) = joint_gaps(scene), lane_offsets(scene)
+        missed = sum(not good for good in met(asked, parse(scene)).values()) + int((offsets[:1] > ON_LANE).sum())
+        wrong = len(overlapping_pairs(scene)) + int((gaps > OPEN_JOINT).sum()) + int((offsets > ON_LANE).sum())
+        return missed, wrong, float(gaps.sum())
 
     return min(range(len(scenes)), key=lambda k: faults(scenes[k]))
 

@@ -119,6 +119,20 @@ def sample_many(
     return [results[i] for i in range(len(requests))]
 
 
+def with_counts(key: Array, conditions: Sequence[Condition], *, model: Model | None = None) -> list[Condition]:
+    """Conditions with the numbers of lanes and agents that they leave open, drawn as ``sample_many`` draws them.
+
+    Raises:
+      ValueError: as ``sample``, of the conditions.
+    """
+    model, tables = _with_denoiser(model), {}
+    requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
+    return [
+        dataclasses.replace(cond, num_agents=request.counts[0], num_lanes=request.counts[1])
+        for cond, request in zip(conditions, requests, strict=True)
+    ]
+
+
 def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order.
 

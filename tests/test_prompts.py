@@ -16,7 +16,8 @@ from scjax.encoders.text import Tokens
 from scjax.models.counter import CounterConfig, counter
 from scjax.models.denoiser.config import TextCondition
 from scjax.prompts import best, contradictions, with_tokens
-from tests.test_tidy import queue
+from scjax.sampling import with_counts
+from tests.test_tidy import chain, queue
 from tests.worlds import tiny_model
 
 WIDTH = 5
@@ -138,6 +139,23 @@ def test_kept_prompts_come_back(tmp_path):
     chex.assert_trees_all_equal(back, features)
     assert load_prompts(tmp_path / "prompts.safetensors", "words-2") == {}
     assert load_prompts(tmp_path / "nothing", "words-1") == {}
+
+
+def test_a_scene_whose_ego_stands_on_no_lane_misses_more():
+    on, off = chain(0.0), chain(0.0)
+    off.agents[0, 1] = 10.0
+    assert best("a road", [off, on]) == 1 and best("a road", [on, off]) == 0
+
+
+def test_of_equals_the_one_whose_joints_are_closed_is_the_best():
+    assert best("a road", [chain(1.2), chain(0.4), chain(0.9)]) == 1
+
+
+def test_candidates_have_the_counts_that_a_draw_would_have(tmp_path):
+    model = tiny_model()
+    told = with_counts(jax.random.key(3), [Condition(), Condition(num_agents=2)], model=model)
+    made = scjax.sample_many(jax.random.key(3), [Condition(), Condition(num_agents=2)], model=model, steps=2)
+    assert [(one.num_agents, one.num_lanes) for one in told] == [(s.num_agents, s.num_lanes) for s in made]
 
 
 def test_the_best_scene_shows_most_of_the_prompt_then_overlaps_least():

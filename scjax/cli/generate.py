@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, FORMATS, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
@@ -35,8 +35,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--lanes", type=click.IntRange(1), help="Lanes in the scene. [default: as the prompt asks]")
 @click.option("--negative", help="What the scene shall not show.")
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
-@click.option("--pick", default=1, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene, of which "
-              "the one is kept that shows most of the prompt.")  # fmt: skip
+@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
+              "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
@@ -52,11 +52,11 @@ def generate(
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
-    scjax generate "a roundabout" --pick 4
+    scjax generate "a roundabout" --pick 32
 
-    Scenes are tidied as by scjax.tidy unless --raw. Numbers that are given (--agents, --lanes) win over what a prompt
-    says. Free text needs the text encoder, which is fetched once; see SCJAX_TEXT_ENCODER in the README for machines
-    without a network.
+    Of several candidates the best is kept (--pick), and tidied as by scjax.tidy unless --raw. Numbers that are given
+    (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched once; see
+    SCJAX_TEXT_ENCODER in the README for machines without a network.
     """
     out = writable_folder(folder)
     clock = Clock()

@@ -10,7 +10,7 @@ from scjax.condition import Condition
 from scjax.diffusion.samplers import Sampler
 from scjax.model import Model
 from scjax.prompts import best
-from scjax.sampling import sample_many
+from scjax.sampling import sample_many, with_counts
 from scjax.scene import Scene
 from scjax.tidy import tidy
 
@@ -30,10 +30,14 @@ def make(
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, tidied unless ``raw``.
 
+    Candidates of a scene have the same numbers of lanes and agents: of one size, one program makes them all at once.
+
     Args:
       prompts: what the best candidate is judged by.
       told: the conditions of the prompts, with their token features.
     """
+    if pick > 1:
+        told = with_counts(key, told, model=model)
     candidates = sample_many(
         key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance,
         temperature=temperature,
