@@ -104,7 +104,7 @@ def measure(
     sound: dict[str, dict[str, float]] = {}
     for title, (conditions, weight, times) in runs.items():
         if times > 1:  # as the command line: candidates of equal counts
-            conditions = with_counts(jax.random.key(seed), conditions, model=model)  # noqa: PLW2901
+            conditions = with_counts(jax.random.key(seed), conditions, model=model)
         made = _sampled([one for one in conditions for _ in range(times)], model, seed, sampler, steps, weight, title)
         groups = [made[k : k + times] for k in range(0, len(made), times)]
         made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)] if times > 1 else made
