@@ -160,9 +160,10 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
 def measured(model: scjax.Model, requests: Requests, real: Tally, row: dict, seed: int, bar: tqdm) -> dict[str, Any]:
     """Metrics of a setting with their intervals, and its seconds a scene without compilation."""
     how: dict[str, Any] = {name: row[name] for name in ("sampler", "steps", "guidance")}
-    programs = {
-        (bucket_of(cond.num_agents or 1, cond.num_lanes or 1), padded_length(len(cond.tokens))
-         if cond.tokens is not None else 0): cond for cond in requests.conditions
+    programs = {  # what decides which program makes a scene: its bucket and the slots of its text
+        (bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
+         padded_length(0 if cond.tokens is None else len(cond.tokens))): cond
+        for cond in requests.conditions
     }  # fmt: skip
     for cond in programs.values():  # two scenes are padded to a whole group
         scjax.sample_many(jax.random.key(0), [cond] * 2, model=model, **how)

@@ -151,7 +151,7 @@ def test_of_equals_the_one_whose_joints_are_closed_is_the_best():
     assert best("a road", [chain(1.2), chain(0.4), chain(0.9)]) == 1
 
 
-def test_candidates_have_the_counts_that_a_draw_would_have(tmp_path):
+def test_candidates_have_the_counts_that_a_draw_would_have():
     model = tiny_model()
     told = with_counts(jax.random.key(3), [Condition(), Condition(num_agents=2)], model=model)
     made = scjax.sample_many(jax.random.key(3), [Condition(), Condition(num_agents=2)], model=model, steps=2)
