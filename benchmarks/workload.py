@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from scjax.nn.precision import cpu_flags
 from scjax.scene import Layout, Link, Scene, empty, stack
 
 BUCKETS = ((61, 44), (61, 64), (61, 80), (61, 100))  # (agent, lane) slots
@@ -90,7 +91,8 @@ def machine() -> dict[str, Any]:
     return {
         "cpu": model or platform.processor(),
         "cores": os.cpu_count(),
-        "amx": any("amx_bf16" in line for line in _cpuinfo()),
+        "amx": "amx_bf16" in cpu_flags(),
+        "avx512_bf16": "avx512_bf16" in cpu_flags(),
         "load_1min": round(os.getloadavg()[0], 2),
         "device": jax.devices()[0].device_kind,
         "jax": jax.__version__,

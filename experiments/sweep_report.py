@@ -80,19 +80,18 @@ def markdown(rows: Sequence[Row], reference: Row) -> str:
 
 
 def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
-    """A panel a metric over evaluations of the network, a line a sampler and weight; grey: the reference's interval."""
+    """A panel a metric over evaluations of the network, a line a series; grey: the reference's interval."""
     shown = [name for name in METRICS if any(math.isfinite(row["metrics"][name]["value"]) for row in rows)]
     count = len(shown) + 1
     lines = math.ceil(count / _COLUMNS)
     figure = Figure(figsize=(3.4 * _COLUMNS, 2.5 * lines), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(lines, _COLUMNS, squeeze=False).ravel()
-    series: dict[tuple[str, float], list[Row]] = {}
+    series: dict[str, list[Row]] = {}
     for row in sorted(rows, key=lambda row: row["evaluations"]):
-        series.setdefault((row["sampler"], row["guidance"]), []).append(row)
-    several = len({weight for _, weight in series}) > 1
-    for (sampler, weight), each in series.items():
-        name, x = sampler + (f", w = {weight:g}" if several else ""), [row["evaluations"] for row in each]
+        series.setdefault(row["series"], []).append(row)
+    for name, each in series.items():
+        x = [row["evaluations"] for row in each]
         for panel, metric in zip(panels, shown, strict=False):
             value, low, high = ([row["metrics"][metric][part] for row in each] for part in ("value", "low", "high"))
             off = np.maximum([np.subtract(value, low), np.subtract(high, value)], 0)

@@ -6,19 +6,20 @@ Scenes are made for held-back records, at their numbers of lanes and agents and,
 their captions; every row from the same keys. OUT gets a file a row (the same command goes on where it was stopped),
 sweep.json, sweep.md and sweep.png. Printed is the setting with the fewest evaluations of the network none of whose
 metrics is worse than the interval of the reference: 100 steps of ddpm (of heun for a rectified flow), under the first
-guidance weight.
+guidance weight and in the first precision.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_args
 
 import jax
 import numpy as np
@@ -41,6 +42,7 @@ from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
 from scjax.metrics.pooling import Values
 from scjax.metrics.tally import Tally
+from scjax.nn.precision import Compute
 from scjax.sampling import bucket_of
 from scjax.scene import Scene
 
@@ -68,6 +70,19 @@ class Requests:
     fingerprint: str
 
 
+class Setting(NamedTuple):
+    """What a row is made with."""
+
+    sampler: str
+    steps: int
+    guidance: float
+    compute: Compute
+
+    def ending(self, weights: bool, computes: bool) -> str:
+        """Of the row's name: the weight and the precision where there are several."""
+        return (f", guidance {self.guidance:g}" if weights else "") + (f", {self.compute}" if computes else "")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = parser_of("sweep_samplers", __doc__)
     add = parser.add_argument
@@ -78,6 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--samplers", nargs="+", metavar="NAME", help=f"of {', '.join(SAMPLERS)} (default: all that fit the model)")
     add("--steps", type=int, nargs="+", default=list(STEPS), metavar="S", help="(default: %(default)s)")
     add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: 4 with prompts, 1 without)")
+    add("--compute", nargs="+", default=["float32"], choices=get_args(Compute), metavar="C",
+        help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)")  # fmt: skip
     add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
     args = parser.parse_args(arguments)
     try:
@@ -99,26 +116,30 @@ def sweep(args) -> str:
     fitting = [name for name, one in SAMPLERS.items() if prediction in one.predictions]
     names = [sampler_of(name, prediction).name for name in args.samplers or fitting]
     weights = args.guidance or [1.0 if model.denoiser_config.condition is None else WEIGHT]
-    reference = (REFERENCE[prediction], 100, weights[0])
-    settings = dict.fromkeys([reference, *((n, s, w) for w in weights for n in names for s in sorted(args.steps))])
+    reference = Setting(REFERENCE[prediction], 100, weights[0], args.compute[0])
+    combined = itertools.product(args.compute, weights, names, sorted(args.steps))
+    settings = dict.fromkeys([reference, *(Setting(n, s, w, c) for c, w, n, s in combined)])
     requests = requests_of(model, args.records, args.samples, args.seed)
     real = measure(requests.references, requests.clusters).tally
     args.out.mkdir(parents=True, exist_ok=True)
     weights_of_model, rows = weights_hash(model), []
     with tqdm(total=len(settings) * len(requests.conditions), unit="scene", disable=None) as bar:
-        for name, steps, weight in settings:
-            bar.set_description(label(name, steps, weight, weights))
-            key = digest(str(FORMAT), weights_of_model, requests.fingerprint, repr(SAMPLERS[name]), str(weight))
-            path = args.out / f"{name}-{steps}-{weight:g}-{key}.json"
+        for setting in settings:
+            name, steps = setting.sampler, setting.steps
+            ending = setting.ending(len(weights) > 1, len(args.compute) > 1)
+            title = f"{name} {steps}{ending}"
+            bar.set_description(title)
+            key = digest(str(FORMAT), weights_of_model, requests.fingerprint, repr(SAMPLERS[name]), str(setting))
+            path = args.out / f"{name}-{steps}-{setting.guidance:g}-{setting.compute}-{key}.json"
             if path.exists():
                 bar.update(len(requests.conditions))
             else:
-                row = {"name": label(name, steps, weight, weights), "sampler": name, "steps": steps,
-                       "guidance": weight, "evaluations": SAMPLERS[name].evaluations(steps)}  # fmt: skip
-                write_text(path, json.dumps(row | measured(model, requests, real, row, args.seed, bar), indent=1))
+                row = {**setting._asdict(), "evaluations": SAMPLERS[name].evaluations(steps)}
+                row |= measured(model, requests, real, setting, args.seed, bar)
+                write_text(path, json.dumps(row, indent=1))
                 # A program is 1,200 areas of memory here, and Linux ends a process that wants more than 65,530.
                 jax.clear_caches()
-            rows.append(json.loads(path.read_text()))
+            rows.append({"name": title, "series": name + ending, **json.loads(path.read_text())})
     told = verdict(rows, rows[0])
     write_text(
         args.out / "sweep.json", json.dumps({"rows": rows, "reference": rows[0]["name"], "verdict": told}, indent=1)
@@ -126,11 +147,6 @@ def sweep(args) -> str:
     write_text(args.out / "sweep.md", markdown(rows, rows[0]) + f"\n{told}\n")
     draw(rows, rows[0], args.out / "sweep.png")
     return told
-
-
-def label(sampler: str, steps: int, weight: float, weights: Sequence[float]) -> str:
-    """Of a row; the weight only where there are several."""
-    return f"{sampler} {steps}" + (f", guidance {weight:g}" if len(weights) > 1 else "")
 
 
 def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Requests:
@@ -157,9 +173,14 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
     return Requests(references, [places[row] for row in rows], conditions, asked, fingerprint)
 
 
-def measured(model: scjax.Model, requests: Requests, real: Tally, row: dict, seed: int, bar: tqdm) -> dict[str, Any]:
+def measured(
+    model: scjax.Model, requests: Requests, real: Tally, setting: Setting, seed: int, bar: tqdm
+) -> dict[str, Any]:
     """Metrics of a setting with their intervals, and its seconds a scene without compilation."""
-    how: dict[str, Any] = {name: row[name] for name in ("sampler", "steps", "guidance")}
+    how: dict[str, Any] = setting._asdict()
+    assert model.denoiser_config is not None
+    config = dataclasses.replace(model.denoiser_config, compute=how.pop("compute"))
+    model = dataclasses.replace(model, denoiser_config=config)
     programs = {  # what decides which program makes a scene: its bucket and the slots of its text
         (bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
          padded_length(0 if cond.tokens is None else len(cond.tokens))): cond

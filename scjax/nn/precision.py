@@ -1,12 +1,15 @@
 """The one matrix product of the networks, in the precision that the machine does best.
 
-XLA:CPU multiplies float32 at the AVX-512 rate; bfloat16 operands accumulated in float32 reach the AMX tiles, several
-times faster, but only in the layout where the contracted axis of the left operand is last. The backward products are
-transposed, so the transposed operand is really laid out before the product.
+XLA:CPU multiplies float32 at the AVX-512 rate; bfloat16 operands accumulated in float32 are faster where the CPU has
+instructions for them (benchmarks/README.md), but only in the layout where the contracted axis of the left operand is
+last. The backward products are transposed, so the transposed operand is really laid out before the product.
 """
 
 from __future__ import annotations
 
+import functools
+import typing
+from pathlib import Path
 from typing import Literal
 
 import jax
@@ -14,15 +17,43 @@ import jax.numpy as jnp
 from jax.experimental.layout import Layout, with_layout_constraint
 from jaxtyping import Array, Float
 
-Compute = Literal["float32", "bfloat16"]
+Compute = Literal["float32", "bfloat16", "auto"]
+"""Operands of the products; "auto": bfloat16 on a CPU that multiplies it, float32 elsewhere."""
+
+_INSTRUCTIONS = {"avx512_bf16", "amx_bf16"}
 
 
 def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) -> Float[Array, "*b o"]:
     """``x @ w``. ``bfloat16`` rounds both operands and accumulates in float32, forward and backward."""
-    if compute == "float32":
+    if operands(compute) == "float32":
         return x @ w
     flat: Array = _mixed(x.reshape(-1, x.shape[-1]), w)
     return flat.reshape(*x.shape[:-1], w.shape[-1])
+
+
+def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
+    """What "auto" is on this machine; the others are what they say.
+
+    Decided by the CPU's instructions and not by a clock: a training that goes on must compute as it began.
+
+    Raises:
+      ValueError: no such precision.
+    """
+    if compute not in typing.get_args(Compute):
+        raise ValueError(f"compute must be one of {', '.join(typing.get_args(Compute))}, not {compute!r}")
+    if compute != "auto":
+        return compute
+    return "bfloat16" if jax.default_backend() == "cpu" and cpu_flags() & _INSTRUCTIONS else "float32"
+
+
+@functools.cache
+def cpu_flags(path: str = "/proc/cpuinfo") -> frozenset[str]:
+    """Names of the CPU's features as Linux tells them; empty elsewhere."""
+    try:
+        lines = Path(path).read_text().splitlines()
+    except OSError:
+        return frozenset()
+    return frozenset(next((line.split(":", 1)[1].split() for line in lines if line.startswith("flags")), ()))
 
 
 def _product(a: Float[Array, "m k"], b: Float[Array, "k n"]) -> Float[Array, "m n"]:

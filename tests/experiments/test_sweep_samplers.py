@@ -53,13 +53,21 @@ def test_a_sweep_end_to_end_goes_on_where_it_was_stopped(folder, capsys):
     assert "| dpm++ 3, guidance 4 | 3 |" in (folder / "out" / "sweep.md").read_text()
 
     files = {path: path.stat().st_mtime_ns for path in (folder / "out").glob("dd*.json")}
-    lost = next((folder / "out").glob("dpm++-3-4-*.json"))
+    lost = next((folder / "out").glob("dpm++-3-4-float32-*.json"))
     before = json.loads(lost.read_text())
     lost.unlink()
     run(folder, "--guidance", "2", "4")
     again = json.loads(lost.read_text())
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert {**again, "seconds": 0} == {**before, "seconds": 0}  # same keys, same scenes
+
+
+def test_precisions_are_compared_with_the_first(folder, capsys):
+    run(folder, "--compute", "float32", "bfloat16", "--samplers", "ddpm")
+    exact, *others = json.loads((folder / "out" / "sweep.json").read_text())["rows"]
+    assert [row["name"] for row in (exact, *others)] == ["ddpm 100, float32", "ddpm 3, float32", "ddpm 3, bfloat16"]
+    values = [[row["metrics"][name]["value"] for name in METRICS] for row in others]
+    assert values[0] != values[1]  # the network really computed otherwise
 
 
 def test_mistakes_are_told(folder):
@@ -72,9 +80,8 @@ def test_mistakes_are_told(folder):
 def rows():
     """A reference with intervals 0.8..1.2 about 1, and a twin of 10 evaluations."""
     metrics = {name: {"value": 1.0, "low": 0.8, "high": 1.2} for name in METRICS}
-    reference = {"name": "ddpm 100", "sampler": "ddpm", "steps": 100, "guidance": 1.0, "evaluations": 100,
-                 "seconds": 1.0, "metrics": metrics}  # fmt: skip
-    few = {**copy.deepcopy(reference), "name": "dpm++ 10", "sampler": "dpm++", "steps": 10, "evaluations": 10}
+    reference = {"name": "ddpm 100", "series": "ddpm", "evaluations": 100, "seconds": 1.0, "metrics": metrics}
+    few = {**copy.deepcopy(reference), "name": "dpm++ 10", "series": "dpm++", "evaluations": 10}
     return reference, few
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import typing
 
-from scjax.nn.precision import Compute
+from scjax.nn.precision import Compute, operands
 
 # Columns that a source may not have recorded: z, length, width, height of an agent; z of a lane.
 _UNCERTAIN_AGENT_COLUMNS = (2, 6, 7, 8)
@@ -62,8 +61,7 @@ class AutoencoderConfig:
             raise ValueError(
                 f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off"
             )
-        if self.compute not in typing.get_args(Compute):
-            raise ValueError(f"compute must be one of {typing.get_args(Compute)}, not {self.compute!r}")
+        operands(self.compute)  # which raises
 
     @property
     def agent_flags(self) -> tuple[int, ...]:

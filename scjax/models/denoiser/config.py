@@ -6,7 +6,7 @@ import dataclasses
 from typing import Literal, get_args
 
 from scjax.nn.control import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
-from scjax.nn.precision import Compute
+from scjax.nn.precision import Compute, operands
 
 Prediction = Literal["noise", "velocity", "flow"]
 """What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
@@ -111,8 +111,7 @@ class DenoiserConfig:
             )
         if self.prediction not in get_args(Prediction):
             raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
-        if self.compute not in ("float32", "bfloat16"):
-            raise ValueError(f'compute must be "float32" or "bfloat16", got {self.compute!r}')
+        operands(self.compute)  # which raises
 
     @property
     def null_label(self) -> int:
