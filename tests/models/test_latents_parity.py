@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scjax.data.ordering import order, partition
-from scjax.models.denoiser.context import normalise_depth, patch_means, resize_depth
+from scjax.models.denoiser.context import depth_cells, normalise_depth
 from scjax.models.denoiser.embed import image_table, position_table, time_code
 from scjax.models.latents import LatentStatistics, statistics
 from scjax.models.nodes import Nodes
@@ -59,9 +59,9 @@ def test_item_depth_parity(item):
         rows, columns = map(int, means.split("_")[-1].split("x"))
         grid = (rows, columns)
         patch = size[0] // grid[0]
-        resized = resize_depth(jnp.asarray(values)[None], grid, patch)
-        assert golden.relative(resized[0], outputs[resized_name.format(*size)]) < 1e-5
-        assert golden.relative(patch_means(resized, patch)[0], outputs[mean_name.format(*grid)]) < 1e-5
+        resized, means = (depth_cells(jnp.asarray(values)[None], *how)[0] for how in ((size, 1), (grid, patch)))
+        assert golden.relative(resized.reshape(size), outputs[resized_name.format(*size)]) < 1e-5
+        assert golden.relative(means, outputs[mean_name.format(*grid)]) < 1e-5
 
 
 def test_tables_parity(parity_dir):

@@ -92,9 +92,8 @@ class ImageContext(nnx.Module):
                 f"{(self.dino.kernel.shape[0], *self.grid)}: encode images at the configured size"
             )
         dino = jnp.where(absent[:, None, None, None], 0, dino).reshape(*dino.shape[:2], -1).swapaxes(1, 2)
-        depth = jnp.where(absent[:, None, None], 0, depth)
         code = jnp.asarray(image_table(*self.grid, self.dino.kernel.shape[1]), dino.dtype)[None]
-        means = patch_means(resize_depth(depth, self.grid, self.patch), self.patch)
+        means = jnp.where(absent[:, None, None], 0, depth_cells(depth, self.grid, self.patch))
         dino, depth = self.dino(dino), self.depth(means)
         if trace is not None:
             trace |= {"dino_proj": dino, "depth_patch_mean": means, "depth_proj": depth}
@@ -110,20 +109,17 @@ def normalise_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.nda
     return (depth - low) / (high - low + 1e-8)
 
 
-def resize_depth(
-    depth: Float[Array, "b height width"], grid: tuple[int, int], patch: int
-) -> Float[Array, "b rows columns"]:
-    """Bilinear to [patch rows, patch columns] with half-pixel centres and two taps an axis: no antialiasing."""
-    rows = jnp.asarray(_two_taps(depth.shape[1], grid[0] * patch), depth.dtype)
-    columns = jnp.asarray(_two_taps(depth.shape[2], grid[1] * patch), depth.dtype)
-    return jnp.einsum("rh,bhw,cw->brc", rows, depth, columns)
+def depth_cells(depth: Float[Array, "b height width"], grid: tuple[int, int], patch: int) -> Float[Array, "b cells 1"]:
+    """Means over patch x patch pixels of the map resized to [patch rows, patch columns] (spec §4.8), row-major.
 
-
-def patch_means(depth: Float[Array, "b rows columns"], patch: int) -> Float[Array, "b cells 1"]:
-    """Mean of every patch x patch cell, row-major."""
-    b, rows, columns = depth.shape
-    cells = depth.reshape(b, rows // patch, patch, columns // patch, patch)
-    return cells.mean((2, 4)).reshape(b, -1, 1)
+    Resizing (bilinear, half-pixel centres, two taps an axis: no antialiasing) and averaging are one small matrix an
+    axis, so that the resized map itself is never computed; ``patch`` 1 gives it.
+    """
+    rows, columns = (
+        jnp.asarray(_two_taps(size, cells * patch).reshape(cells, patch, size).mean(1), depth.dtype)
+        for size, cells in zip(depth.shape[1:], grid, strict=True)
+    )
+    return jnp.einsum("rh,bhw,cw->brc", rows, depth, columns).reshape(len(depth), -1, 1)
 
 
 @functools.cache
