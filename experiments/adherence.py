@@ -4,7 +4,7 @@
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
-candidates (chosen by the same rules, so no independent judgement); the model without prompts at true counts; the
+tidied candidates (chosen by the same rules, so no independent judgement); the model without prompts at true counts; the
 training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
 how sound the scenes are, as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
 rules with them is printed below.
@@ -95,21 +95,24 @@ def measure(
         real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
     both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
-    runs = {f"prompt, guidance {weight:g}": (told, weight, 1) for weight in weights}
-    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], 1
-    if candidates:
-        runs[f"prompt, guidance {weights[0]:g}, best of {candidates}"] = told, weights[0], candidates
-    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, 1
+    runs = {f"prompt, guidance {weight:g}": (told, weight) for weight in weights}
+    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0]
+    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
-    for title, (conditions, weight, times) in runs.items():
-        if times > 1:  # as the command line: candidates of equal counts
-            conditions = with_counts(jax.random.key(seed), conditions, model=model)
-        made = _sampled([one for one in conditions for _ in range(times)], model, seed, sampler, steps, weight, title)
-        groups = [made[k : k + times] for k in range(0, len(made), times)]
-        made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)] if times > 1 else made
-        table[title] = scores(zip(asked, map(parse, made), strict=True))
-        sound[title], sound[f"{title}, tidied"] = realism(made), realism(map(scjax.tidy, made))
+    for title, (conditions, weight) in runs.items():
+        made = _sampled(conditions, model, seed, sampler, steps, weight, title)
+        tidied = [scjax.tidy(scene) for scene in made]
+        for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
+            table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
+    if candidates > 1:  # as the command line: candidates of equal counts
+        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied"
+        conditions = with_counts(jax.random.key(seed), told, model=model)
+        repeated = [one for one in conditions for _ in range(candidates)]
+        made = [scjax.tidy(one) for one in _sampled(repeated, model, seed, sampler, steps, weights[0], title)]
+        groups = [made[k : k + candidates] for k in range(0, len(made), candidates)]
+        made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)]
+        table[title], sound[title] = scores(zip(asked, map(parse, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
     sound["the record itself"] = realism(real)

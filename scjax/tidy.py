@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from scjax.metrics.boxes import overlaps
 from scjax.scene import Link, Scene, stack
@@ -60,7 +58,8 @@ def join_lanes(scene: Scene, *, reach: float = REACH, known: int = 0) -> Scene:
     """Every lane that leads into another one ends exactly where that one starts.
 
     All ends that links tie together move to their mean (or to the mean of the known ones among them); the rest of a
-    lane follows in proportion, and its points are spaced equally again. Links over a gap wider than ``reach`` [m] go.
+    lane follows in proportion, and its points are spaced equally again. Links over a gap wider than ``reach`` [m] go,
+    and of those that together would bring both ends of a lane to one place the widest.
 
     Args:
       scene: one scene.
@@ -71,9 +70,10 @@ def join_lanes(scene: Scene, *, reach: float = REACH, known: int = 0) -> Scene:
     valid = np.asarray(scene.lane_mask)
     pairs = np.argwhere((links == Link.PREDECESSOR) & valid[:, None] & valid[None, :])
     gaps = np.linalg.norm(lanes[pairs[:, 0], -1, :2] - lanes[pairs[:, 1], 0, :2], axis=-1)
-    open_pairs = pairs[(gaps > reach) & (pairs >= known).any(-1)]
-    links[open_pairs[:, 0], open_pairs[:, 1]] = links[open_pairs[:, 1], open_pairs[:, 0]] = Link.NONE
-    moves = _moves(lanes, pairs[gaps <= reach], known)
+    group, refused = _places(len(lanes), pairs, gaps, reach)
+    false = pairs[refused & (pairs >= known).any(-1)]
+    links[false[:, 0], false[:, 1]] = links[false[:, 1], false[:, 0]] = Link.NONE
+    moves = _moves(lanes, group, known)
     share = np.linspace(0, 1, lanes.shape[1])[:, None]
     joined = np.array(scene.lanes)
     for i in np.flatnonzero(np.abs(moves).sum((1, 2))):
@@ -112,21 +112,39 @@ def separate(scene: Scene, *, known: int = 0) -> Scene:
     return scene.replace(agents=states)
 
 
+def _places(
+    count: int, pairs: Int[np.ndarray, "joints 2"], gaps: Float64[np.ndarray, " joints"], reach: float
+) -> tuple[Int[np.ndarray, " ends"], Bool[np.ndarray, " joints"]]:
+    """Numbers of the places that the ends (starts of all lanes, then ends) belong to, and which joints are refused.
+
+    Narrow joints are closed first; one is refused if it is wider than ``reach`` or leaves nothing of a lane.
+    """
+    place = [{end} for end in range(2 * count)]  # of each end: all ends that are one with it
+    refused = gaps > reach
+    for joint in np.argsort(gaps, kind="stable"):
+        one, other = place[pairs[joint, 0] + count], place[pairs[joint, 1]]
+        if refused[joint] or one is other:
+            continue
+        together = one | other
+        if len({end % count for end in together}) < len(together):
+            refused[joint] = True
+            continue
+        for end in together:
+            place[end] = together
+    return np.array([min(ends) for ends in place], int), refused
+
+
 def _moves(
-    lanes: Float64[np.ndarray, "lanes points 3"], pairs: Int[np.ndarray, "joints 2"], known: int
+    lanes: Float64[np.ndarray, "lanes points 3"], group: Int[np.ndarray, " ends"], known: int
 ) -> Float64[np.ndarray, "lanes 2 3"]:
-    """How far the start and the end of every lane move to meet what they are joined to."""
+    """How far the start and the end of every lane move to meet those of their group."""
     count = len(lanes)
-    ends = np.concatenate([lanes[:, 0], lanes[:, -1]])  # starts, then ends
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0] + count, pairs[:, 1])), shape=(2 * count, 2 * count))
-    groups, group = connected_components(graph, directed=False)
+    ends = np.concatenate([lanes[:, 0], lanes[:, -1]])
     firm = np.tile(np.arange(count) < known, 2)
-    weight = np.where(np.bincount(group, firm, groups)[group] > 0, firm, 1.0)
-    total = np.maximum(np.bincount(group, weight, groups), 1e-12)
-    middle = np.stack([np.bincount(group, weight * column, groups) / total for column in ends.T], -1)[group]
-    moves = np.where(firm[:, None], 0.0, middle - ends).reshape(2, count, 3)
-    loops = group[:count] == group[count:]  # both ends of a lane in one place: nothing would be left of it
-    return np.where(loops[None, :, None], 0.0, moves).swapaxes(0, 1)
+    weight = np.where(np.bincount(group, firm, 2 * count)[group] > 0, firm, 1.0)
+    total = np.maximum(np.bincount(group, weight, 2 * count), 1e-12)
+    middle = np.stack([np.bincount(group, weight * column, 2 * count) / total for column in ends.T], -1)[group]
+    return np.where(firm[:, None], 0.0, middle - ends).reshape(2, count, 3).swapaxes(0, 1)
 
 
 def _equally_spaced(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:

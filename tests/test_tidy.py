@@ -91,6 +91,20 @@ def test_a_loop_keeps_its_length():
     np.testing.assert_array_equal(join_lanes(scene).lanes, scene.lanes)
 
 
+def test_of_joints_that_would_fold_a_lane_the_widest_goes():
+    scene = chain(0.5)  # three lanes of 10 m, one after the other
+    scene.lanes[1, :, 0] = 10 + 0.2 * (scene.lanes[1, :, 0] - 10)  # the second one has 2 m,
+    scene.lanes[2, :, 0] -= 8
+    scene.links[0, 2], scene.links[2, 0] = Link.PREDECESSOR, Link.SUCCESSOR  # which this link leaves out
+    np.testing.assert_allclose(sorted(joint_gaps(scene)), [0.5, 0.5, np.hypot(2, 1)], rtol=1e-5)
+    joined = join_lanes(scene)
+    np.testing.assert_allclose(joint_gaps(joined), 0, atol=1e-6)
+    assert joined.links[0, 2] == joined.links[2, 0] == Link.NONE
+    assert joined.links[0, 1] == joined.links[1, 2] == Link.PREDECESSOR
+    length = np.linalg.norm(np.diff(joined.lanes[..., :2], axis=1), axis=-1).sum(-1)
+    np.testing.assert_allclose(length, [10, 2, 10], atol=0.2)
+
+
 def test_known_lanes_pull_the_others():
     scene = chain(1.0)
     joined = join_lanes(scene, known=1)

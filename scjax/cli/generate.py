@@ -54,8 +54,8 @@ def generate(
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
     scjax generate "a roundabout" --pick 32
 
-    Of several candidates the best is kept (--pick), and tidied as by scjax.tidy unless --raw. Numbers that are given
-    (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched once; see
+    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick). Numbers that are
+    given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched once; see
     SCJAX_TEXT_ENCODER in the README for machines without a network.
     """
     out = writable_folder(folder)

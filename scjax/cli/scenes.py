@@ -1,4 +1,4 @@
-"""What ``generate`` and ``demo`` do with prompts: several candidates a scene, the best of them, tidied."""
+"""What ``generate`` and ``demo`` do with prompts: several candidates a scene, tidied, and the best of them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def make(
     guidance: float | None = None,
     temperature: float | None = None,
 ) -> list[Scene]:
-    """One scene a prompt: the best of ``pick`` candidates, tidied unless ``raw``.
+    """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
 
     Candidates of a scene have the same numbers of lanes and agents: of one size, one program makes them all at once.
 
@@ -42,8 +42,6 @@ def make(
         key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance,
         temperature=temperature,
     )  # fmt: skip
+    candidates = candidates if raw else [tidy(scene) for scene in candidates]
     groups = [candidates[k * pick : (k + 1) * pick] for k in range(len(prompts))]
-    chosen = [
-        group[best(prompt, group)] if pick > 1 else group[0] for prompt, group in zip(prompts, groups, strict=True)
-    ]
-    return chosen if raw else [tidy(scene) for scene in chosen]
+    return [group[best(prompt, group)] if pick > 1 else group[0] for prompt, group in zip(prompts, groups, strict=True)]

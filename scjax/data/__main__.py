@@ -81,6 +81,9 @@ def parser() -> argparse.ArgumentParser:
     world.add_argument("--worlds", type=int, default=1000, metavar="N", help="how many (default %(default)s)")
     world.add_argument("--seed", type=int, default=0, metavar="S",
                        help="world k depends on S and k alone (default %(default)s)")  # fmt: skip
+    world.add_argument("--ordinary", type=float, default=1.0, metavar="SHARE",
+                       help="share of scenes without an event, a roundabout, a bend or a yellow light that is kept; "
+                            "less makes those frequent (default %(default)g: all)")  # fmt: skip
     world.add_argument("--workers", type=int, default=2, metavar="N",
                        help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
     world.add_argument("--split-percent", type=float, default=5.0, metavar="P",
@@ -161,7 +164,7 @@ def _synthetic(args: argparse.Namespace) -> int:
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
     options = BuildOptions(split_percent=args.split_percent, files_per_shard=64)
-    manifest = build(Worlds(args.seed, args.worlds), args.out, options, workers=args.workers)
+    manifest = build(Worlds(args.seed, args.worlds, args.ordinary), args.out, options, workers=args.workers)
     for split, entry in manifest["splits"].items():
         print(f"{split}: {entry['records']} records of {entry['scenes']} worlds")
     return 0

@@ -11,6 +11,7 @@ import itertools
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
@@ -29,6 +30,7 @@ _ARM_GAP = np.deg2rad(28.0)
 _STILL_TURNING = 0.12  # rad over the last tenth of a lane
 _BORDER = 31.0  # metres
 _RAMP = 25.0  # metres of turn radius above which a turn is no turn at an intersection
+_STEP = 3.0  # metres between the points of a ring whose roundness is judged
 _STRIDE = 4  # points of a lane in the search for crossings
 
 
@@ -104,7 +106,7 @@ def find_intersections(road: Road) -> tuple[list[Intersection], int]:
 
 
 def has_roundabout(road: Road) -> bool:
-    """A ring of lanes, driven counter-clockwise, round and nowhere straight for long. Parking loops are neither."""
+    """A ring of lanes, round and nowhere straight for long: loops of parking lots and city blocks are neither."""
     for start in range(len(road)):
         ring = _ring(road, start)
         if ring and _is_round(road, ring):
@@ -218,15 +220,22 @@ def _ring(road: Road, start: int, most: int = 16) -> list[int]:
 
 
 def _is_round(road: Road, ring: list[int]) -> bool:
-    line = np.concatenate([road.line[lane][:-1] for lane in ring])
+    line = _even(np.concatenate([road.line[lane][:-1] for lane in ring]))
     step = np.roll(line, -1, 0) - line
-    length = np.linalg.norm(step, axis=-1)
-    keep = length > 1e-3
-    heading, length = np.arctan2(step[keep, 1], step[keep, 0]), length[keep]
+    heading, length = np.arctan2(step[:, 1], step[:, 0]), np.linalg.norm(step, axis=-1)
     bend = wrapped(np.roll(heading, -1) - heading)
-    if not 35 <= length.sum() <= 220 or not 5.2 <= bend.sum() <= 7.4:
+    turn = abs(bend.sum())  # clockwise where traffic keeps to the left
+    if not 35 <= length.sum() <= 220 or not 5.2 <= turn <= 7.4:
         return False
     from_middle = np.linalg.norm(line - line.mean(0), axis=-1)
-    straight = length[np.abs(bend) / length < 0.02].sum() / length.sum()
-    steady = np.abs(bend).sum() < 1.35 * bend.sum() and from_middle.std() < 0.2 * from_middle.mean()
-    return bool(steady and straight < 0.4)
+    straight = (np.abs(bend) / length < 0.02).mean()
+    steady = np.abs(bend).sum() < 1.35 * turn and from_middle.std() < 0.2 * from_middle.mean()
+    return bool(steady and straight < 0.2)
+
+
+def _even(ring: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "even 2"]:
+    """Points of a closed line about ``_STEP`` apart: closer ones would lie between the corners of its lanes."""
+    closed = np.concatenate([ring, ring[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=-1))])
+    wanted = np.linspace(0, along[-1], max(round(along[-1] / _STEP), 8), endpoint=False)
+    return np.stack([np.interp(wanted, along, column) for column in closed.T], -1)

@@ -42,6 +42,11 @@ class Label:
     event: str | None
     about: tuple[float, float] | None
 
+    @property
+    def rare(self) -> bool:
+        """Whether few scenes show this: an event, a roundabout, a bend or a yellow light."""
+        return self.event is not None or self.layout in ("roundabout", "curve") or self.signal == "yellow"
+
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         return dataclasses.asdict(self)

@@ -19,14 +19,21 @@ from scjax.data.tiles import pose_of
 class Worlds:
     """Worlds 0 .. ``count`` - 1 of ``seed``; each is a location of its own. Poses come from the worlds, all standard.
 
+    Attributes:
+      ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept. Less than 1 gives a training
+        set in which rare things are frequent.
+
     Raises:
-      ValueError: if ``count`` is less than 1 or ``seed`` negative.
+      ValueError: if ``count`` is less than 1, ``seed`` negative or ``ordinary`` no share.
     """
 
     seed: int
     count: int
+    ordinary: float = 1.0
 
     def __post_init__(self):
+        if not 0 <= self.ordinary <= 1:
+            raise ValueError(f"ordinary is {self.ordinary}: give a share from 0 to 1")
         if self.count < 1 or self.seed < 0:
             raise ValueError(
                 f"count is {self.count} and seed {self.seed}: give at least one world, a seed of 0 or more"
@@ -40,7 +47,7 @@ class Worlds:
         """Domain of the world, without making it."""
         seed, k = (int(part) for part in name.split("/"))
         domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
-        digest = hashlib.sha256(f"synthetic world {VERSION} {name}".encode()).hexdigest()
+        digest = hashlib.sha256(f"synthetic world {VERSION} {name} {self.ordinary:g}".encode()).hexdigest()
         return Scanned(name, digest, domain, name)
 
     def load(self, item: Scanned, options: BuildOptions, dense: bool) -> Loaded:
@@ -51,6 +58,9 @@ class Worlds:
         raw = raw_scene(world)
         graph = build_graph(raw)
         index = index_segments(graph)
-        poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego in world.egos]
-        labels = [label(world, ego).to_json() for ego in world.egos]
+        chance = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
+        told = [(ego, label(world, ego)) for ego in world.egos]
+        kept = [pair for pair, draw in zip(told, chance, strict=True) if pair[1].rare or draw < self.ordinary]
+        poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego, _ in kept]
+        labels = [one.to_json() for _, one in kept]
         return Loaded(raw, graph, index, poses, len(poses), labels, keep_parked=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.data.captions.facts import FORMAT, Facts, parse
-from scjax.data.captions.intersections import find_intersections
+from scjax.data.captions.intersections import find_intersections, has_roundabout
 from scjax.data.captions.road import road_of
 from scjax.scene import AgentType, Signal, empty, pad, permute
 from tests.data.captions.towns import WIDTH, Town
@@ -153,6 +153,32 @@ def test_golden_towns(name):
     town, expected = GOLDEN[name]
     found = parse(town.scene())
     assert {key: getattr(found, key) for key in expected} == expected
+
+
+def loop(line):
+    """A closed line in four lanes, each of which leads into the next."""
+    town = Town(speed=6.0)
+    lanes = [town.line(*part) for part in line]
+    town.join(*[(lanes[k], lanes[(k + 1) % 4]) for k in range(4)])
+    return road_of(town.scene())
+
+
+@pytest.mark.parametrize("corners", [7, 20])
+@pytest.mark.parametrize("flip", [1, -1])
+def test_rings_are_seen_however_few_their_corners_on_both_sides_of_the_road(corners, flip):
+    quarters = [np.deg2rad(np.linspace(90 * k, 90 * k + 90, corners)) for k in range(4)]
+    assert has_roundabout(loop([14 * np.stack([np.cos(turn), flip * np.sin(turn)], -1) for turn in quarters]))
+
+
+def test_a_block_with_round_corners_is_no_roundabout():
+    angle = np.deg2rad(np.linspace(0, 90, 8))
+    corner = np.concatenate([[[9, -5]], 5 * np.stack([np.cos(angle), np.sin(angle)], -1) + [4, 4]])
+    quarters = []
+    for k in range(4):
+        turn = np.deg2rad(90 * k)
+        quarters.append(corner @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]))
+    assert all(np.allclose(quarters[k][-1], quarters[(k + 1) % 4][0], atol=1.01) for k in range(4))
+    assert not has_roundabout(loop(quarters))
 
 
 def test_there_are_thirty():

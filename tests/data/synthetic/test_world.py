@@ -8,9 +8,11 @@ import pytest
 from scjax.data.captions.facts import parse
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.records import make_record, sample_scene, simplified
+from scjax.data.sources import BuildOptions
 from scjax.data.synthetic import actors, domains, events
-from scjax.data.synthetic.labels import label
-from scjax.data.synthetic.world import CROPS, World, make_world, object_of, raw_scene
+from scjax.data.synthetic.labels import Label, label
+from scjax.data.synthetic.source import Worlds
+from scjax.data.synthetic.world import CROPS, VERSION, World, make_world, object_of, raw_scene
 from scjax.data.tiles import pose_of
 from scjax.scene import AgentType, Signal, validate
 
@@ -136,3 +138,33 @@ def test_rare_events_are_found(monkeypatch):
     assert sum(found.values()) / sum(total.values()) >= 0.9
     assert len(total) >= 5 and all(kind in events.EVENTS for kind in total)
     assert invented / scenes < 0.02
+
+
+def test_roundabouts_that_are_labelled_are_read_as_such():
+    found = collections.Counter()
+    for k in range(400):
+        rng = np.random.default_rng([VERSION, 7, k])
+        if domains.draw(rng).network(rng)[0] == "roundabout":
+            world = make_world(7, k)
+            found.update(
+                parse(scene).layout for ego, scene in scenes_of(world) if label(world, ego).layout == "roundabout"
+            )
+        if found.total() >= 3:
+            break
+    assert found.total() >= 3 and set(found) == {"roundabout"}
+
+
+def test_ordinary_scenes_can_be_left_out():
+    options = BuildOptions()
+    kept = {}
+    for share in (0.0, 0.4, 1.0):
+        source = Worlds(7, 12, share)
+        loaded = [source.load(source.scan(name), options, False) for name in source.names()]
+        kept[share] = {(k, pose.object, pose.step) for k, one in enumerate(loaded) for pose in one.poses}
+        labels = [found for one in loaded for found in one.labels]
+        assert len(labels) == len(kept[share]) == sum(one.num_standard for one in loaded)
+        rare = sum(Label(**found).rare for found in labels)
+        assert rare > 0 and (rare == len(labels)) == (share == 0.0)
+    assert kept[0.0] < kept[0.4] < kept[1.0]
+    with pytest.raises(ValueError, match="a share from 0 to 1"):
+        Worlds(7, 12, 1.5)
