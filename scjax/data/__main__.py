@@ -93,6 +93,8 @@ def parser() -> argparse.ArgumentParser:
     text.add_argument("--encoder", metavar="DIR", help="folder of a text encoder (BERT, T5 or UMT5, Hugging Face)")
     said = command("caption", "facts and sentences for records", CAPTION)
     said.add_argument("records", metavar="RECORDS", help="folder made by the build command")
+    said.add_argument("--workers", type=int, default=2, metavar="N",
+                      help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
     said.add_argument("--paraphrases", type=int, default=2, metavar="N",
                       help="texts of each style (default %(default)s)")  # fmt: skip
     said.add_argument("--seed", type=int, default=0, metavar="S", help="of the words (default %(default)s)")
@@ -182,7 +184,9 @@ def _embed(args: argparse.Namespace) -> int:
 def _caption(args: argparse.Namespace) -> int:
     from scjax.data.captions.store import add_captions
 
-    for split, count in add_captions(args.records, paraphrases=args.paraphrases, seed=args.seed).items():
+    for split, count in add_captions(
+        args.records, paraphrases=args.paraphrases, seed=args.seed, workers=args.workers
+    ).items():
         print(f"{split}: {count} records captioned")
     return 0
 

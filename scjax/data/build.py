@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
 import gzip
 import hashlib
 import json
-import multiprocessing
 import os
-import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +19,7 @@ from scjax.data.records import RECORD_FORMAT
 from scjax.data.shards import MANIFEST_FORMAT, Shard, build_shard, scan, write_text
 from scjax.data.sources import BuildOptions, Recordings, Scanned, Source
 from scjax.data.statistics import SceneStatistics
+from scjax.data.workers import Mapper
 
 SPLITS = ("train", "val")
 _NONE = "{}: none of {} files can be used; the first: {}"
@@ -62,7 +60,7 @@ def build(
     for left in out.glob(".*.part"):
         left.unlink()
 
-    with _mapper(workers) as run:
+    with Mapper(workers) as run:
         scanned = list(_progress(run(scan, [(source, file) for file in files]), len(files), "scan", "file"))
         _stop_if_strict(strict, [{"file": item.file, "reason": item.reason} for item in scanned if item.reason])
         usable = [item for item in scanned if not item.reason]
@@ -212,33 +210,6 @@ def _remove_stale(out: Path, shards: list[Shard]) -> None:
 def _stop_if_strict(strict: bool, skipped: list[dict[str, str]]) -> None:
     if strict and skipped:
         raise ValueError(f"{skipped[0]['reason']} (--strict stops at the first bad file)")
-
-
-def _leave_with_parent() -> None:
-    """Ends this worker when the main process is gone: idle workers of a killed build would wait for ever."""
-
-    def watch() -> None:
-        parent = multiprocessing.parent_process()
-        if parent:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-class _mapper:
-    """``with _mapper(workers) as run: run(function, tasks)`` yields results in order, in processes or in this one."""
-
-    def __init__(self, workers: int):
-        context = multiprocessing.get_context("spawn")
-        self._pool = concurrent.futures.ProcessPoolExecutor(workers, context, _leave_with_parent) if workers else None
-
-    def __enter__(self) -> Callable[..., Iterator[Any]]:
-        return self._pool.map if self._pool else map
-
-    def __exit__(self, *_: object) -> None:
-        if self._pool:
-            self._pool.shutdown(cancel_futures=True)
 
 
 def _progress(results: Iterator[Any], total: int, what: str, unit: str) -> Iterator[Any]:

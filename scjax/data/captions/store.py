@@ -6,6 +6,7 @@ appears whole or not at all, and names the records that it belongs to.
 
 from __future__ import annotations
 
+import functools
 import gzip
 import json
 import os
@@ -20,6 +21,7 @@ from scjax.data import records
 from scjax.data.build import load_manifest
 from scjax.data.captions.facts import Facts, parse
 from scjax.data.captions.text import STYLES, write
+from scjax.data.workers import Mapper
 
 FORMAT = 2
 MISSING = "A realistic driving scene."  # what the release's loader says where a caption file is absent
@@ -32,41 +34,56 @@ class Caption(NamedTuple):
     texts: dict[str, list[str]]
 
 
-def add_captions(folder: str | Path, *, paraphrases: int = 2, seed: int = 0, progress: bool = True) -> dict[str, int]:
+def add_captions(
+    folder: str | Path, *, paraphrases: int = 2, seed: int = 0, workers: int = 0, progress: bool = True
+) -> dict[str, int]:
     """Captions every record of a folder; returns the number of records of each split.
 
     Args:
       folder: made by ``python -m scjax.data build``.
       paraphrases: texts of each style.
       seed: of the words; the same seed gives the same texts.
+      workers: processes that share the work; 0: this one does it.
 
     Raises:
-      ValueError: the folder holds no records, or ``paraphrases`` is less than 1.
+      ValueError: the folder holds no records, ``paraphrases`` is less than 1 or ``workers`` less than 0.
     """
     if paraphrases < 1:
         raise ValueError(f"paraphrases is {paraphrases}: write at least one text of each style")
+    if workers < 0:
+        raise ValueError(f"workers is {workers}: give 0 or more processes")
     folder, done = Path(folder), {}
     manifest = load_manifest(folder)
     for split, entry in manifest["splits"].items():
         if not entry["records"]:
             continue
-        tiles = records.source(folder, split)
         path = captions_path(folder, split)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        bar = tqdm(range(len(tiles)), f"captions of {split}", unit="tile", disable=not progress)
-        with gzip.open(temporary, "wt", encoding="utf-8") as file:
+        line = functools.partial(_line, folder, split, paraphrases, seed)
+        rows, name = range(entry["records"]), f"captions of {split}"
+        with gzip.open(temporary, "wt", encoding="utf-8") as file, Mapper(workers, at_once=32) as run:
             file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed}) + "\n")
-            for row in bar:
-                facts = parse(records.sample_scene(records.decode(tiles[row])))
-                numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
-                texts = {
-                    style: [write(facts, int(numbers[k * paraphrases + n]), style) for n in range(paraphrases)]
-                    for k, style in enumerate(STYLES)
-                }
-                file.write(json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n")
+            for told in tqdm(run(line, rows), name, total=len(rows), unit="tile", disable=not progress):
+                file.write(told)
         temporary.replace(path)
-        done[split] = len(tiles)
+        done[split] = len(rows)
     return done
+
+
+def _line(folder: Path, split: str, paraphrases: int, seed: int, row: int) -> str:
+    """What is stored of a record."""
+    facts = parse(records.sample_scene(records.decode(_tiles(folder, split)[row])))
+    numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
+    texts = {
+        style: [write(facts, int(numbers[k * paraphrases + n]), style) for n in range(paraphrases)]
+        for k, style in enumerate(STYLES)
+    }
+    return json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n"
+
+
+@functools.lru_cache(1)
+def _tiles(folder: Path, split: str):
+    return records.source(folder, split)
 
 
 def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:

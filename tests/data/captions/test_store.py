@@ -32,6 +32,16 @@ def test_every_record_has_its_facts_and_texts(folder):
     assert not list(folder.glob(".captions*"))
 
 
+def test_processes_write_what_one_writes(folder):
+    path = folder / "captions-train.jsonl.gz"
+    kept = path.read_bytes()
+    try:
+        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
+        assert gzip.decompress(path.read_bytes()) == gzip.decompress(kept)  # the fixture's are by two
+    finally:
+        path.write_bytes(kept)
+
+
 def test_captions_of_other_records_are_refused(folder, tmp_path):
     path = folder / "captions-train.jsonl.gz"
     kept = path.read_bytes()
@@ -50,6 +60,8 @@ def test_the_command_names_mistakes(tmp_path, folder, capsys):
     assert main(["caption", str(tmp_path)]) == 1 and "error: " in capsys.readouterr().err
     assert main(["caption", str(folder), "--paraphrases", "0"]) == 1
     assert "at least one text" in capsys.readouterr().err
+    assert main(["caption", str(folder), "--workers", "-1"]) == 1
+    assert "0 or more processes" in capsys.readouterr().err
 
 
 def test_official_captions(tmp_path):

@@ -1,0 +1,47 @@
+"""Work shared by processes, with results in order."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+
+class Mapper:
+    """``with Mapper(workers) as run: run(function, tasks)`` yields results in order, in processes or in this one.
+
+    Args:
+      workers: number of processes; 0: this one does the work.
+      at_once: tasks that a process takes at a time.
+    """
+
+    def __init__(self, workers: int, at_once: int = 1):
+        context = multiprocessing.get_context("spawn")
+        self._pool = concurrent.futures.ProcessPoolExecutor(workers, context, _leave_with_parent) if workers else None
+        self._at_once = at_once
+
+    def __enter__(self) -> Callable[..., Iterator[Any]]:
+        return self._run if self._pool else map
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool:
+            self._pool.shutdown(cancel_futures=True)
+
+    def _run(self, function: Callable[..., Any], *tasks: Any) -> Iterator[Any]:
+        assert self._pool is not None
+        return self._pool.map(function, *tasks, chunksize=self._at_once)
+
+
+def _leave_with_parent() -> None:
+    """Ends this worker when the main process is gone: idle workers of a killed build would wait for ever."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
