@@ -28,6 +28,7 @@ from tqdm import tqdm
 import scjax
 from experiments.arguments import parser_of
 from experiments.evaluate.retrieval import tf_idf
+from scjax.cli.scenes import make
 from scjax.cli.start import start_jax
 from scjax.data import records
 from scjax.data.captions.embeddings import TextStore
@@ -38,14 +39,18 @@ from scjax.data.captions.text import STYLES
 from scjax.data.shards import write_text
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
-from scjax.prompts import best
-from scjax.sampling import with_counts
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
     "joint_gap_m": "mean gap of links [m]", "open_joints": "links open by > 1 m",
     "vehicles_on_lane": "vehicles within 1.5 m of a lane", "scenes_vehicle_overlap": "scenes with overlapping vehicles",
     "scenes_any_overlap": "scenes with any overlap",
+}  # fmt: skip
+
+_CALL = 32  # prompts a call of the sampler
+_ATTRIBUTES = {
+    "straight": "curved or straight", "curve": "curved or straight", "four-way": "intersection", "T": "intersection",
+    "roundabout": "roundabout",
 }  # fmt: skip
 
 
@@ -59,13 +64,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--best", type=int, default=0, metavar="K", help="a row of the best of K candidates a prompt (default: none)")
+    add("--tries", type=int, default=1, metavar="R", help="and one of R rounds of them at most (default: none)")
     add("--seed", type=int, default=0)
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
         table, sound, ceiling = measure(
-            args.model, args.records, args.samples, args.guidance, args.sampler, args.steps, args.best, args.seed
-        )
+            args.model,
+            args.records,
+            args.samples,
+            args.guidance,
+            args.sampler,
+            args.steps,
+            args.best,
+            args.tries,
+            args.seed,
+        )  # fmt: skip
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.adherence: {error}")
     content = {"rows": table, "realism": sound, "labels": ceiling}
@@ -78,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def measure(
     model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None, steps: int | None,
-    candidates: int, seed: int,
+    candidates: int, tries: int, seed: int,
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
@@ -105,13 +119,16 @@ def measure(
         tidied = [scjax.tidy(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
             table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
-    if candidates > 1:  # as the command line: candidates of equal counts
-        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied"
-        conditions = with_counts(jax.random.key(seed), told, model=model)
-        repeated = [one for one in conditions for _ in range(candidates)]
-        made = [scjax.tidy(one) for one in _sampled(repeated, model, seed, sampler, steps, weights[0], title)]
-        groups = [made[k : k + candidates] for k in range(0, len(made), candidates)]
-        made = [group[best(text, group)] for text, group in zip(prompts, groups, strict=True)]
+    for rounds in sorted({1, tries}) if candidates > 1 else ():  # as the command line
+        again = f" in up to {rounds} rounds" if rounds > 1 else ""
+        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied{again}"
+        made = []
+        for start in tqdm(range(0, len(told), _CALL), title, disable=None):
+            part = slice(start, start + _CALL)
+            made += make(
+                jax.random.fold_in(jax.random.key(seed), start), prompts[part], told[part], model=model,
+                pick=candidates, tries=rounds, sampler=sampler, steps=steps, guidance=weights[0],
+            )  # fmt: skip
         table[title], sound[title] = scores(zip(asked, map(parse, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
@@ -162,7 +179,7 @@ def agreement(pairs: Iterable[tuple[dict[str, Any], Facts]]) -> Scores:
     found: dict[str, list[bool]] = defaultdict(list)
     for label, fact in pairs:
         if label["layout"] is not None:
-            name = "curved or straight" if label["layout"] in ("straight", "curve") else "intersection"
+            name = _ATTRIBUTES[label["layout"]]
             found[name].append(fact.layout == label["layout"])
         if label["signal"] is not None:
             found["signal" if label["signal"] else "no signal"].append((fact.signals or "") == label["signal"])
@@ -191,11 +208,11 @@ def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceili
 
 
 def _sampled(conditions, model, seed: int, sampler: str | None, steps: int | None, weight: float, title: str) -> list:
-    made, size = [], 32
-    for start in tqdm(range(0, len(conditions), size), title, disable=None):
+    made = []
+    for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
         key = jax.random.fold_in(jax.random.key(seed), start)
         made += scjax.sample_many(
-            key, conditions[start : start + size], model=model, sampler=sampler, steps=steps, guidance=weight
+            key, conditions[start : start + _CALL], model=model, sampler=sampler, steps=steps, guidance=weight
         )
     return made
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from scjax.condition import Condition
 from scjax.data.captions.facts import parse
@@ -54,27 +55,39 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
     return [told(cond) for cond in conditions]
 
 
-def best(prompt: str, scenes: Sequence[Scene]) -> int:
-    """Index of the scene that shows most of what a prompt asks for, by rule (``captions.reading``).
+class Shortcomings(NamedTuple):
+    """What is wrong with a scene for a prompt; the less, the better, the first number before the others.
 
-    Every prompt also asks for an ego on a lane: scraps of lanes can pass for much, a curve for one.
-    Among equals the one with the fewest faults wins (boxes that overlap, joints open by more than 1 m, vehicles on no
-    lane), then the one whose linked lanes meet better, then the first.
+    Attributes:
+      missed: things asked for that it does not show; an ego on no lane counts as one, for scraps of lanes can pass for
+        much, a curve for one.
+      faults: boxes that overlap, joints open by more than 1 m, vehicles on no lane.
+      gap: sum of the gaps at joints [m].
+    """
+
+    missed: int
+    faults: int
+    gap: float
+
+
+def shortcomings(prompt: str, scene: Scene) -> Shortcomings:
+    """By the rules that read prompts and scenes (``captions.reading``)."""
+    gaps, (offsets, _) = joint_gaps(scene), lane_offsets(scene)
+    missed = sum(not good for good in met(read_prompt(prompt), parse(scene)).values())
+    missed += int((offsets[:1] > ON_LANE).sum())
+    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_JOINT).sum()) + int((offsets > ON_LANE).sum())
+    return Shortcomings(missed, faults, float(gaps.sum()))
+
+
+def best(prompt: str, scenes: Sequence[Scene]) -> int:
+    """Index of the scene with the least ``shortcomings``, the first of equals.
 
     Raises:
       ValueError: there are no scenes.
     """
     if not scenes:
         raise ValueError("there are no scenes to choose from: give at least one")
-    asked = read_prompt(prompt)
-
-    def faults(scene: Scene) -> tuple[int, int, float]:
-        gaps, (offsets, _) = joint_gaps(scene), lane_offsets(scene)
-        missed = sum(not good for good in met(asked, parse(scene)).values()) + int((offsets[:1] > ON_LANE).sum())
-        wrong = len(overlapping_pairs(scene)) + int((gaps > OPEN_JOINT).sum()) + int((offsets > ON_LANE).sum())
-        return missed, wrong, float(gaps.sum())
-
-    return min(range(len(scenes)), key=lambda k: faults(scenes[k]))
+    return min(range(len(scenes)), key=lambda k: shortcomings(prompt, scenes[k]))
 
 
 def _texts(cond: Condition) -> list[str]:

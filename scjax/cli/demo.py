@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from scjax.cli.output import CANDIDATES, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, TRIES, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.samplers import DEFAULT, STEPS
 
 PROMPTS = (
@@ -27,11 +27,13 @@ PROMPTS = (
               f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
               "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
+@click.option("--tries", default=TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
+              "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
-def demo(seed, steps, pick, raw, folder, model_folder, as_json) -> None:
+def demo(seed, steps, pick, tries, raw, folder, model_folder, as_json) -> None:
     """Draws a scene for each of some prompts and saves them in one labelled picture, and each as npz."""
     out = writable_folder(folder)
     clock = Clock()
@@ -55,7 +57,14 @@ def demo(seed, steps, pick, raw, folder, model_folder, as_json) -> None:
         for k, (prompt, condition) in enumerate(bar):
             with clock.part("first scene (with compiling)" if not k else "later scenes"):
                 scenes += make(
-                    jax.random.fold_in(key, k), [prompt], [condition], model=model, pick=pick, raw=raw, steps=steps
+                    jax.random.fold_in(key, k),
+                    [prompt],
+                    [condition],
+                    model=model,
+                    pick=pick,
+                    tries=tries,
+                    raw=raw,
+                    steps=steps,
                 )
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]

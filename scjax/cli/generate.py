@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from scjax.cli.output import CANDIDATES, FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, FORMATS, TRIES, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
@@ -37,6 +37,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
               "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
+@click.option("--tries", default=TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
+              "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
@@ -44,8 +46,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, sampler, steps, guidance, temperature, agents, lanes, negative, domain, pick, raw, folder,
-    formats, model_folder, as_json,
+    prompts, number, seed, sampler, steps, guidance, temperature, agents, lanes, negative, domain, pick, tries, raw,
+    folder, formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
@@ -54,9 +56,9 @@ def generate(
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
     scjax generate "a roundabout" --pick 32
 
-    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick). Numbers that are
-    given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched once; see
-    SCJAX_TEXT_ENCODER in the README for machines without a network.
+    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick, --tries). Numbers
+    that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched
+    once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
     """
     out = writable_folder(folder)
     clock = Clock()
@@ -88,7 +90,7 @@ def generate(
         repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
         scenes = make(
             jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
-            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
+            pick=pick, tries=tries, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
         )  # fmt: skip
     made = []
     with clock.part("files"):

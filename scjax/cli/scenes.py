@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax
 from jaxtyping import Array
 
 from scjax.condition import Condition
 from scjax.diffusion.samplers import Sampler
 from scjax.model import Model
-from scjax.prompts import best
+from scjax.prompts import Shortcomings, shortcomings
 from scjax.sampling import sample_many, with_counts
 from scjax.scene import Scene
 from scjax.tidy import tidy
@@ -22,6 +23,7 @@ def make(
     *,
     model: Model,
     pick: int = 1,
+    tries: int = 1,
     raw: bool = False,
     sampler: str | Sampler | None = None,
     steps: int | None = None,
@@ -30,18 +32,32 @@ def make(
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
 
-    Candidates of a scene have the same numbers of lanes and agents: of one size, one program makes them all at once.
+    A prompt of which no candidate shows everything gets as many again, ``tries`` times in all. Candidates of a scene
+    have the same numbers of lanes and agents: of one size, one program makes them all at once.
 
     Args:
       prompts: what the best candidate is judged by.
       told: the conditions of the prompts, with their token features.
     """
-    if pick > 1:
-        told = with_counts(key, told, model=model)
-    candidates = sample_many(
-        key, [one for one in told for _ in range(pick)], model=model, sampler=sampler, steps=steps, guidance=guidance,
-        temperature=temperature,
-    )  # fmt: skip
-    candidates = candidates if raw else [tidy(scene) for scene in candidates]
-    groups = [candidates[k * pick : (k + 1) * pick] for k in range(len(prompts))]
-    return [group[best(prompt, group)] if pick > 1 else group[0] for prompt, group in zip(prompts, groups, strict=True)]
+
+    def sampled(key: Array, rows: Sequence[int], times: int) -> list[Scene]:
+        made = sample_many(
+            key, [told[row] for row in rows for _ in range(times)], model=model, sampler=sampler, steps=steps,
+            guidance=guidance, temperature=temperature,
+        )  # fmt: skip
+        return made if raw else [tidy(scene) for scene in made]
+
+    if pick == 1:
+        return sampled(key, range(len(prompts)), 1)
+    told = with_counts(key, told, model=model)
+    found: dict[int, tuple[Shortcomings, Scene]] = {}
+    for attempt in range(tries):
+        rows = [row for row in range(len(prompts)) if row not in found or found[row][0].missed]
+        if not rows:
+            break
+        made = iter(sampled(jax.random.fold_in(key, attempt) if attempt else key, rows, pick))
+        for row in rows:
+            judged = [(shortcomings(prompts[row], scene), scene) for scene in (next(made) for _ in range(pick))]
+            kept = [found[row]] if row in found else []
+            found[row] = min([*kept, *judged], key=lambda one: one[0])
+    return [found[row][1] for row in range(len(prompts))]

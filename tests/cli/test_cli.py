@@ -7,15 +7,17 @@ import json
 import os
 import sys
 
+import jax
 import numpy as np
 import pytest
 
 import scjax
-from scjax.cli import main
+from scjax.cli import main, scenes
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.models.denoiser.config import TextCondition
-from scjax.prompts import best
+from scjax.prompts import Shortcomings, best
+from scjax.scene import empty
 from scjax.scene_io import load_json, load_npz, save_npz
 from tests.examples import example_batch
 from tests.test_prompts import Words
@@ -91,13 +93,41 @@ def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder
         "raw": ["--raw", "--pick", 1],
         "tidied": ["--pick", 1],
         "three": ["--raw", "-n", 3, "--pick", 1],
-        "best": ["--raw", "--pick", 3],
+        "best": ["--raw", "--pick", 3, "--tries", 1],
     }.items():
         assert run("generate", PROMPT, *options, *words, "--out", tmp_path / name)[0] == 0
         kept[name] = [load_npz(path) for path in sorted((tmp_path / name).iterdir())]
     np.testing.assert_array_equal(kept["tidied"][0].lanes, scjax.tidy(kept["raw"][0]).lanes)
     assert not np.array_equal(kept["tidied"][0].lanes, kept["raw"][0].lanes)
     np.testing.assert_array_equal(kept["best"][0].lanes, kept["three"][best(PROMPT, kept["three"])].lanes)
+
+
+@pytest.mark.parametrize(
+    ("prompts", "lanes", "kept", "calls"),
+    [
+        (["aaa", "a"], [3, 2, 1, 2], [3, 1], [4]),  # both are shown at once
+        (["aaa", "a"], [3, 2, 2, 2, 1, 5], [3, 1], [4, 2]),  # only the second one gets more
+        (["aaa", "aaaa"], [5, 2, 2, 3, 1, 2, 4, 5], [1, 4], [4, 4]),  # the first one keeps the best of both rounds
+        (["aaa", "aaaa"], [1, 2, 2, 3, 5, 2, 5, 5], [1, 2], [4, 4]),  # two rounds at most
+    ],
+)
+def test_prompts_that_no_candidate_shows_get_more_of_them(monkeypatch, folder, prompts, lanes, kept, calls):
+    """A prompt asks for a lane a letter; fewer lanes are fewer faults."""
+    left, asked = iter(lanes), []
+
+    def made(key, told, **options):
+        asked.append(len(told))
+        return [empty(1, next(left)) for _ in told]
+
+    monkeypatch.setattr(scenes, "sample_many", made)
+    monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
+    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(
+        int(len(scene.lanes) != len(prompt)), len(scene.lanes), 0.0
+    ))  # fmt: skip
+    found = scenes.make(
+        jax.random.key(0), prompts, [scjax.Condition()] * 2, model=scjax.load(folder), pick=2, tries=2, raw=True
+    )
+    assert [len(scene.lanes) for scene in found] == kept and asked == calls and not list(left)
 
 
 def test_given_counts_win_with_a_warning(run, folder):
