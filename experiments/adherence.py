@@ -57,42 +57,36 @@ _ATTRIBUTES = {
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = parser_of("adherence", __doc__)
     add = parser.add_argument
-    add("--model", required=True, help="model folder")
-    add("--records", required=True, help="captioned and embedded records")
+    add("--model", required=True, dest="model_folder", metavar="DIR", help="model folder")
+    add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts (default %(default)s)")
-    add("--guidance", type=float, nargs="+", default=[4.0], metavar="W", help="weights (default %(default)s)")
+    add("--guidance", type=float, nargs="+", default=[4.0], dest="weights", metavar="W",
+        help="weights (default %(default)s)")  # fmt: skip
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
-    add("--best", type=int, default=0, metavar="K", help="a row of the best of K candidates a prompt (default: none)")
+    add("--best", type=int, default=0, dest="candidates", metavar="K",
+        help="a row of the best of K candidates a prompt (default: none)")  # fmt: skip
     add("--tries", type=int, default=1, metavar="R", help="and one of R rounds of them at most (default: none)")
     add("--seed", type=int, default=0)
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
+    options = vars(args)
+    out = options.pop("out")
     try:
-        table, sound, ceiling = measure(
-            args.model,
-            args.records,
-            args.samples,
-            args.guidance,
-            args.sampler,
-            args.steps,
-            args.best,
-            args.tries,
-            args.seed,
-        )  # fmt: skip
+        table, sound, ceiling = measure(**options)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.adherence: {error}")
     content = {"rows": table, "realism": sound, "labels": ceiling}
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(args.out.with_suffix(".json"), json.dumps(content, indent=1))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_text(out.with_suffix(".json"), json.dumps(content, indent=1))
     text = markdown(table, sound, ceiling)
-    write_text(args.out.with_suffix(".md"), text)
+    write_text(out.with_suffix(".md"), text)
     print(text)
 
 
 def measure(
-    model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None, steps: int | None,
-    candidates: int, tries: int, seed: int,
+    *, model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None = None,
+    steps: int | None = None, candidates: int = 0, tries: int = 1, seed: int = 0,
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)

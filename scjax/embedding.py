@@ -20,7 +20,7 @@ from scjax.models.autoencoder.model import autoencoder
 from scjax.models.nodes import Nodes
 from scjax.representation import Representation
 from scjax.sampling import GROUP, bucket_of
-from scjax.scene import Scene, pad, stack
+from scjax.scene import Scene, stack
 
 
 class Embedding(NamedTuple):
@@ -48,7 +48,7 @@ def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
     for bucket, members in groups.items():
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
-            batch = stack([pad(chosen[row], *bucket) for row in part + [part[0]] * (GROUP - len(part))])
+            batch = stack([chosen[row] for row in part + [part[0]] * (GROUP - len(part))], bucket)
             arrays = jax.device_get(program(model.autoencoder, batch))
             for place, row in enumerate(part):
                 lanes, agents = len(chosen[row].lane_mask), len(chosen[row].agent_mask)

@@ -152,7 +152,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     for bucket, members in groups.items():
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
-            batch = stack([pad(chosen[i], *bucket) for i in part + [part[0]] * (GROUP - len(part))])
+            batch = stack([chosen[i] for i in part + [part[0]] * (GROUP - len(part))], bucket)
             decoded = program(model.autoencoder, batch).to_numpy()
             results.update({i: unpadded(decoded[row]) for row, i in enumerate(part)})
     return [results[i] for i in range(len(chosen))]

@@ -22,7 +22,7 @@ from scjax.data.captions.embeddings import TextStore
 from scjax.data.stand_in import CLASSES, GRID, StandIn, stand_in
 from scjax.pytree import pytree
 from scjax.representation import Representation
-from scjax.scene import AnyArray, Layout, Scene, pad, permute, stack
+from scjax.scene import AnyArray, Layout, Scene, permute, stack
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
 
@@ -161,7 +161,7 @@ def batch_of(examples: Sequence[Example], bucket: Bucket) -> Example:
         for name in names
         if getattr(examples[0], name) is not None
     }
-    return Example(scene=stack([pad(example.scene, *bucket) for example in examples]), **features)
+    return Example(scene=stack([example.scene for example in examples], bucket), **features)
 
 
 def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:

@@ -93,7 +93,10 @@ def test_calibration_of_the_counts(folder, prompt_model):
 
 
 def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
-    table, sound, ceiling = measure(str(folder / "text" / "model"), str(folder / "records"), 3, [2.0], None, 2, 2, 2, 0)
+    table, sound, ceiling = measure(
+        model_folder=str(folder / "text" / "model"), folder=str(folder / "records"), samples=3, weights=[2.0], steps=2,
+        candidates=2, tries=2,
+    )  # fmt: skip
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())

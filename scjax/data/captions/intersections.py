@@ -228,7 +228,7 @@ def _is_round(road: Road, ring: list[int]) -> bool:
     if not 35 <= length.sum() <= 220 or not 5.2 <= turn <= 7.4:
         return False
     from_middle = np.linalg.norm(line - line.mean(0), axis=-1)
-    straight = (np.abs(bend) / length < 0.02).mean()
+    straight = (np.abs(bend) < 0.02 * length).mean()
     steady = np.abs(bend).sum() < 1.35 * turn and from_middle.std() < 0.2 * from_middle.mean()
     return bool(steady and straight < 0.2)
 
