@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 AXIS = "scenes"
 
@@ -33,6 +33,11 @@ def scene_mesh(scenes: int, devices: Sequence[jax.Device] | None = None) -> Mesh
     if jax.process_count() == 1:
         devices = devices[: math.gcd(scenes, len(devices))]
     return Mesh(np.asarray(devices), (AXIS,))
+
+
+def replicated(tree: Any, scenes: int) -> Any:
+    """A PyTree as arrays that lie on every device over which so many scenes are spread."""
+    return jax.device_put(tree, NamedSharding(scene_mesh(scenes), PartitionSpec()))
 
 
 def spread(function: Callable[..., Any], shared: int) -> Callable[..., Any]:

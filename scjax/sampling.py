@@ -14,6 +14,7 @@ from jaxtyping import Array
 
 from scjax.condition import Condition
 from scjax.data.ordering import arrange
+from scjax.devices import replicated
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
 from scjax.features import check_readable, features_of, text_features
@@ -105,14 +106,15 @@ def sample_many(
     for i, request in enumerate(requests):
         groups.setdefault(bucket_of(*request.counts), []).append(i)
     results: dict[int, Scene] = {}
+    size = 1 if len(requests) == 1 else GROUP
+    weights = replicated((model.autoencoder, model.denoiser), size)  # once, not in every call of a program
     for bucket, members in groups.items():
-        size = 1 if len(requests) == 1 else GROUP
         for start in range(0, len(members), size):
             part = members[start : start + size]
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
             batch = program(
-                model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, jnp.float32(guidance.weight),
-                temperature, *_collate(chosen, bucket, config),
+                *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.weight), temperature,
+                *_collate(chosen, bucket, config),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
                 results[i] = requests[i].finish(batch[row])

@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from scjax.cli.output import CANDIDATES, TRIES, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.samplers import DEFAULT, STEPS
 
 PROMPTS = (
@@ -27,7 +27,7 @@ PROMPTS = (
               f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
               "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
-@click.option("--tries", default=TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
+@click.option("--tries", default=2, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
               "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
@@ -46,26 +46,23 @@ def demo(seed, steps, pick, tries, raw, folder, model_folder, as_json) -> None:
         from scjax.cli.scenes import make
         from scjax.cli.start import start_jax
         from scjax.prompts import with_tokens
+        from scjax.sampling import bucket_of, with_counts
         from scjax.viz.grid import grid
 
         start_jax()
         model = scjax.load(model_folder)
         told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
-    scenes = []
+    scenes, sizes = [], set()
     key = jax.random.key(seed)
     with click.progressbar(list(zip(PROMPTS, told, strict=True)), label="scenes", file=sys.stderr) as bar:
         for k, (prompt, condition) in enumerate(bar):
-            with clock.part("first scene (with compiling)" if not k else "later scenes"):
-                scenes += make(
-                    jax.random.fold_in(key, k),
-                    [prompt],
-                    [condition],
-                    model=model,
-                    pick=pick,
-                    tries=tries,
-                    raw=raw,
-                    steps=steps,
-                )
+            own = jax.random.fold_in(key, k)
+            (counted,) = with_counts(own, [condition], model=model)
+            size = bucket_of(counted.num_agents or 1, counted.num_lanes or 1)
+            first = "first scene of another size" if sizes else "first scene"
+            with clock.part("later scenes" if size in sizes else f"{first} (with compiling)"):
+                sizes.add(size)
+                scenes += make(own, [prompt], [counted], model=model, pick=pick, tries=tries, raw=raw, steps=steps)
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]
         picture = out / f"scjax-demo-{seed}.png"
