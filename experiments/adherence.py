@@ -6,8 +6,8 @@ Prompts are captions of held-back records; what each asks for and what each scen
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
 tidied candidates (chosen by the same rules, so no independent judgement); the model without prompts at true counts; the
 training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
-how sound the scenes are, as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
-rules with them is printed below.
+how sound the scenes are; those of one candidate are judged as they were sampled and after ``scjax.tidy``. Where records
+have labels, the agreement of the rules with them is printed below.
 """
 
 from __future__ import annotations

@@ -52,6 +52,16 @@ def test_padding_to_less_is_refused(sizes):
         pad(example_scene(), *sizes)
 
 
+def test_a_stack_with_slots_is_a_stack_of_padded_scenes():
+    scenes = [example_scene(agents=2, lanes=3), example_scene(agents=4, lanes=5)]
+    batch, expected = stack(scenes, (6, 7)).to_dict(), stack([pad(scene, 6, 7) for scene in scenes]).to_dict()
+    for name, array in expected.items():
+        assert batch[name].dtype == array.dtype
+        np.testing.assert_array_equal(batch[name], array)
+    with pytest.raises(ValueError, match="up to 6 agent and 7 lane slots in 4 and 4"):
+        stack(scenes, (4, 4))
+
+
 def test_stacking_nothing_is_refused():
     with pytest.raises(ValueError, match="empty list"):
         stack([])

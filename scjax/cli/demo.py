@@ -10,6 +10,8 @@ import click
 from scjax.cli.output import CANDIDATES, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.samplers import DEFAULT, STEPS
 
+_TRIES = 2  # fewer than generate: a later scene shall take about a second
+
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
     "a T-intersection with several vehicles",
@@ -27,8 +29,8 @@ PROMPTS = (
               f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
               "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
-@click.option("--tries", default=2, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
-              "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
+@click.option("--tries", default=_TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, "
+              "at most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")

@@ -59,7 +59,7 @@ def add_captions(
             continue
         path = captions_path(folder, split)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        line = functools.partial(_line, folder, split, paraphrases, seed)
+        line = functools.partial(_line, folder, split, manifest["hash"], paraphrases, seed)
         rows, name = range(entry["records"]), f"captions of {split}"
         with gzip.open(temporary, "wt", encoding="utf-8") as file, Mapper(workers, at_once=32) as run:
             file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed}) + "\n")
@@ -70,9 +70,9 @@ def add_captions(
     return done
 
 
-def _line(folder: Path, split: str, paraphrases: int, seed: int, row: int) -> str:
+def _line(folder: Path, split: str, known: str, paraphrases: int, seed: int, row: int) -> str:
     """What is stored of a record."""
-    facts = parse(records.sample_scene(records.decode(_tiles(folder, split)[row])))
+    facts = parse(records.sample_scene(records.decode(_tiles(folder, split, known)[row])))
     numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
         style: [write(facts, int(numbers[k * paraphrases + n]), style) for n in range(paraphrases)]
@@ -82,7 +82,8 @@ def _line(folder: Path, split: str, paraphrases: int, seed: int, row: int) -> st
 
 
 @functools.lru_cache(1)
-def _tiles(folder: Path, split: str):
+def _tiles(folder: Path, split: str, known: str):
+    """Opened once; ``known``, the hash of the records, tells those of a folder that was built anew."""
     return records.source(folder, split)
 
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import shutil
 
 import pytest
 
@@ -40,6 +41,16 @@ def test_processes_write_what_one_writes(folder):
         assert gzip.decompress(path.read_bytes()) == gzip.decompress(kept)  # the fixture's are by two
     finally:
         path.write_bytes(kept)
+
+
+def test_records_that_were_built_anew_are_read_anew(tmp_path):
+    for seed in (1, 2):
+        shutil.rmtree(tmp_path / "records", ignore_errors=True)
+        build(Worlds(seed, 3), tmp_path / "records")
+        assert main(["caption", str(tmp_path / "records"), "--workers", "0"]) == 0
+        tiles = records.source(tmp_path / "records", "train")
+        for row, caption in enumerate(read_captions(tmp_path / "records", "train")):
+            assert caption.facts == parse(records.sample_scene(records.decode(tiles[row])))
 
 
 def test_captions_of_other_records_are_refused(folder, tmp_path):
