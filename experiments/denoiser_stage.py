@@ -10,12 +10,13 @@ import numpy as np
 import optax
 
 import scjax
+from experiments.anchors import fit_anchors
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, initial, training_step
+from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
-from scjax.data.pipeline import Example, batch_of, captioned, pictured, validation_scenes
+from scjax.data.pipeline import Example, batch_of, captioned, pictured, training_batches, validation_scenes
 from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
@@ -61,6 +62,8 @@ def build(config) -> Stage:
     network = denoiser(model)
     base = _base(config)
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
+    if model.relations:  # what reads the autoencoder's latents is fitted once
+        kept |= {path for path in flatten(jax.eval_shape(network.init, jax.random.key(0))) if path[0] == "anchors"}
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     if kept:  # checkpoints of other runs keep their form
         optimiser = optax.chain(optimiser, unchanged(kept))
@@ -74,6 +77,18 @@ def build(config) -> Stage:
 
     def init(key: jax.Array) -> TrainState:
         return initial(started(network.init(key), base), optimiser)
+
+    @jax.jit
+    def means(scene) -> Nodes:
+        return frozen.latents.normalise(coder.apply(coder_params, representation.tokens(scene), method="encode").mean)
+
+    def prepare(state: TrainState) -> TrainState:
+        if not model.relations or "anchors" in base:
+            return state
+        batches = training_batches(config.records, representation, pipeline_config(config.batch.to_dict()))
+        fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))
+        copy = jax.tree.map(jnp.copy, fitted)  # donated buffers may not be shared
+        return state.replace(params=state.params | {"anchors": fitted}, ema=state.ema | {"anchors": copy})
 
     def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
         tokens = representation.tokens(batch.scene)
@@ -149,7 +164,7 @@ def build(config) -> Stage:
     step = training_step(
         objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(representation, init, step, evaluate, pictures, export, texts, images)
+    return Stage(representation, init, step, evaluate, pictures, export, texts, images, prepare)
 
 
 def condition_features(batch: Example) -> ConditionFeatures | None:

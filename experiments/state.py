@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,11 +35,16 @@ class TrainState:
     ema: Params
     optimiser: Any
 
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> TrainState: ...
+
 
 class Stage(NamedTuple):
     """One training stage as functions over a ``TrainState``; ``step`` is a ``training_step``.
 
-    ``texts`` are the captions that its batches carry, if any; ``images`` whether they carry stand-ins for images.
+    ``texts`` are the captions that its batches carry, if any; ``images`` whether they carry stand-ins for images;
+    ``prepare`` completes the state of a run that begins, where something has to be fitted first.
     """
 
     representation: Representation
@@ -50,6 +55,7 @@ class Stage(NamedTuple):
     export: Callable[[TrainState, dict], Model]
     texts: TextStore | None = None
     images: bool = False
+    prepare: Callable[[TrainState], TrainState] = lambda state: state
 
 
 def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainState:

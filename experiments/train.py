@@ -69,7 +69,9 @@ def train(config, workdir: Path) -> None:
     with stop_signals() as stop, Checkpoints(workdir / "checkpoints", resolved) as checkpoints:
         # --- resume
         step = 0
-        if checkpoints.latest is not None:
+        if checkpoints.latest is None:
+            state = stage.prepare(state)
+        else:
             state, position = checkpoints.restore(state)
             batches.restore(position)
             step = checkpoints.latest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import hashlib
 
@@ -10,9 +11,11 @@ import numpy as np
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.sources import BuildOptions, Loaded, Scanned
 from scjax.data.synthetic import domains
-from scjax.data.synthetic.labels import label
+from scjax.data.synthetic.labels import Label, label
 from scjax.data.synthetic.world import VERSION, make_world, object_of, raw_scene
 from scjax.data.tiles import pose_of
+
+_SAME_EVENT = 2  # scenes of a world that are kept for showing the same event: a jam is seen by many cars
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,8 +23,8 @@ class Worlds:
     """Worlds 0 .. ``count`` - 1 of ``seed``; each is a location of its own. Poses come from the worlds, all standard.
 
     Attributes:
-      ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept. Less than 1 gives a training
-        set in which rare things are frequent.
+      ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept; a world's third and further
+        scenes of the same event count as ordinary. Less than 1 gives a training set in which rare things are frequent.
 
     Raises:
       ValueError: if ``count`` is less than 1, ``seed`` negative or ``ordinary`` no share.
@@ -59,8 +62,18 @@ class Worlds:
         graph = build_graph(raw)
         index = index_segments(graph)
         chance = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
-        told = [(ego, label(world, ego)) for ego in world.egos]
-        kept = [pair for pair, draw in zip(told, chance, strict=True) if pair[1].rare or draw < self.ordinary]
-        poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego, _ in kept]
-        labels = [one.to_json() for _, one in kept]
-        return Loaded(raw, graph, index, poses, len(poses), labels, keep_parked=True)
+        labels = [label(world, ego) for ego in world.egos]
+        kept = np.flatnonzero((chance < self.ordinary) | _rare(labels, chance))
+        egos = [world.egos[k] for k in kept]
+        poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego in egos]
+        return Loaded(raw, graph, index, poses, len(poses), [labels[k].to_json() for k in kept], keep_parked=True)
+
+
+def _rare(labels: list[Label], chance: np.ndarray) -> np.ndarray:
+    """Which scenes of a world are kept for what they show: of the same event those of least ``chance``."""
+    rare, told = np.zeros(len(labels), bool), collections.Counter()
+    for k in np.argsort(chance):
+        event = labels[k].event
+        rare[k] = labels[k].rare and (event is None or told[event] < _SAME_EVENT)
+        told[event] += 1
+    return rare
