@@ -1,4 +1,4 @@
-"""Fits what reads points off latents (scjax.models.denoiser.relations.Anchors) to a trained autoencoder."""
+"""Fits what reads points off latents (scjax.models.denoiser.anchors) to a trained autoencoder."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from jaxtyping import Array, Float
 from tqdm import tqdm
 
 from scjax.data.pipeline import Example
-from scjax.models.denoiser.relations import AHEAD, POINTS, UNIT, Anchors
+from scjax.models.denoiser.anchors import AHEAD, ALONG, UNIT, Anchors
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import Params, functional
-from scjax.scene import POINTS_PER_LANE, TILE_SIZE, Layout, Scene
+from scjax.scene import TILE_SIZE, Layout, Scene
 
 _BATCHES = 80  # of the training stream: some 40,000 lanes
 _STEPS, _AT_ONCE, _RATE = 4000, 512, 3e-3
@@ -28,10 +28,7 @@ def points_of(scene: Scene) -> dict[str, np.ndarray]:
     ahead_of_ego = (np.asarray(scene.layout) == Layout.FORWARD)[:, None, None, None]
     middle = np.where(ahead_of_ego, (TILE_SIZE / 2, 0.0), 0.0)
     centre, ahead = agents[..., :2], AHEAD * agents[..., 4:6]
-    found = {
-        "agents": np.stack([centre, centre + ahead], -2),
-        "lanes": lanes[..., (0, POINTS_PER_LANE // 2, -1), :2],
-    }
+    found = {"agents": np.stack([centre, centre + ahead], -2), "lanes": lanes[..., ALONG, :2]}
     return {kind: ((points - middle) / UNIT).astype(np.float32) for kind, points in found.items()}
 
 
@@ -44,7 +41,7 @@ def fit_anchors(batches: Iterator[Example], latents_of: Callable[[Scene], Nodes]
     Returns:
       kind -> parameters, fitted by least squares. Errors in metres are printed.
     """
-    pairs = {kind: [] for kind in POINTS}
+    pairs = {"agents": [], "lanes": []}
     for _ in tqdm(range(_BATCHES), "latents of lanes and agents", disable=None):
         scene = next(batches).scene
         latents, wanted = latents_of(scene), points_of(scene)

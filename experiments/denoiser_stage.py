@@ -62,7 +62,7 @@ def build(config) -> Stage:
     network = denoiser(model)
     base = _base(config)
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
-    if model.relations:  # what reads the autoencoder's latents is fitted once
+    if model.hints:  # what reads the autoencoder's latents is fitted once
         kept |= {path for path in flatten(jax.eval_shape(network.init, jax.random.key(0))) if path[0] == "anchors"}
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     if kept:  # checkpoints of other runs keep their form
@@ -83,7 +83,7 @@ def build(config) -> Stage:
         return frozen.latents.normalise(coder.apply(coder_params, representation.tokens(scene), method="encode").mean)
 
     def prepare(state: TrainState) -> TrainState:
-        if not model.relations or "anchors" in base:
+        if not model.hints or "anchors" in base:
             return state
         batches = training_batches(config.records, representation, pipeline_config(config.batch.to_dict()))
         fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))

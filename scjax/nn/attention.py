@@ -73,19 +73,6 @@ def attend_heads(
     return jax.lax.map(jax.checkpoint(attend_scenes), split).reshape(q.shape)
 
 
-def attend_related(
-    q: Float[Array, "b q hd"], k: Float[Array, "b k hd"], v: Float[Array, "b k hd"],
-    mask: Bool[Array, "b q_or_1 k"], bias: Float[Array, "b q k h"], pairs: Float[Array, "b q k f"],
-) -> tuple[Float[Array, "b q hd"], Float[Array, "b q hf"]]:  # fmt: skip
-    """As ``attend``, with a bias of every pair; and what the same weights make of features of the pairs, by head."""
-    heads = bias.shape[-1]
-    queries, keys, values = (split_heads(x, heads) for x in (q, k, v))
-    logits = queries * queries.shape[-1] ** -0.5 @ keys.swapaxes(-2, -1)
-    p, total = weights(logits + jnp.moveaxis(bias, -1, 1), mask[:, None])
-    gathered = jnp.einsum("bhqk,bqkf->bqhf", p, pairs) / total.swapaxes(1, 2)
-    return merge_heads(p @ values / total), gathered.reshape(*q.shape[:2], -1)
-
-
 def _attend(
     q: Float[Array, "n q d"], k: Float[Array, "n k d"], v: Float[Array, "n k d"], mask: Bool[Array, "n q_or_1 k"]
 ) -> Float[Array, "n q d"]:

@@ -8,13 +8,13 @@ import numpy as np
 
 from experiments import anchors
 from scjax.data.pipeline import Example, batch_of
-from scjax.models.denoiser.relations import AHEAD, UNIT, Anchors
+from scjax.models.denoiser.anchors import AHEAD, UNIT, Anchors
 from scjax.models.nodes import Nodes
 from scjax.nn.functional import functional
 from scjax.scene import Layout, unpadded
 from tests.examples import example_scene
 
-SIZES = {"agents": (4, 2), "lanes": (6, 3)}  # latent numbers and points
+SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
 
 
 def _batch(seed):
@@ -30,13 +30,13 @@ def test_points_lie_about_the_middle_of_the_window():
         assert np.abs(found[kind][mask][:, 0]).max() * UNIT < 32
     ahead = UNIT * (found["agents"][:, :, 1] - found["agents"][:, :, 0])
     np.testing.assert_allclose(ahead, AHEAD * scene.agents[..., 4:6], atol=1e-4)
-    along = UNIT * (found["lanes"][:, :, 2] - found["lanes"][:, :, 0])
+    along = UNIT * (found["lanes"][:, :, -1] - found["lanes"][:, :, 0])
     np.testing.assert_allclose(along, scene.lanes[:, :, -1, :2] - scene.lanes[:, :, 0, :2], atol=1e-4)
 
 
 def test_points_are_learned_from_latents(capsys):
     rng = np.random.default_rng(0)
-    mixing = {"agents": np.linalg.qr(rng.normal(size=(4, 4)))[0], "lanes": np.linalg.qr(rng.normal(size=(6, 6)))[0]}
+    mixing = {"agents": np.linalg.qr(rng.normal(size=(4, 4)))[0], "lanes": np.linalg.qr(rng.normal(size=(10, 10)))[0]}
 
     def latents_of(scene):
         points = jax.tree.map(lambda x: x.reshape(*x.shape[:2], -1), anchors.points_of(scene))

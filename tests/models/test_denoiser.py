@@ -21,7 +21,7 @@ from tests import golden
 SMALLEST = {
     "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
     "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "given_embedding": True, "waves": 2,
-    "relations": 3, "control": CrossGlobalOptions(latent_tokens=3),
+    "hints": True, "control": CrossGlobalOptions(latent_tokens=3),
 }  # fmt: skip
 WAVES = ("agent_waves", "lane_waves")
 TEXT = TextCondition(width=6)

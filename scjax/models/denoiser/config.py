@@ -57,7 +57,7 @@ class DenoiserConfig:
       control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.control``).
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
       waves: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
-      relations: features of how two tokens lie to each other, which attention reads; 0 for none (official).
+      hints: what lies near a token joins its embedding (``denoiser.hints``). Not in the release.
       prediction: what the network estimates, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
@@ -82,7 +82,7 @@ class DenoiserConfig:
     control: ControlOptions = _RELEASED
     given_embedding: bool = False
     waves: int = 0
-    relations: int = 0
+    hints: bool = False
     prediction: Prediction = "noise"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
     attend_padding: bool = False
@@ -90,7 +90,7 @@ class DenoiserConfig:
 
     def __post_init__(self):
         integers = [field.name for field in dataclasses.fields(self) if field.type == "int"]
-        _positive(self, *(name for name in integers if name not in ("waves", "relations") or getattr(self, name) != 0))
+        _positive(self, *(name for name in integers if name != "waves" or self.waves != 0))
         for kind in ("lane", "agent"):
             width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
             if width % heads:

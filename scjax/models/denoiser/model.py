@@ -11,10 +11,11 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from scjax.models.denoiser.anchors import POINTS, Anchors
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
-from scjax.models.denoiser.relations import POINTS, Anchors, Relations
+from scjax.models.denoiser.hints import Hints
 from scjax.models.denoiser.stage import Head, Stage
 from scjax.models.denoiser.waves import Waves
 from scjax.models.nodes import Nodes
@@ -23,13 +24,6 @@ from scjax.nn.functional import Functional, functional
 from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, ResidualMLP
 
-# What reads what, by stage; the lanes-to-lanes stages of a block share theirs.
-_READS = {
-    "a2l": ("lanes", "agents"),
-    "l2l": ("lanes", "lanes"),
-    "l2a": ("agents", "lanes"),
-    "a2a": ("agents", "agents"),
-}
 _STD = 0.02  # of tables and of the time and text MLPs
 
 
@@ -49,7 +43,7 @@ class Block(nnx.Module):
             return Stage(
                 width, heads, draws=draws, mlp_ratio=config.mlp_ratio, compute=config.compute,
                 cross_adaln_init=config.cross_adaln_init, layout=config.context_layout,
-                control=None if config.condition is None else config.control, relations=config.relations,
+                control=None if config.condition is None else config.control,
             )  # fmt: skip
 
         lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
@@ -88,9 +82,8 @@ class Block(nnx.Module):
         return caches
 
     def __call__(
-        self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None,
-        pairs: dict[str, Array] | None = None,
-    ) -> tuple[Nodes, dict[str, Aux]]:  # fmt: skip
+        self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None
+    ) -> tuple[Nodes, dict[str, Aux]]:
         """The updated tokens, and what the stages' conditioning tells of itself."""
         sources = {"a2l": ("agents", self.agents_up), "l2a": ("lanes", self.lanes_down)}
         aux = {}
@@ -100,7 +93,6 @@ class Block(nnx.Module):
             updated, told = stage(
                 getattr(x, kind), getattr(masks, kind), modulation[name], getattr(masks, other),
                 None if project is None else project(getattr(x, other)), cache[name] if cache else None, notes,
-                None if pairs is None else pairs[name[:3]],
             )  # fmt: skip
             x = x.replace(**{kind: updated})
             if told is not None:
@@ -124,14 +116,10 @@ class Denoiser(nnx.Module):
         waves = config.waves
         self.lane_waves = Waves(config.lane_latent, lane, waves, draws=draws, compute=compute) if waves else None
         self.agent_waves = Waves(config.agent_latent, agent, waves, draws=draws, compute=compute) if waves else None
-        relations = config.relations
-        if relations:
-            sizes = {"agents": config.agent_latent, "lanes": config.lane_latent}
-            self.anchors = nnx.Dict({kind: Anchors(sizes[kind], POINTS[kind], draws=draws) for kind in POINTS})
-            self.relations = nnx.Dict({
-                name: Relations(POINTS[to], POINTS[of], lane, relations, draws=draws, compute=compute)
-                for name, (to, of) in _READS.items()
-            })  # fmt: skip
+        sizes = {"agents": (config.agent_latent, POINTS.agents), "lanes": (config.lane_latent, POINTS.lanes)}
+        anchors = {kind: Anchors(*size, draws=draws) for kind, size in sizes.items()} if config.hints else None
+        self.anchors = None if anchors is None else nnx.Dict(anchors)
+        self.hints = Hints(Nodes(agents=agent, lanes=lane), draws=draws, compute=compute) if config.hints else None
         self.time_in = Linear(TIME_CODE, lane, draws=draws, compute=compute, std=_STD)
         self.time_out = Linear(lane, lane, draws=draws, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
@@ -205,20 +193,7 @@ class Denoiser(nnx.Module):
         heads = Nodes(
             agents=self.agent_head.modulation(narrow.agents), lanes=self.lane_head.modulation(wide.lanes)
         )  # fmt: skip
-        chunks = {"blocks": [block.modulation(wide, narrow) for block in self.blocks], "heads": heads}
-        if self.config.relations:
-            chunks["relations"] = {
-                name: self.relations[name].modulation(getattr(wide, to)) for name, (to, _) in _READS.items()
-            }  # fmt: skip
-        return chunks
-
-    def _pairs(self, z: Nodes, modulation: dict) -> dict[str, Array] | None:
-        """Features of all pairs, by stage; None without ``config.relations``."""
-        if not self.config.relations:
-            return None
-        points = {kind: self.anchors[kind](getattr(z, kind)) for kind in POINTS}
-        chunks = modulation["relations"]
-        return {name: self.relations[name](points[to], points[of], chunks[name]) for name, (to, of) in _READS.items()}
+        return {"blocks": [block.modulation(wide, narrow) for block in self.blocks], "heads": heads}
 
     def __call__(
         self,
@@ -252,6 +227,9 @@ class Denoiser(nnx.Module):
         if self.lane_waves is not None and self.agent_waves is not None:
             waves = Nodes(agents=self.agent_waves(z.agents), lanes=self.lane_waves(z.lanes))
             tokens = jax.tree.map(jnp.add, tokens, waves)
+        if self.hints is not None and self.anchors is not None:
+            points = Nodes(agents=self.anchors["agents"](z.agents), lanes=self.anchors["lanes"](z.lanes))
+            tokens = jax.tree.map(jnp.add, tokens, self.hints(points, masks))
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config
@@ -274,10 +252,9 @@ class Denoiser(nnx.Module):
                 for name, stage in chunks.items():
                     parts = {"adaln": stage.to, "adaln_src": stage.source, "adaln_cross": stage.cross}
                     trace |= {f"b{i}/{name}/{part}": x for part, x in parts.items() if x is not None}
-        pairs = self._pairs(z, modulation)
         for i, block in enumerate(self.blocks):
-            notes, read = None if trace is None else {}, None if cache is None else cache[i]
-            tokens, told = block(tokens, modulation["blocks"][i], masks, read, notes, pairs)
+            notes = None if trace is None else {}
+            tokens, told = block(tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], notes)
             if aux is not None:
                 aux |= {f"b{i}/{name}": value for name, value in told.items()}
             if trace is not None and notes is not None:

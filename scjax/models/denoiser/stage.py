@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from scjax.nn.attention import attend, attend_related
+from scjax.nn.attention import attend
 from scjax.nn.control import Aux, ContextLayout, ControlOptions, NoOptions, build
 from scjax.nn.initial import Draws
 from scjax.nn.layers import Linear, standardise
@@ -49,7 +49,6 @@ class Stage(nnx.Module):
         mlp_ratio: int = 4,
         control: ControlOptions | None = None,
         layout: ContextLayout | None = None,
-        relations: int = 0,
         cross_adaln_init: Literal["zero", "xavier"] = "zero",
         compute: Compute = "float32",
     ):
@@ -59,9 +58,6 @@ class Stage(nnx.Module):
         self.adaln = linear(width, 6 * width, _ZERO)
         self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
         self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
-        # Zero at first: features of pairs then say nothing.
-        self.pair_bias = linear(relations, heads, _ZERO) if relations else None
-        self.pair_out = linear(heads * relations, width, _ZERO) if relations else None
         cross_adaln = cross = None
         if control is not None and not isinstance(control, NoOptions):
             cross_adaln = linear(width, 3 * width, _ZERO if cross_adaln_init == "zero" else None)
@@ -90,11 +86,9 @@ class Stage(nnx.Module):
         source: Float[Array, "b m d"] | None = None,
         cache: Any = None,
         trace: dict | None = None,
-        pairs: Float[Array, "b n m f"] | None = None,
     ) -> tuple[Float[Array, "b n d"], Aux | None]:
         """Updates x, real where ``mask``: it reads ``source`` (None: itself) where ``source_mask``, and the condition.
 
-        ``pairs`` are the features of what it reads to it (``Relations``), of a stage that was built for such.
         A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
         """
         shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _rows(modulation.to)
@@ -103,13 +97,7 @@ class Stage(nnx.Module):
         if source is not None:
             assert modulation.source is not None
             read = modulate(source, *_rows(modulation.source)[:2])
-        q, k, v, admitted = self.q(hidden), self.k(read), self.v(read), source_mask[:, None]
-        if pairs is None:
-            mixed = self.out(attend(q, k, v, admitted, self.heads))
-        else:
-            assert self.pair_bias is not None and self.pair_out is not None
-            mixed, gathered = attend_related(q, k, v, admitted, self.pair_bias(pairs), pairs)
-            mixed = self.out(mixed) + self.pair_out(gathered)
+        mixed = self.out(attend(self.q(hidden), self.k(read), self.v(read), source_mask[:, None], self.heads))
         x = x + gate * mixed
         if trace is not None:
             trace["attn"] = mixed
