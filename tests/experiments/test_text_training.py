@@ -46,7 +46,7 @@ def configured(stage: str, folder):
     config.records = str(folder / "records")
     config.steps, config.evaluate_every, config.picture_every, config.checkpoint_every = 3, 3, 0, 3
     if stage == "denoiser":
-        config.autoencoder = str(folder / "autoencoder")
+        config.autoencoder, config.model.hints = str(folder / "autoencoder"), True
     return config
 
 

@@ -156,7 +156,7 @@ def test_roundabouts_that_are_labelled_are_read_as_such():
 
 def test_ordinary_scenes_can_be_left_out():
     options = BuildOptions()
-    kept = {}
+    kept, most = {}, {}
     for share in (0.0, 0.4, 1.0):
         source = Worlds(7, 12, share)
         loaded = [source.load(source.scan(name), options, False) for name in source.names()]
@@ -165,6 +165,9 @@ def test_ordinary_scenes_can_be_left_out():
         assert len(labels) == len(kept[share]) == sum(one.num_standard for one in loaded)
         rare = sum(Label(**found).rare for found in labels)
         assert rare > 0 and (rare == len(labels)) == (share == 0.0)
+        told = [collections.Counter(found["event"] for found in one.labels) for one in loaded]
+        most[share] = max(counts[event] for counts in told for event in events.EVENTS)
     assert kept[0.0] < kept[0.4] < kept[1.0]
+    assert most[0.0] == 2 < most[1.0]
     with pytest.raises(ValueError, match="a share from 0 to 1"):
         Worlds(7, 12, 1.5)
