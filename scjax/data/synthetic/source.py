@@ -50,7 +50,8 @@ class Worlds:
         """Domain of the world, without making it."""
         seed, k = (int(part) for part in name.split("/"))
         domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
-        digest = hashlib.sha256(f"synthetic world {VERSION} {name} {self.ordinary:g}".encode()).hexdigest()
+        kept = f"{self.ordinary:g} {_SAME_EVENT}"
+        digest = hashlib.sha256(f"synthetic world {VERSION} {name} {kept}".encode()).hexdigest()
         return Scanned(name, digest, domain, name)
 
     def load(self, item: Scanned, options: BuildOptions, dense: bool) -> Loaded:
