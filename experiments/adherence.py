@@ -4,10 +4,11 @@
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
-tidied candidates (chosen by the same rules, so no independent judgement); the model without prompts at true counts; the
-training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
-how sound the scenes are; those of one candidate are judged as they were sampled and after ``scjax.tidy``. Where records
-have labels, the agreement of the rules with them is printed below.
+tidied candidates (chosen by the same rules, so no independent judgement); the model without prompts, and without the
+steering that it may have (scjax.diffusion.steering), at true counts; the training scene whose caption is nearest; and
+the record itself (what the rules miss: the ceiling). A second table tells how sound the scenes are; those of one
+candidate are judged as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
+rules with them is printed below.
 """
 
 from __future__ import annotations
@@ -103,13 +104,20 @@ def measure(
         real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
     both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
-    runs = {f"prompt, guidance {weight:g}": (told, weight) for weight in weights}
-    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0]
-    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0
+    runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
+    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], None
+    if model.steering is not None:
+        runs[f"prompt and true counts, guidance {weights[0]:g}, not steered"] = both, weights[0], False
+    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
-    for title, (conditions, weight) in runs.items():
-        made = _sampled(conditions, model, seed, sampler, steps, weight, title)
+    for title, (conditions, weight, steering) in runs.items():
+        made = []
+        for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
+            made += scjax.sample_many(
+                jax.random.fold_in(jax.random.key(seed), start), conditions[start : start + _CALL], model=model,
+                sampler=sampler, steps=steps, guidance=weight, steering=steering,
+            )  # fmt: skip
         tidied = [scjax.tidy(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
             table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
@@ -199,16 +207,6 @@ def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceili
         told = ", ".join(f"{name} {100 * good / total:.1f} % of {total}" for name, (good, total) in ceiling.items())
         lines += ["", f"The rules agree with the labels of the synthetic world: {told}."]
     return "\n".join(lines) + "\n"
-
-
-def _sampled(conditions, model, seed: int, sampler: str | None, steps: int | None, weight: float, title: str) -> list:
-    made = []
-    for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
-        key = jax.random.fold_in(jax.random.key(seed), start)
-        made += scjax.sample_many(
-            key, conditions[start : start + _CALL], model=model, sampler=sampler, steps=steps, guidance=weight
-        )
-    return made
 
 
 def _nearest(folder: str, prompts: Sequence[str]) -> list[Facts]:

@@ -21,6 +21,7 @@ import scjax
 from experiments.arguments import parser_of
 from scjax.cli.demo import PROMPTS
 from scjax.data.synthetic.domains import DOMAINS
+from scjax.diffusion.steering import Steering
 from scjax.encoders.text import Encoder, load_text_encoder
 from scjax.model import SHIPPED, Model
 from scjax.models.nodes import Nodes
@@ -36,9 +37,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
+    parser.add_argument("--steer", action="store_true", help="sampling steers by default (scjax.diffusion.steering)")
     args = parser.parse_args(arguments)
     try:
         model = scjax.load(args.model)
+        if args.steer:
+            model = dataclasses.replace(model, steering=Steering())
         if args.temperature:
             model = dataclasses.replace(model, temperature=Nodes(agents=args.temperature[0], lanes=args.temperature[1]))
         files = ship(model, args.out)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from scjax.diffusion.samplers.loop import TEMPERATURE
+from scjax.diffusion.steering import Steering
 from scjax.encoders.kept import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.counter import CounterConfig
@@ -46,6 +47,7 @@ class Model:
       prompts: features of texts that ship with the model, so that they need no encoder.
       counter, counter_config: network that tells counts from a prompt (``scjax.models.counter``), or None.
       temperature: scale of the sampler's noise a kind, unless ``sample`` is told another: what the network needs.
+      steering: how the sampler's estimates are led to closed joints and free boxes, unless ``sample`` is told; or None.
       notes: free JSON: training data, steps, licence.
     """
 
@@ -62,6 +64,7 @@ class Model:
     counter: Params | None = None
     counter_config: CounterConfig | None = None
     temperature: Nodes = TEMPERATURE
+    steering: Steering | None = None
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
@@ -82,6 +85,7 @@ def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest:
         "text_encoder": model.text_encoder,
         "counter": dataclasses.asdict(model.counter_config) if model.counter_config else None,
         "temperature": dataclasses.asdict(model.temperature),
+        "steering": dataclasses.asdict(model.steering) if model.steering else None,
         "notes": model.notes,
     }
     networks = {name: getattr(model, name) or {} for name in ("autoencoder", "denoiser", "counter")}
@@ -149,6 +153,7 @@ def _read(folder: Path) -> Model:
         counter=params.get("counter"),
         counter_config=CounterConfig(**description["counter"]) if description.get("counter") else None,
         temperature=Nodes(**description["temperature"]) if "temperature" in description else TEMPERATURE,
+        steering=Steering(**description["steering"]) if description.get("steering") else None,
         notes=description["notes"],
     )
 

@@ -13,6 +13,8 @@ from scjax.diffusion.estimator import estimator
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
 from scjax.diffusion.samplers.loop import sample as sample_latents
+from scjax.diffusion.soundness import joint_energy, overlap_energy
+from scjax.diffusion.steering import Steering, steered
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.config import DenoiserConfig
@@ -28,11 +30,11 @@ Program = Callable[..., Scene]
 @functools.lru_cache(maxsize=32)
 def sampling_program(
     representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
-    guidance: Guidance | None,
+    guidance: Guidance | None, steering: Steering | None = None,
 ) -> Program:  # fmt: skip
     """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
 
-    ``guidance`` None is plain sampling.
+    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are.
     """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
@@ -50,13 +52,24 @@ def sampling_program(
             network, config, params, config.domains * layout + domain, masks, times=schedule.levels.time, given=given,
             features=features, away=away, guidance=guidance, weight=weight,
         )  # fmt: skip
+
+        def scenes(latents: Nodes) -> Scene:
+            latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
+            return decode(coder, ae, representation, latents, masks, layout, domain)
+
+        def energy(latents: Nodes):
+            decoded = scenes(latents)
+            return (joint_energy(decoded) + overlap_energy(decoded)).sum()
+
+        if steering is not None:
+            made = masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+            denoise = steered(denoise, schedule.levels, config.prediction, energy, made, steering)
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
             most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
-        latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-        return decode(coder, ae, representation, latents, masks, layout, domain)
+        return scenes(latents)
 
     return jax.jit(spread(run, shared=6))
 

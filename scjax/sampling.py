@@ -17,6 +17,7 @@ from scjax.data.ordering import arrange
 from scjax.devices import replicated
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
+from scjax.diffusion.steering import Steering
 from scjax.features import check_readable, features_of, text_features
 from scjax.model import Model, load
 from scjax.models.counter import CounterConfig, counter
@@ -43,6 +44,7 @@ def sample(
     steps: int | None = None,
     guidance: float | Guidance | None = None,
     temperature: float | Nodes | None = None,
+    steering: Steering | bool | None = None,
 ) -> Scene:
     """``n`` scenes under one condition, [n, ...] in metres, padded to their largest size.
 
@@ -59,6 +61,8 @@ def sample(
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
       temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
         default the model's. Lower is tidier and less varied.
+      steering: True leads what is sampled to closed joints and to boxes that do not overlap
+        (``scjax.diffusion.steering``), False does not; by default as the model has it.
 
     Raises:
       ValueError: no model, a model without denoiser, a condition that the model can't meet, a sampler that does not fit
@@ -67,11 +71,11 @@ def sample(
     if n < 1:
         raise ValueError(f"n must be at least 1, not {n}")
     conditions = [cond or Condition()] * n
-    return stack(
-        sample_many(
-            key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature
-        )
-    )
+    made = sample_many(
+        key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
+        steering=steering,
+    )  # fmt: skip
+    return stack(made)
 
 
 def sample_many(
@@ -83,6 +87,7 @@ def sample_many(
     steps: int | None = None,
     guidance: float | Guidance | None = None,
     temperature: float | Nodes | None = None,
+    steering: Steering | bool | None = None,
 ) -> list[Scene]:
     """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
     model = _with_denoiser(model)
@@ -96,12 +101,16 @@ def sample_many(
     if not isinstance(guidance, Guidance):
         guidance = Guidance(float(guidance))
     temperature = _temperature(model.temperature if temperature is None else temperature)
+    if steering is None or steering is True:
+        steering = model.steering or (Steering() if steering else None)
     tables: Tables = {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     # The weight is an argument of the program: every other weight is the same program.
     options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
     steps = STEPS[config.prediction][sampler.name] if steps is None else steps
-    program = sampling_program(model.representation, model.autoencoder_config, config, sampler, steps, options)
+    program = sampling_program(
+        model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None
+    )
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
         groups.setdefault(bucket_of(*request.counts), []).append(i)

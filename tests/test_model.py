@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.diffusion.steering import Steering
 from scjax.model import _shipped, load, save
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.models.nodes import Nodes
@@ -83,14 +84,16 @@ def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypa
         scjax.sample(jax.random.key(0))
 
 
-def test_a_model_keeps_its_temperature_and_older_ones_have_the_releases(tmp_path):
-    cold = dataclasses.replace(tiny_model(), temperature=Nodes(agents=0.5, lanes=0.25))
+def test_a_model_keeps_how_it_is_sampled_and_older_ones_do_as_the_release(tmp_path):
+    cold = dataclasses.replace(
+        tiny_model(), temperature=Nodes(agents=0.5, lanes=0.25), steering=Steering(rounds=3, lanes=0.01)
+    )
     folder = save(cold, tmp_path / "model")
-    assert load(folder).temperature == cold.temperature
+    assert load(folder).temperature == cold.temperature and load(folder).steering == cold.steering
     description = json.loads((folder / "model.json").read_text())
-    del description["temperature"]
+    del description["temperature"], description["steering"]
     (folder / "model.json").write_text(json.dumps(description))
-    assert load(folder).temperature == Nodes(agents=1.0, lanes=0.75)
+    assert load(folder).temperature == Nodes(agents=1.0, lanes=0.75) and load(folder).steering is None
 
 
 def test_weights_in_several_files_of_half_precision(tmp_path):

@@ -11,6 +11,8 @@ import scjax
 from scjax import Guidance, programs
 from scjax.condition import Condition
 from scjax.diffusion.samplers import DDIM
+from scjax.diffusion.soundness import joint_energy, overlap_energy
+from scjax.diffusion.steering import Steering
 from scjax.models.denoiser.config import TextCondition
 from scjax.models.nodes import Nodes
 from scjax.scene import Layout, Link, unpadded, validate
@@ -91,6 +93,29 @@ def test_known_elements_and_numbers_hold_for_another_sampler(model):
     assert (scene.num_lanes, scene.num_agents) == (9, 6)
     assert np.array_equal(scene.agents[:3], known.agents) and np.array_equal(scene.lanes[:4], known.lanes)
     assert not np.allclose(scene.lanes, other.lanes)
+
+
+def test_steering_closes_joints_and_parts_boxes_but_moves_nothing_known(model):
+    """An untrained model's scenes are heaps of boxes and lanes: steered ones are less so."""
+    known = unpadded(example_scene(2, agents=3, lanes=4))
+    condition = Condition(known=known, num_lanes=9, num_agents=6)
+    strong = Steering(rounds=30, agents=0.02, lanes=0.02)
+    plain, led = (draw(model, condition, n=2, steering=steering) for steering in (False, strong))
+    validate(led)
+    assert np.array_equal(led.agents[0, :3], known.agents) and np.array_equal(led.lanes[1, :4], known.lanes)
+    before, after = (float((joint_energy(scenes) + overlap_energy(scenes)).sum()) for scenes in (plain, led))
+    assert after < 0.7 * before
+    alone = draw(model, condition, steering=strong)[0]
+    np.testing.assert_allclose(alone.agents, led.agents[0], atol=5e-3)
+
+
+def test_steering_is_the_models_unless_told(model):
+    condition = Condition(num_lanes=5, num_agents=3)
+    plain, told = draw(model, condition), draw(model, condition, steering=True)
+    steered = dataclasses.replace(model, steering=Steering())
+    assert not np.array_equal(plain.lanes, told.lanes)
+    chex.assert_trees_all_equal(draw(steered, condition).to_dict(), told.to_dict())
+    chex.assert_trees_all_equal(draw(steered, condition, steering=False).to_dict(), plain.to_dict())
 
 
 def test_the_default_fits_what_the_network_estimates(model):

@@ -29,6 +29,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
               f"[default: {WEIGHT:g}]")  # fmt: skip
 @click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
               "less varied. [default: the model's]")  # fmt: skip
+@click.option("--steer/--no-steer", "steering", default=None, help="Lead what is sampled to closed joints and to boxes "
+              "that do not overlap. [default: the model's]")  # fmt: skip
 @click.option(
     "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
 )
@@ -46,8 +48,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, sampler, steps, guidance, temperature, agents, lanes, negative, domain, pick, tries, raw,
-    folder, formats, model_folder, as_json,
+    prompts, number, seed, sampler, steps, guidance, temperature, steering, agents, lanes, negative, domain, pick,
+    tries, raw, folder, formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
@@ -91,6 +93,7 @@ def generate(
         scenes = make(
             jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
             pick=pick, tries=tries, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
+            steering=steering,
         )  # fmt: skip
     made = []
     with clock.part("files"):

@@ -29,6 +29,7 @@ def make(
     steps: int | None = None,
     guidance: float | None = None,
     temperature: float | None = None,
+    steering: bool | None = None,
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
 
@@ -43,7 +44,7 @@ def make(
     def sampled(key: Array, rows: Sequence[int], times: int) -> list[Scene]:
         made = sample_many(
             key, [told[row] for row in rows for _ in range(times)], model=model, sampler=sampler, steps=steps,
-            guidance=guidance, temperature=temperature,
+            guidance=guidance, temperature=temperature, steering=steering,
         )  # fmt: skip
         return made if raw else [tidy(scene) for scene in made]
 

@@ -46,6 +46,16 @@ def estimate_x0(level: Level, x: Nodes, output: Nodes, prediction: Prediction) -
     return _combine(inverse, x, -level.noise * inverse, output)
 
 
+def output_for(level: Level, x: Nodes, x0: Nodes, prediction: Prediction) -> Nodes:
+    """What the network would have to return for x to mean x_0: the inverse of ``estimate_x0`` where there is noise."""
+    inverse = 1 / jnp.asarray(level.noise)
+    if prediction == "flow":
+        return _combine(inverse, x, -inverse, x0)
+    if prediction == "velocity":
+        return _combine(level.signal * inverse, x, -inverse, x0)
+    return _combine(inverse, x, -level.signal * inverse, x0)
+
+
 def posterior_mean(schedule: Schedule, clean: Nodes, x: Nodes, step: Int[Array, " b"]) -> Nodes:
     """Mean of q(x_{t-1} | x_t, x_0)."""
     one, two = (jnp.asarray(x)[step] for x in (schedule.posterior_mean_coef1, schedule.posterior_mean_coef2))
