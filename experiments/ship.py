@@ -1,9 +1,10 @@
 """Makes the model that comes with scjax out of a trained one.
 
-    python -m experiments.ship --model=runs/prompt/model
+    python -m experiments.ship --model=runs/text/model --counter=runs/counter/model --steer
 
-Weights become float16 in files of at most 15 MB, the demo's prompts get their token features, and of the training only
-what a user can use is kept: steps, sizes, the hash of the records. The model card (README.md) in the folder stays.
+Weights become float16 in files of at most 15 MB and are multiplied in float32, the same on every machine; the demo's
+prompts get their token features, and of the training only what a user can use is kept: steps, sizes, the hash of the
+records. The model card (README.md) in the folder stays.
 Only models trained on the synthetic world may ship: the licences of recordings do not allow it.
 """
 
@@ -37,10 +38,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
+    parser.add_argument("--counter", help="model folder whose counts are taken (default: the model's own)")
+    parser.add_argument("--steps", type=int, help="of the denoiser in all its trainings (default: of the last)")
     parser.add_argument("--steer", action="store_true", help="sampling steers by default (scjax.diffusion.steering)")
     args = parser.parse_args(arguments)
     try:
         model = scjax.load(args.model)
+        if args.counter:
+            model = counted(model, scjax.load(args.counter))
+        if args.steps:
+            model = dataclasses.replace(model, notes={**model.notes, "steps": args.steps})
         if args.steer:
             model = dataclasses.replace(model, steering=Steering())
         if args.temperature:
@@ -50,6 +57,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f"experiments.ship: {error}")
     for name, size in files.items():
         print(f"{size:6.2f} MB  {name}")
+
+
+def counted(model: Model, other: Model) -> Model:
+    """``model`` with the counts of another training, which must have read the same texts.
+
+    Raises:
+      ValueError: they read features of different text encoders.
+    """
+    if model.text_encoder != other.text_encoder:
+        raise ValueError(f"counts learnt from {other.text_encoder} features do not fit {model.text_encoder}")
+    notes = {**model.notes, "counter": other.notes.get("counter", {})}
+    return dataclasses.replace(model, counter=other.counter, counter_config=other.counter_config, notes=notes)
 
 
 def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, float]:
@@ -72,7 +91,9 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
         raise ValueError(f"the model was trained with {model.text_encoder}, but the encoder here is {encoder.name}")
     prompts = {text: np.asarray(one.features) for text, one in zip(PROMPTS, encoder(PROMPTS), strict=True)}
     card = (out / _CARD).read_text() if (out / _CARD).is_file() else None
-    shipped = dataclasses.replace(model, prompts=prompts, notes=public_notes(model.notes))
+    assert model.denoiser_config is not None
+    network = dataclasses.replace(model.denoiser_config, compute="float32")
+    shipped = dataclasses.replace(model, denoiser_config=network, prompts=prompts, notes=public_notes(model.notes))
     scjax.save(shipped, out, dtype="float16", largest=_FILE)
     if card is not None:
         (out / _CARD).write_text(card)

@@ -12,8 +12,11 @@ import pytest
 import scjax
 from experiments import calibration
 from experiments.adherence import markdown, measure
-from experiments.ship import ship
+from experiments.ship import counted, ship
 from experiments.train import train
+from experiments.two_by_two import COLUMNS
+from experiments.two_by_two import markdown as markdown_two_by_two
+from experiments.two_by_two import measure as two_by_two
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
@@ -123,6 +126,24 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
     for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+
+
+def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
+    without = dataclasses.replace(prompt_model, counter=None, counter_config=None)
+    assert counted(without, prompt_model).counter is prompt_model.counter
+    with pytest.raises(ValueError, match="do not fit"):
+        counted(without, dataclasses.replace(prompt_model, text_encoder="another"))
+
+
+def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, prompt_model):
+    models = {"without": text_model, "with": prompt_model}
+    table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, steps=2)
+    assert len(table) == 8 and all(set(row) == set(COLUMNS) for row in table.values())
+    assert all(low <= mean <= high for row in table.values() for mean, low, high in row.values())
+    assert table["with penalty, counts of the data"] == table["without penalty, counts of the data"], "equal weights"
+    assert markdown_two_by_two(table).count("\n") == 10
+    with pytest.raises(ValueError, match="--counter"):
+        two_by_two({"without": text_model}, None, str(folder / "records"), samples=2)
 
 
 def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp_path):

@@ -1,0 +1,148 @@
+"""The paper's two by two: trained with and without the collision penalty, counts from the prompt or from the data.
+
+    python -m experiments.two_by_two --without=runs/plain/model --with=runs/collision/model \\
+        --counter=runs/counter/model --records=runs/synthetic
+
+Both models start from the same weights and see the same batches; prompts are captions of held-back records, and every
+row has the same keys. Each of the four is also sampled with steering (scjax.diffusion.steering), which does at sampling
+what the penalty is to do in training. Intervals (95 %) are by bootstrap over the prompts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import scjax
+from experiments.adherence import a_prompt, held_back
+from experiments.arguments import parser_of
+from scjax.cli.start import start_jax
+from scjax.data import records
+from scjax.data.captions.facts import parse
+from scjax.data.captions.reading import Asked, met, read_prompt
+from scjax.data.shards import write_text
+from scjax.metrics.realism import scene_realism
+from scjax.scene import Scene
+
+COLUMNS = {
+    "overlap": "scenes with overlapping vehicles", "pairs": "overlapping pairs a scene", "met": "of what prompts ask",
+    "lanes": "lanes off by", "agents": "agents off by",
+}  # fmt: skip
+_SHARES = ("overlap", "met")
+_DRAWS = 2000
+
+Interval = tuple[float, float, float]
+"""Mean, and the ends of its interval."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = parser_of("two_by_two", __doc__)
+    add = parser.add_argument
+    add("--without", required=True, metavar="DIR", help="model folder, trained without the penalty")
+    add("--with", required=True, dest="penalised", metavar="DIR", help="model folder, trained with it")
+    add("--counter", metavar="DIR", help="model folder whose counts are taken (default: the model's own)")
+    add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
+    add("--samples", type=int, default=200, help="prompts (default %(default)s)")
+    add("--guidance", type=float, default=4.0, help="weight (default %(default)s)")
+    add("--seed", type=int, default=0)
+    add("--out", type=Path, default=Path("two_by_two"), help="path without ending (default %(default)s)")
+    args = parser.parse_args(arguments)
+    try:
+        models = {"without": scjax.load(args.without), "with": scjax.load(args.penalised)}
+        counted = scjax.load(args.counter) if args.counter else None
+        table = measure(models, counted, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed)
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.two_by_two: {error}")
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    write_text(args.out.with_suffix(".json"), json.dumps(table, indent=1))
+    write_text(args.out.with_suffix(".md"), markdown(table))
+    print(markdown(table))
+
+
+def measure(
+    models: dict[str, scjax.Model], counted: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
+    steps: int | None = None, seed: int = 0,
+) -> dict[str, dict[str, Interval]]:  # fmt: skip
+    """Row -> column -> mean and interval.
+
+    Raises:
+      ValueError: no model tells counts from a prompt, or the records are embedded by another encoder.
+    """
+    source = counted or next(iter(models.values()))
+    if source.counter is None:
+        raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
+    told, asked, real = _prompts(next(iter(models.values())), folder, samples, seed)
+    table = {}
+    for penalty, model in models.items():
+        for name, counter in (("data", None), ("prompt", source.counter)):
+            chosen = dataclasses.replace(model, counter=counter, counter_config=counter and source.counter_config)
+            for steering in (False, True):
+                title = f"{penalty} penalty, counts of the {name}{', steered' if steering else ''}"
+                made = []
+                for start in tqdm(range(0, len(told), 32), title, disable=None):
+                    made += scjax.sample_many(
+                        jax.random.fold_in(jax.random.key(seed), start), told[start : start + 32], model=chosen,
+                        guidance=guidance, steps=steps, steering=steering,
+                    )  # fmt: skip
+                table[title] = _values(asked, real, made, seed)
+    return table
+
+
+def markdown(table: dict[str, dict[str, Interval]]) -> str:
+    """Rows and columns, means with their intervals."""
+    lines = ["| | " + " | ".join(COLUMNS.values()) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
+    for title, row in table.items():
+        cells = []
+        for name in COLUMNS:
+            percent, digits = (100, 0) if name in _SHARES else (1, 2)
+            mean, low, high = (f"{percent * value:.{digits}f}" for value in row[name])
+            cells.append(f"{mean} ({low} - {high}){' %' if name in _SHARES else ''}")
+        lines.append(f"| {title} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _prompts(
+    model: scjax.Model, folder: str, samples: int, seed: int
+) -> tuple[list[scjax.Condition], list[Asked], list[Scene]]:
+    captions, store = held_back(folder, model)
+    rng = np.random.default_rng(seed)
+    tiles, told, asked, real = records.source(folder, "val"), [], [], []
+    for row in map(int, rng.permutation(len(captions))[:samples]):
+        text, tokens = a_prompt(store, captions[row], row, rng)
+        told.append(scjax.Condition(tokens=tokens))
+        asked.append(read_prompt(text))
+        real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
+    return told, asked, real
+
+
+def _values(asked: Sequence[Asked], real: Sequence[Scene], made: Sequence[Scene], seed: int) -> dict[str, Interval]:
+    found = [scene_realism(scene) for scene in made]
+    good = [list(met(one, parse(scene)).values()) for one, scene in zip(asked, made, strict=True)]
+    sums = {
+        "overlap": [one["scenes_vehicle_overlap"] for one in found],
+        "pairs": [one["vehicle_overlap_pairs"] for one in found],
+        "met": [(float(sum(one)), float(len(one))) for one in good],
+        "lanes": [(abs(float(a.num_lanes - b.num_lanes)), 1.0) for a, b in zip(made, real, strict=True)],
+        "agents": [(abs(float(a.num_agents - b.num_agents)), 1.0) for a, b in zip(made, real, strict=True)],
+    }
+    return {name: _interval(np.array(pairs), seed) for name, pairs in sums.items()}
+
+
+def _interval(pairs: np.ndarray, seed: int) -> Interval:
+    """Ratio of the sums of (numerator, denominator) [scenes, 2], and its central 95 % over resampled scenes."""
+    drawn = pairs[np.random.default_rng(seed).integers(len(pairs), size=(_DRAWS, len(pairs)))].sum(1)
+    ratios = drawn[:, 0] / np.maximum(drawn[:, 1], 1e-9)
+    low, high = np.quantile(ratios, (0.025, 0.975))
+    return float(pairs[:, 0].sum() / max(pairs[:, 1].sum(), 1e-9)), float(low), float(high)
+
+
+if __name__ == "__main__":
+    start_jax()
+    main()
