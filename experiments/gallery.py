@@ -3,7 +3,9 @@
     python -m experiments.gallery --model=DIR --prompts=FILE --out=DIR
 
 FILE is a text with a prompt a line, or JSON (a list of texts, or of objects with a "prompt"). OUT receives a picture a
-prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule.
+prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule,
+and sums up at its head how much of what was asked for is there. With --pick 8 every scene is the best of eight, tidied,
+as ``scjax generate`` hands it out; by default scenes are as sampled.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import json
 import sys
 import textwrap
 import warnings
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,6 +24,7 @@ from tqdm import tqdm
 
 import scjax
 from experiments.arguments import parser_of
+from scjax.cli.scenes import make as candidates
 from scjax.cli.start import start_jax
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met, read_prompt
@@ -38,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--guidance", type=float, help="weight (default: the model's)")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--seed", type=int, default=0)
+    add("--pick", type=int, default=1, metavar="K", help="candidates a scene, of which the best is tidied and kept; "
+        "1: as sampled (default %(default)s)")  # fmt: skip
     add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
     args = parser.parse_args(arguments)
     try:
@@ -51,31 +57,28 @@ def make(args: argparse.Namespace) -> None:
     prompts = read_prompts(args.prompts)
     model = scjax.load(args.model)
     args.out.mkdir(parents=True, exist_ok=True)
-    lines = [
-        "# Gallery",
-        "",
-        f"{args.samples} scenes a prompt, seed {args.seed}, by `python -m experiments.gallery`.",
-        "",
-    ]
+    lines: list[str] = []
+    totals: dict[str, list[bool]] = defaultdict(list)
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             (condition,) = with_tokens([scjax.Condition(prompt=prompt)], model)
         key = jax.random.fold_in(jax.random.key(args.seed), number)
-        scenes = scjax.sample_many(
-            key, [condition] * args.samples, model=model, steps=args.steps, guidance=args.guidance
+        scenes = candidates(
+            key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick, raw=args.pick == 1,
+            steps=args.steps, guidance=args.guidance,
         )  # fmt: skip
         name = f"prompt-{number:02d}.png"
-        grid(scenes, columns=args.samples, path=args.out / name, dpi=90)
+        grid(scenes, columns=args.samples, path=args.out / name, dpi=60)
         lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]
         lines += [f"![{number}]({name})", ""]
         asked = read_prompt(prompt)
         for scene in scenes:
             facts = parse(scene)
             checked = met(asked, facts)
-            said = (
-                ", ".join(f"{what} {'yes' if good else 'NO'}" for what, good in checked.items()) or "nothing to check"
-            )
+            for what, good in checked.items():
+                totals[what].append(good)
+            said = ", ".join(f"{what} {'yes' if good else 'NO'}" for what, good in checked.items())
             traffic = facts.traffic
             lines.append(
                 f"- {facts.layout}; {traffic.vehicles} vehicles, {traffic.pedestrians} pedestrians, "
@@ -83,7 +86,11 @@ def make(args: argparse.Namespace) -> None:
                 f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
             )
         lines += [*(f"- warning: {one.message}" for one in told), ""]
-    (args.out / "gallery.md").write_text("\n".join(lines))
+    how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
+    kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))
+    head = f"{args.samples} scenes a prompt, {how}, seed {args.seed}, by `python -m experiments.gallery`."
+    head = ["# Gallery", "", head, "", f"What prompts ask for and scenes show, by rule: {kept or 'nothing'}.", ""]
+    (args.out / "gallery.md").write_text("\n".join(head + lines))
     print(args.out / "gallery.md")
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 
 import jax
 import numpy as np
 import pytest
 
 import scjax
-from experiments import calibration
+from experiments import calibration, gallery
 from experiments.adherence import markdown, measure
 from experiments.ship import counted, ship
 from experiments.train import train
@@ -126,6 +127,21 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
     for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+
+
+def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path, capsys):
+    prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians"]
+    features = {text: one.features for text, one in zip(prompts, Words()(prompts), strict=True)}
+    scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
+    (tmp_path / "prompts.txt").write_text("\n".join(prompts))
+    options = [f"--model={tmp_path / 'model'}", f"--prompts={tmp_path / 'prompts.txt'}", f"--out={tmp_path / 'out'}"]
+    gallery.main([*options, "--samples=2", "--pick=2", "--steps=2"])
+    files = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert files == ["gallery.md", "prompt-01.png", "prompt-02.png"]
+    text = (tmp_path / "out" / "gallery.md").read_text()
+    assert "the best of 2, tidied" in text and all(prompt in text for prompt in prompts)
+    total = sum(int(n) for n in re.findall(r"intersection (\d) of 2", text))
+    assert total == text.count("intersection yes")
 
 
 def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
