@@ -18,9 +18,9 @@ import gzip
 import json
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -40,6 +40,7 @@ from scjax.data.captions.text import STYLES
 from scjax.data.shards import write_text
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
+from scjax.scene import Scene
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
@@ -91,17 +92,10 @@ def measure(
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
-    captions, store = held_back(folder, model)
-    rng = np.random.default_rng(seed)
-    rows = [int(row) for row in rng.permutation(len(captions))[:samples]]
-    asked, told, prompts, real = [], [], [], []
-    tiles = records.source(folder, "val")
-    for row in rows:
-        text, tokens = a_prompt(store, captions[row], row, rng)
-        prompts.append(text)
-        asked.append(read_prompt(text))
-        told.append(scjax.Condition(tokens=tokens))
-        real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
+    captions, _ = held_back(folder, model)
+    chosen = list(held_back_prompts(folder, model, samples, seed))
+    asked, told, prompts = ([getattr(one, name) for one in chosen] for name in ("asked", "told", "text"))
+    real = [one.scene for one in chosen]
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
     both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
     runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
@@ -133,7 +127,7 @@ def measure(
             )  # fmt: skip
         table[title], sound[title] = scores(zip(asked, map(parse, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
-    table["the record itself"] = scores((one, captions[row].facts) for one, row in zip(asked, rows, strict=True))
+    table["the record itself"] = scores((one.asked, one.facts) for one in chosen)
     sound["the record itself"] = realism(real)
     return table, sound, label_agreement(folder, [caption.facts for caption in captions])
 
@@ -148,6 +142,30 @@ def held_back(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore
     if store.encoder != model.text_encoder:
         raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
     return captions, store
+
+
+class Prompted(NamedTuple):
+    """A held-back record: a caption of it, what that asks for, its token features; the scene and its facts."""
+
+    text: str
+    asked: Asked
+    told: scjax.Condition
+    scene: Scene
+    facts: Facts
+
+
+def held_back_prompts(folder: str, model: scjax.Model, samples: int, seed: int) -> Iterator[Prompted]:
+    """So many held-back records in an order drawn from ``seed``, each with a caption in a style that is drawn.
+
+    Raises:
+      ValueError: as ``held_back``.
+    """
+    captions, store = held_back(folder, model)
+    rng, tiles = np.random.default_rng(seed), records.source(folder, "val")
+    for row in map(int, rng.permutation(len(captions))[:samples]):
+        text, tokens = a_prompt(store, captions[row], row, rng)
+        scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
+        yield Prompted(text, read_prompt(text), scjax.Condition(tokens=tokens), scene, captions[row].facts)
 
 
 def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:

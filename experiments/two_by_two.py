@@ -21,12 +21,11 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.adherence import a_prompt, held_back
+from experiments.adherence import Prompted, held_back_prompts
 from experiments.arguments import parser_of
 from scjax.cli.start import start_jax
-from scjax.data import records
 from scjax.data.captions.facts import parse
-from scjax.data.captions.reading import Asked, met, read_prompt
+from scjax.data.captions.reading import met
 from scjax.data.shards import write_text
 from scjax.metrics.realism import scene_realism
 from scjax.scene import Scene
@@ -78,7 +77,8 @@ def measure(
     source = counted or next(iter(models.values()))
     if source.counter is None:
         raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
-    told, asked, real = _prompts(next(iter(models.values())), folder, samples, seed)
+    prompts = list(held_back_prompts(folder, next(iter(models.values())), samples, seed))
+    told = [one.told for one in prompts]
     table = {}
     for penalty, model in models.items():
         for name, counter in (("data", None), ("prompt", source.counter)):
@@ -91,7 +91,7 @@ def measure(
                         jax.random.fold_in(jax.random.key(seed), start), told[start : start + 32], model=chosen,
                         guidance=guidance, steps=steps, steering=steering,
                     )  # fmt: skip
-                table[title] = _values(asked, real, made, seed)
+                table[title] = _values(prompts, made, seed)
     return table
 
 
@@ -108,29 +108,19 @@ def markdown(table: dict[str, dict[str, Interval]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _prompts(
-    model: scjax.Model, folder: str, samples: int, seed: int
-) -> tuple[list[scjax.Condition], list[Asked], list[Scene]]:
-    captions, store = held_back(folder, model)
-    rng = np.random.default_rng(seed)
-    tiles, told, asked, real = records.source(folder, "val"), [], [], []
-    for row in map(int, rng.permutation(len(captions))[:samples]):
-        text, tokens = a_prompt(store, captions[row], row, rng)
-        told.append(scjax.Condition(tokens=tokens))
-        asked.append(read_prompt(text))
-        real.append(model.representation.select(records.sample_scene(records.decode(tiles[row]))))
-    return told, asked, real
-
-
-def _values(asked: Sequence[Asked], real: Sequence[Scene], made: Sequence[Scene], seed: int) -> dict[str, Interval]:
+def _values(prompts: Sequence[Prompted], made: Sequence[Scene], seed: int) -> dict[str, Interval]:
     found = [scene_realism(scene) for scene in made]
-    good = [list(met(one, parse(scene)).values()) for one, scene in zip(asked, made, strict=True)]
+    good = [list(met(one.asked, parse(scene)).values()) for one, scene in zip(prompts, made, strict=True)]
+    wrong = [
+        (abs(float(scene.num_lanes - one.scene.num_lanes)), abs(float(scene.num_agents - one.scene.num_agents)))
+        for one, scene in zip(prompts, made, strict=True)
+    ]
     sums = {
         "overlap": [one["scenes_vehicle_overlap"] for one in found],
         "pairs": [one["vehicle_overlap_pairs"] for one in found],
         "met": [(float(sum(one)), float(len(one))) for one in good],
-        "lanes": [(abs(float(a.num_lanes - b.num_lanes)), 1.0) for a, b in zip(made, real, strict=True)],
-        "agents": [(abs(float(a.num_agents - b.num_agents)), 1.0) for a, b in zip(made, real, strict=True)],
+        "lanes": [(lanes, 1.0) for lanes, _ in wrong],
+        "agents": [(agents, 1.0) for _, agents in wrong],
     }
     return {name: _interval(np.array(pairs), seed) for name, pairs in sums.items()}
 
