@@ -104,7 +104,12 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
 
 
 def public_notes(notes: dict[str, Any]) -> dict[str, Any]:
-    """Of the notes of training: steps of every stage and the hash of the records, no folders of the machine."""
+    """Of the notes of training: steps of every stage and the hash of the records, no folders of the machine.
+
+    Those of a model that ships already stay as they are.
+    """
+    if "licence" in notes:
+        return notes
     stages = {"denoiser": notes, "autoencoder": notes.get("autoencoder", {}), "counter": notes.get("counter", {})}
     batches = {name: stage["config"]["batch"] for name, stage in stages.items() if "config" in stage}
     return {

@@ -124,6 +124,8 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     shipped = scjax.load(out)
     assert shipped.notes["steps"] == {"denoiser": 3, "counter": 3}
     assert tuple(shipped.prompts) == tuple(sorted(PROMPTS))
+    ship(shipped, tmp_path / "again", Words())
+    assert scjax.load(tmp_path / "again").notes == shipped.notes
     exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
     for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
