@@ -92,7 +92,6 @@ def measure(
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
-    captions, _ = held_back(folder, model)
     chosen = list(held_back_prompts(folder, model, samples, seed))
     asked, told, prompts = ([getattr(one, name) for one in chosen] for name in ("asked", "told", "text"))
     real = [one.scene for one in chosen]
@@ -106,12 +105,9 @@ def measure(
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
     for title, (conditions, weight, steering) in runs.items():
-        made = []
-        for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
-            made += scjax.sample_many(
-                jax.random.fold_in(jax.random.key(seed), start), conditions[start : start + _CALL], model=model,
-                sampler=sampler, steps=steps, guidance=weight, steering=steering,
-            )  # fmt: skip
+        made = sampled(
+            conditions, title, seed, model=model, sampler=sampler, steps=steps, guidance=weight, steering=steering
+        )
         tidied = [scjax.tidy(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
             table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
@@ -129,7 +125,7 @@ def measure(
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one.asked, one.facts) for one in chosen)
     sound["the record itself"] = realism(real)
-    return table, sound, label_agreement(folder, [caption.facts for caption in captions])
+    return table, sound, label_agreement(folder)
 
 
 def held_back(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore]:
@@ -168,6 +164,15 @@ def held_back_prompts(folder: str, model: scjax.Model, samples: int, seed: int) 
         yield Prompted(text, read_prompt(text), scjax.Condition(tokens=tokens), scene, captions[row].facts)
 
 
+def sampled(conditions: Sequence[scjax.Condition], title: str, seed: int, **options: Any) -> list[Scene]:
+    """A scene a condition, some at a time under a progress bar; ``options`` are those of ``scjax.sample_many``."""
+    made = []
+    for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
+        key = jax.random.fold_in(jax.random.key(seed), start)
+        made += scjax.sample_many(key, conditions[start : start + _CALL], **options)
+    return made
+
+
 def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:
     """The first caption of a record in a style that is drawn, and its token features."""
     texts = _all(caption.texts)
@@ -185,12 +190,13 @@ def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:
     return {name: (hits[name], total[name]) for name in sorted(total)}
 
 
-def label_agreement(folder: str, facts: Sequence[Facts]) -> Scores:
+def label_agreement(folder: str) -> Scores:
     """``agreement`` on the held-back records; nothing without labels."""
     path = Path(folder) / "val-labels.jsonl.gz"
     if not path.is_file():
         return {}
     with gzip.open(path, "rt") as file:
+        facts = (caption.facts for caption in read_captions(folder, "val"))
         return agreement(zip(map(json.loads, file), facts, strict=True))
 
 

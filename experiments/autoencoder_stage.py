@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from experiments.reporting import Reporter
+from experiments.start import model_at, started
 from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
 from scjax import representation as presets
 from scjax.data.build import load_manifest
@@ -35,9 +36,10 @@ def build(config) -> Stage:
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, representation)
+    base = model_at(config.start).autoencoder if config.start else {}
 
     def init(key: jax.Array) -> TrainState:
-        return initial(network.init(key), optimiser)
+        return initial(started(network.init(key), base), optimiser)
 
     def objective(params, batch, key):
         tokens = representation.tokens(batch.scene)

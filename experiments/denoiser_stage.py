@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ import optax
 import scjax
 from experiments.anchors import fit_anchors
 from experiments.reporting import Reporter
+from experiments.start import denoiser_base, model_at, started
 from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
@@ -60,7 +62,7 @@ def build(config) -> Stage:
     }
     model = DenoiserConfig(**fields)
     network = denoiser(model)
-    base = _base(config)
+    base = _base(config, frozen.autoencoder, manifest["domains"])
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
     if model.hints:  # what reads the autoencoder's latents is fitted once
         kept |= {path for path in flatten(jax.eval_shape(network.init, jax.random.key(0))) if path[0] == "anchors"}
@@ -176,41 +178,19 @@ def condition_features(batch: Example) -> ConditionFeatures | None:
     return None
 
 
-def started(params: Params, base: Params) -> Params:
-    """Fresh parameters, with those of a base wherever it has any.
-
-    Raises:
-      ValueError: a parameter of the base that this network lacks, or one of another shape.
-    """
-    leaves = flatten(params)
-    for path, value in flatten(base).items():
-        if path not in leaves or leaves[path].shape != np.shape(value):
-            raise ValueError(
-                f"config.start: its parameter {'/'.join(map(str, path))} {np.shape(value)} does not fit this network: "
-                "choose a base of the same sizes, domains and autoencoder"
-            )
-        leaves[path] = jnp.asarray(value)
-    return unflatten(leaves)
-
-
 def held(params: Params, kept: frozenset) -> Params:
     """``params`` whose leaves at paths in ``kept`` get no gradient, which spares its computation."""
     leaves = flatten(params)
     return unflatten({path: jax.lax.stop_gradient(leaf) if path in kept else leaf for path, leaf in leaves.items()})
 
 
-def _base(config) -> Params:
+def _base(config, autoencoder: Params, domains: Sequence[str]) -> Params:
     """Parameters to begin with; nothing without ``config.start``."""
-    if not config.start:
-        if config.freeze:
-            raise ValueError(
-                "config.freeze keeps the parameters of a base as they are: name its folder in config.start"
-            )
-        return {}
-    base = scjax.load(config.start)
-    if base.denoiser is None:
-        raise ValueError(f"config.start: {config.start} holds no denoiser: give the model folder of that stage")
-    return base.denoiser
+    if config.start:
+        return denoiser_base(model_at(config.start), autoencoder, domains)
+    if config.freeze:
+        raise ValueError("config.freeze keeps the parameters of a base as they are: name its folder in config.start")
+    return {}
 
 
 def _control(config) -> ControlOptions:

@@ -88,8 +88,8 @@ def make(args: argparse.Namespace) -> None:
         lines += [*(f"- warning: {one.message}" for one in told), ""]
     how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
     kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))
-    head = f"{args.samples} scenes a prompt, {how}, seed {args.seed}, by `python -m experiments.gallery`."
-    head = ["# Gallery", "", head, "", f"What prompts ask for and scenes show, by rule: {kept or 'nothing'}.", ""]
+    made = f"{args.samples} scenes a prompt, {how}, seed {args.seed}, by `python -m experiments.gallery`."
+    head = ["# Gallery", "", made, "", f"What prompts ask for and scenes show, by rule: {kept or 'nothing'}.", ""]
     (args.out / "gallery.md").write_text("\n".join(head + lines))
     print(args.out / "gallery.md")
 

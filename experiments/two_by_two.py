@@ -16,13 +16,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import jax
 import numpy as np
-from tqdm import tqdm
 
 import scjax
-from experiments.adherence import Prompted, held_back_prompts
+from experiments.adherence import Prompted, held_back_prompts, sampled
 from experiments.arguments import parser_of
+from experiments.ship import counted
 from scjax.cli.start import start_jax
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met
@@ -55,8 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     try:
         models = {"without": scjax.load(args.without), "with": scjax.load(args.penalised)}
-        counted = scjax.load(args.counter) if args.counter else None
-        table = measure(models, counted, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed)
+        counter = scjax.load(args.counter) if args.counter else None
+        table = measure(models, counter, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.two_by_two: {error}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
@@ -66,31 +65,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(
-    models: dict[str, scjax.Model], counted: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
+    models: dict[str, scjax.Model], counter: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
     steps: int | None = None, seed: int = 0,
 ) -> dict[str, dict[str, Interval]]:  # fmt: skip
     """Row -> column -> mean and interval.
 
     Raises:
-      ValueError: no model tells counts from a prompt, or the records are embedded by another encoder.
+      ValueError: no model tells counts from a prompt, or the counts or the records are of another text encoder.
     """
-    source = counted or next(iter(models.values()))
+    source = counter or next(iter(models.values()))
     if source.counter is None:
         raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
     prompts = list(held_back_prompts(folder, next(iter(models.values())), samples, seed))
     told = [one.told for one in prompts]
     table = {}
     for penalty, model in models.items():
-        for name, counter in (("data", None), ("prompt", source.counter)):
-            chosen = dataclasses.replace(model, counter=counter, counter_config=counter and source.counter_config)
+        without = dataclasses.replace(model, counter=None, counter_config=None)
+        for name, chosen in (("data", without), ("prompt", counted(model, source))):
             for steering in (False, True):
                 title = f"{penalty} penalty, counts of the {name}{', steered' if steering else ''}"
-                made = []
-                for start in tqdm(range(0, len(told), 32), title, disable=None):
-                    made += scjax.sample_many(
-                        jax.random.fold_in(jax.random.key(seed), start), told[start : start + 32], model=chosen,
-                        guidance=guidance, steps=steps, steering=steering,
-                    )  # fmt: skip
+                made = sampled(told, title, seed, model=chosen, guidance=guidance, steps=steps, steering=steering)
                 table[title] = _values(prompts, made, seed)
     return table
 

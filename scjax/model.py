@@ -47,7 +47,7 @@ class Model:
       prompts: features of texts that ship with the model, so that they need no encoder.
       counter, counter_config: network that tells counts from a prompt (``scjax.models.counter``), or None.
       temperature: scale of the sampler's noise a kind, unless ``sample`` is told another: what the network needs.
-      steering: how the sampler's estimates are led to closed joints and free boxes, unless ``sample`` is told; or None.
+      steering: how the sampler's estimates are led to sound scenes, unless ``sample`` is told; or None.
       notes: free JSON: training data, steps, licence.
     """
 

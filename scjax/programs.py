@@ -9,17 +9,17 @@ import jax
 import jax.numpy as jnp
 
 from scjax.devices import spread
+from scjax.diffusion import soundness
 from scjax.diffusion.estimator import estimator
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
 from scjax.diffusion.samplers.loop import sample as sample_latents
-from scjax.diffusion.soundness import joint_energy, overlap_energy
-from scjax.diffusion.steering import Steering, steered
+from scjax.diffusion.steering import Energy, Steering, steered
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
+from scjax.models.nodes import Nodes, generated
 from scjax.nn.functional import Functional, Params
 from scjax.representation import Representation, Tokens
 from scjax.scene import Scene
@@ -53,17 +53,22 @@ def sampling_program(
             features=features, away=away, guidance=guidance, weight=weight,
         )  # fmt: skip
 
-        def scenes(latents: Nodes) -> Scene:
+        def scenes(latents: Nodes, **options) -> Scene:
             latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-            return decode(coder, ae, representation, latents, masks, layout, domain)
+            return decode(coder, ae, representation, latents, masks, layout, domain, **options)
 
-        def energy(latents: Nodes):
-            decoded = scenes(latents)
-            return (joint_energy(decoded) + overlap_energy(decoded)).sum()
+        def energy_around(start: Nodes) -> Energy:
+            links = scenes(start).links  # their head, over all pairs, would be most of a round
+
+            def energy(latents: Nodes):
+                decoded = scenes(latents, through_pairs=False).replace(links=links)
+                return soundness.energy(decoded).sum()
+
+            return energy
 
         if steering is not None:
-            made = masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
-            denoise = steered(denoise, schedule.levels, config.prediction, energy, made, steering)
+            made = generated(masks, given)
+            denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
@@ -89,10 +94,11 @@ def reconstruction_program(representation: Representation, config: AutoencoderCo
 
 
 def decode(
-    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain
-) -> Scene:
-    """Latents [B, tokens, latent] -> scenes in metres [B]."""
-    decoded = coder.apply(params, latents, masks, method="decode")
+    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain,
+    **options,
+) -> Scene:  # fmt: skip
+    """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
+    decoded = coder.apply(params, latents, masks, method="decode", **options)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if representation.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)

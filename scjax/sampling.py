@@ -61,7 +61,7 @@ def sample(
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
       temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
         default the model's. Lower is tidier and less varied.
-      steering: True leads what is sampled to closed joints and to boxes that do not overlap
+      steering: True leads what is sampled to closed joints, boxes that do not overlap and vehicles on lanes
         (``scjax.diffusion.steering``), False does not; by default as the model has it.
 
     Raises:

@@ -37,6 +37,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.stage = "autoencoder"
     config.records = "runs/records"  # folder made by python -m scjax.data build
     config.representation = "official_nuplan" if official else "scjax"
+    config.start = ""  # model folder of an autoencoder to begin with; "shipped": the package's
     config.seed = 0
     config.steps = steps
     config.model = dataclasses.asdict(getattr(sizes, variant)())

@@ -48,7 +48,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.data.stand_in); the other windows then go without.
     config.condition = "none"
-    config.start = ""  # model folder of a denoiser to begin with, e.g. the unconditional base of a text model
+    # Model folder of a denoiser to begin with, e.g. the unconditional base of a text model; "shipped": the package's.
+    config.start = ""
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
     config.steps = steps

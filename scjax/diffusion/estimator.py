@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int, Real
 from scjax.diffusion.guidance import Denoise, Guidance, guided, join
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.context import ConditionFeatures, TextFeatures
-from scjax.models.nodes import Nodes
+from scjax.models.nodes import Nodes, generated
 from scjax.nn.functional import Functional, Params
 
 MOST_AHEAD = 2**25
@@ -77,7 +77,7 @@ def estimator(
         modulation = jax.tree.map(lambda x: x[: len(label)], ahead(t))
         return network.apply(params, z, t, label, masks, given, cache, modulation)
 
-    made = masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+    made = generated(masks, given)
     return guided(
         both, weight, interval=guidance.interval, rescale=guidance.rescale, made=made, denoise_one=one
     )  # fmt: skip

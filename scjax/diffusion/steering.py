@@ -3,8 +3,8 @@
 A network that has seen few scenes leaves joints open and boxes in each other: a latent number off by a hundredth moves
 a lane by decimetres. What is wrong is seen in metres, so the estimate is decoded, and descends the gradient of
 ``soundness`` through the decoder; from there the sampler goes on, so that the network answers to what was moved.
-(Guidance by a loss of the estimate, without the network's own gradient: Bansal et al. 2023, "forward guidance" of the
-clean estimate; not in the paper.) A wrapper around ``denoise``, as guidance is, and so for every sampler.
+(Descent of the estimate itself, without a gradient of the network: the "backward guidance" of Bansal et al. 2023; not
+in the paper.) A wrapper around ``denoise``, as guidance is, and so for every sampler.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from scjax.models.nodes import Nodes
 Energy = Callable[[Nodes], Float[Array, ""]]
 """Normalised latents [B, tokens, latent] -> energy of the decoded scenes [m^2], summed over them."""
 
+EnergyAround = Callable[[Nodes], Energy]
+"""The energy of latents near the given ones; what has no gradient, which lanes are linked, may be taken from those."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Steering:
@@ -33,13 +36,16 @@ class Steering:
 
     Attributes:
       rounds: gradient steps in all, spread evenly over the steps of the sampler that are steered.
-      below: noise up to which they are; the last step always is. Earlier ones were no better (model card).
+      below: noise up to which they are; the last step always is. Earlier ones gain nothing
+        (experiments/results/shipped).
+      momentum: share of a gradient step's way that the next one goes on (Nesterov 1983); 0 is plain descent.
       agents, lanes: length of a gradient step [1 / m^2]. An agent's centre moves by some 14 m, a lane's start by 10 m,
         as its latents move by 1, and a lane has joints with several.
     """
 
-    rounds: int = 18
-    below: float = 0.35
+    rounds: int = 8
+    below: float = 0.2
+    momentum: float = 0.75
     agents: float = 1 / 216
     lanes: float = 1 / 540
 
@@ -48,6 +54,10 @@ class Steering:
             raise ValueError(f"Steering.rounds must be at least 1, not {self.rounds}: steering=False is none")
         if not 0 <= self.below <= 1:
             raise ValueError(f"Steering.below must lie in 0..1, not {self.below}: it is a level of noise")
+        if not 0 <= self.momentum < 1:
+            raise ValueError(
+                f"Steering.momentum must lie in 0..1, 1 excluded, not {self.momentum}: it would not settle"
+            )
         if not (self.agents >= 0 and self.lanes >= 0):
             raise ValueError(f"Steering.agents and .lanes must not be negative, not {self.agents}, {self.lanes}")
 
@@ -60,22 +70,31 @@ def rounds_of(steering: Steering, levels: Level) -> Int[np.ndarray, " s"]:
 
 
 def steered(
-    denoise: Denoise, levels: Level, prediction: Prediction, energy: Energy, made: Nodes, steering: Steering
+    denoise: Denoise, levels: Level, prediction: Prediction, energy: EnergyAround, made: Nodes, steering: Steering
 ) -> Denoise:
     """``denoise`` whose estimate of x_0 has descended ``energy``.
 
     Args:
       levels: of the sampler's schedule, the only ones at which it will be asked; all scenes at the same.
+      energy: the one around an estimate is taken once, for all rounds of a step.
       made: True at the tokens that are generated [B, tokens] a kind; the others, clean in z, are not moved.
     """
-    rounds, slope = jnp.asarray(rounds_of(steering, levels)), jax.grad(energy)
+    rounds = jnp.asarray(rounds_of(steering, levels))
     length = Nodes(agents=steering.agents, lanes=steering.lanes)
 
-    def descended(_, x0: Nodes) -> Nodes:
-        return jax.tree.map(
-            lambda x, g, mask, by: jnp.where(mask[..., None], x - by * g, x).astype(x.dtype),
-            x0, slope(x0), made, length,
-        )  # fmt: skip
+    def descended(start: Nodes, number: Int[Array, ""]) -> Nodes:
+        slope = jax.grad(energy(start))
+
+        def descend(_, carry: tuple[Nodes, Nodes]) -> tuple[Nodes, Nodes]:
+            x, way = carry
+            ahead = jax.tree.map(lambda x, w: x + steering.momentum * w, x, way)
+            onward = jax.tree.map(
+                lambda w, g, mask, by: jnp.where(mask[..., None], steering.momentum * w - by * g, 0).astype(w.dtype),
+                way, slope(ahead), made, length,
+            )  # fmt: skip
+            return jax.tree.map(jnp.add, x, onward), onward
+
+        return jax.lax.fori_loop(0, number, descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
 
     def denoise_steered(z: Nodes, t: Real[Array, " b"]) -> Nodes:
         output = denoise(z, t)
@@ -85,7 +104,7 @@ def steered(
             level = levels[jnp.broadcast_to(step, t.shape)]
             guess = estimate_x0(level, z, output, prediction)
             x0 = jax.tree.map(lambda x, clean, mask: jnp.where(mask[..., None], x, clean), guess, z, made)
-            return output_for(level, z, jax.lax.fori_loop(0, rounds[step], descended, x0), prediction)
+            return output_for(level, z, descended(x0, rounds[step]), prediction)
 
         return jax.lax.cond(rounds[step] > 0, led, lambda: output)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import jax
+
 from scjax.pytree import pytree
 
 
@@ -17,3 +19,8 @@ class Nodes:
     if TYPE_CHECKING:
 
         def replace(self, **changes: Any) -> Nodes: ...
+
+
+def generated(masks: Nodes, given: Nodes | None) -> Nodes:
+    """True at the tokens that are made: valid and not given."""
+    return masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.soundness import joint_energy, overlap_depth, overlap_energy
+from scjax.diffusion.soundness import energy, joint_energy, overlap_depth, overlap_energy, stray_energy
 from scjax.metrics.boxes import overlaps
-from scjax.scene import Link, Scene, empty, pad, stack
+from scjax.scene import AgentType, Link, Scene, empty, pad, stack
 
 
 def road(gap=(0.0, 0.0)) -> Scene:
@@ -88,14 +88,56 @@ def test_downhill_parts_boxes_and_closes_joints():
     assert float(jnp.abs(lanes[0, 0, -1] - lanes[0, 1, 0]).max()) < 1e-3
 
 
+def test_strays_are_vehicles_farther_from_lanes_than_is_usual():
+    """1 m from a lane when driving and 4 m when standing cost nothing; people and scenes without lanes neither."""
+    scene = pad(road(), 2, 2)
+
+    def at(y: float, speed: float, kind=AgentType.VEHICLE) -> float:
+        made = scene.replace(
+            agents=np.zeros_like(scene.agents), agent_types=np.full_like(scene.agent_types, kind),
+            agent_mask=np.array([True, False]),
+        )  # fmt: skip
+        made.agents[:, :4] = (7, y, 0, speed)
+        return of(stray_energy, made)
+
+    assert at(0.9, 5.0) == at(-3.9, 0.0) == at(3.0, 5.0, AgentType.PEDESTRIAN) == 0
+    assert at(1.5, 5.0) == pytest.approx(0.125, rel=0.01) and at(-4.5, 0.0) == pytest.approx(0.125, rel=0.01)
+    assert at(51.0, 5.0) == pytest.approx(5 * 50, rel=0.12), "far ones: 5 m times their way"
+    assert of(stray_energy, cars((0, 9, 0))) == 0
+
+
+def test_downhill_leads_a_stray_to_its_lane_and_leaves_the_lane():
+    scene = stack([pad(road(), 1, 2).replace(agent_mask=np.array([True]))])
+    agents = np.zeros_like(scene.agents)
+    agents[0, 0, :4] = (7, -3, 0, 5)
+    scene = scene.replace(agents=agents)
+    places = jnp.asarray(agents)
+    for _ in range(20):
+        places = places - 0.4 * jax.grad(lambda a: stray_energy(scene.replace(agents=a)).sum())(places)
+    np.testing.assert_allclose(places[0, 0, :2], (7, -1), atol=1e-2)
+    assert not jax.grad(lambda x: stray_energy(scene.replace(lanes=x)).sum())(jnp.asarray(scene.lanes)).any()
+
+
+def test_what_steers_is_their_sum():
+    scene = pad(road((1, 0)), 2, 2)
+    both = cars((0, 3, 0), (3, 3, 0)).replace(lanes=scene.lanes, links=scene.links, lane_mask=scene.lane_mask)
+    both.agents[:, 3] = 9.0
+    parts = [of(one, both) for one in (joint_energy, overlap_energy, stray_energy)]
+    assert min(parts) > 0 and of(energy, both) == pytest.approx(parts[0] + parts[1] + 0.5 * parts[2], rel=1e-6)
+
+
 def test_padding_costs_nothing_and_has_finite_gradients():
-    for energy, scene in ((joint_energy, road((1, 0))), (overlap_energy, cars((0, 0, 0), (3, 0, 0)))):
+    for part, scene in (
+        (joint_energy, road((1, 0))),
+        (overlap_energy, cars((0, 0, 0), (3, 0, 0))),
+        (energy, road((1, 0))),
+    ):
         padded = pad(scene, 5, 6)
-        assert of(energy, padded) == pytest.approx(of(energy, scene), rel=1e-6)
+        assert of(part, padded) == pytest.approx(of(part, scene), rel=1e-6)
         batch = stack([padded])
         for name in ("agents", "lanes"):
 
-            def total(x, name=name, energy=energy, batch=batch):
-                return energy(batch.replace(**{name: x})).sum()
+            def total(x, name=name, part=part, batch=batch):
+                return part(batch.replace(**{name: x})).sum()
 
             assert np.isfinite(jax.grad(total)(jnp.asarray(getattr(batch, name)))).all()

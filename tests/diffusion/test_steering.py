@@ -18,9 +18,9 @@ SIZES = [(3, 4), (7, 9)]
 WANTED = 0.25
 
 
-def energy(x: Nodes):
-    """Half the squared distance of all latents from ``WANTED``."""
-    return 0.5 * sum(jnp.square(leaf - WANTED).sum() for leaf in (x.agents, x.lanes))
+def energy(_):
+    """Half the squared distance of all latents from ``WANTED``, wherever one is."""
+    return lambda x: 0.5 * sum(jnp.square(leaf - WANTED).sum() for leaf in (x.agents, x.lanes))
 
 
 def levels(case, steps):
@@ -63,18 +63,47 @@ def test_steps_without_rounds_are_left_alone():
         assert all(same) if step > 2 else not any(same)
 
 
+def test_momentum_goes_on_from_round_to_round():
+    """Two rounds of a tenth of the way, momentum a half, by hand: from 1 towards 0."""
+    mask = masks(SIZES)
+    clean = jax.tree.map(lambda m, width: jnp.ones((*m.shape, width)), mask, Nodes(agents=3, lanes=5))
+    options = {"rounds": 2, "below": 0.0, "momentum": 0.5, "agents": 0.1, "lanes": 0.1}
+    led = steered(
+        knowing(clean, "velocity"), levels("ddpm", 6), "velocity",
+        lambda _: lambda x: 0.5 * sum(jnp.square(leaf).sum() for leaf in (x.agents, x.lanes)), mask,
+        Steering(**options),
+    )  # fmt: skip
+    x, way = 1.0, 0.0
+    for _ in range(2):
+        way = 0.5 * way - 0.1 * (x + 0.5 * way)
+        x += way
+    drawn_to = drawn("ddpm", led, KEYS, mask, steps=6)
+    np.testing.assert_allclose(drawn_to.lanes[mask.lanes], x, atol=1e-4)
+
+
+def test_the_energy_is_taken_around_the_estimate_of_every_step():
+    """One that pulls to where the estimate was leaves it there, whatever the step."""
+    mask = masks(SIZES)
+    clean = jax.tree.map(lambda m, width: jnp.ones((*m.shape, width)), mask, Nodes(agents=3, lanes=5))
+    led = steered(
+        knowing(clean, "velocity"), levels("ddpm", 6), "velocity",
+        lambda start: lambda x: jnp.square(x.lanes - start.lanes).sum(), mask, Steering(agents=0.5, lanes=0.2),
+    )  # fmt: skip
+    np.testing.assert_allclose(drawn("ddpm", led, KEYS, mask, steps=6).lanes[mask.lanes], 1.0, atol=1e-4)
+
+
 def test_given_tokens_are_seen_as_they_are_and_not_moved():
     """The energy ties all agents of a scene together: given ones count with their clean values, and stay."""
     mask = masks([(3, 4)])
     made = mask.replace(agents=mask.agents.at[:, 0].set(False))
 
-    def tie(x: Nodes):
-        return 0.5 * jnp.square(x.agents[:, 1] - x.agents[:, 0]).sum()
+    def tie(_):
+        return lambda x: 0.5 * jnp.square(x.agents[:, 1] - x.agents[:, 0]).sum()
 
     schedule = levels("ddpm", 16)
     led = steered(
         knowing(Nodes(agents=jnp.zeros((1, 7, 3)), lanes=jnp.zeros((1, 9, 5))), "velocity"), schedule, "velocity", tie,
-        made, Steering(rounds=60, agents=0.3, lanes=0.3),
+        made, Steering(rounds=60, below=0.35, momentum=0.0, agents=0.3, lanes=0.3),
     )  # fmt: skip
     z = Nodes(agents=jnp.full((1, 7, 3), 2.0), lanes=jnp.zeros((1, 9, 5)))
     level = schedule[jnp.zeros(1, int)]
@@ -98,7 +127,13 @@ def test_a_scene_alone_equals_the_scene_in_a_batch():
 
 @pytest.mark.parametrize(
     ("options", "named"),
-    [({"rounds": 0}, "rounds"), ({"below": 1.5}, "below"), ({"agents": -1.0}, "agents"), ({"lanes": np.nan}, "lanes")],
+    [
+        ({"rounds": 0}, "rounds"),
+        ({"below": 1.5}, "below"),
+        ({"momentum": 1.0}, "momentum"),
+        ({"agents": -1.0}, "agents"),
+        ({"lanes": np.nan}, "lanes"),
+    ],
 )
 def test_bad_options_are_named(options, named):
     with pytest.raises(ValueError, match=named):

@@ -131,7 +131,7 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
 
 
-def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path, capsys):
+def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path):
     prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians"]
     features = {text: one.features for text, one in zip(prompts, Words()(prompts), strict=True)}
     scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")

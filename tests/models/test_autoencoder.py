@@ -125,6 +125,26 @@ def test_scene_alone_equals_scene_in_a_padded_batch_with_garbage(run, params):
     assert_close(gradient, jax.tree.map(np.add, singles[0][-1], singles[1][-1]), 1e-10)
 
 
+def test_gradients_may_leave_out_the_way_through_pairs():
+    """Values are the same; gradients differ where an updated pair value is read again, in the second block only."""
+    latents, mask = random_nodes(5, AGENTS, LANES, np.float32), Nodes(
+        agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)
+    )  # fmt: skip
+    for blocks in (1, 2):
+        network = autoencoder(presets.tiny(decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12))
+        params = network.init(jax.random.key(0))
+        found = [
+            jax.value_and_grad(
+                lambda z, through=through, network=network, params=params: network.apply(
+                    params, z, mask, method="decode", through_pairs=through
+                ).lanes.sum()
+            )(latents)
+            for through in (True, False)
+        ]
+        assert float(found[0][0]) == float(found[1][0])
+        assert np.allclose(found[0][1].lanes, found[1][1].lanes, atol=1e-6) == (blocks == 1)
+
+
 def test_garbage_in_padding_changes_no_bit(run, params, reference):
     for garbage in (np.nan, 1e30):
         for found, wanted in zip(

@@ -20,7 +20,7 @@ from scjax.diffusion.samplers.problem import Problem, Sampler, Step
 from scjax.diffusion.samplers.threshold import BOUND
 from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
+from scjax.models.nodes import Nodes, generated
 
 TEMPERATURE = Nodes(agents=1.0, lanes=0.75)
 """The release's."""
@@ -98,9 +98,8 @@ def sample(
         times = jnp.broadcast_to(jnp.asarray(schedule.levels.time)[step], x.agents.shape[:1])
         return denoise(clamp(x, given, values), times)
 
-    made = masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
     limit = math.inf if clip is None else clip
-    problem = Problem(denoise_at, draw, schedule, prediction, made)
+    problem = Problem(denoise_at, draw, schedule, prediction, generated(masks, given))
 
     def body(carry: tuple[Nodes, Any], step: Array) -> tuple[tuple[Nodes, Any], None]:
         x, memory = carry

@@ -28,9 +28,9 @@ class Autoencoder(nnx.Module):
         """The posterior of each scene's latents."""
         return self.encoder(tokens)
 
-    def decode(self, latents: Nodes, mask: Nodes) -> Decoded:
-        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes."""
-        return self.decoder(latents, mask)
+    def decode(self, latents: Nodes, mask: Nodes, *, through_pairs: bool = True) -> Decoded:
+        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes; see ``Decoder``."""
+        return self.decoder(latents, mask, through_pairs=through_pairs)
 
     def reconstruct(self, tokens: Tokens, noise: Nodes | None = None) -> tuple[Posterior, Decoded]:
         """Encodes, moves to mean + exp(logvar / 2) noise (mean alone without noise), and decodes: the training pass."""
