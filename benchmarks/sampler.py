@@ -21,7 +21,6 @@ from scjax.diffusion.estimator import MOST_AHEAD, estimator
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import sampler_of, schedule_of
 from scjax.diffusion.samplers.loop import sample
-from scjax.memory import keep_memory
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 
@@ -40,7 +39,6 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
     parser.add_argument("--smoke", action="store_true", help="two steps of one batch, to see that it runs")
     args = parser.parse_args(arguments)
-    keep_memory()
     use_every_core()
     steps = 2 if args.smoke else args.steps
     parts = workload.batches(args.batch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,9 @@ from scjax.representation import Representation, Tokens
 from scjax.scene import Scene
 
 Program = Callable[..., Scene]
+
+_QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
+"""LLVM's dear passes: a sixth of the time until a first scene, and no later scene is faster (benchmarks/README.md)."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -76,7 +80,7 @@ def sampling_program(
         )  # fmt: skip
         return scenes(latents)
 
-    return jax.jit(spread(run, shared=6))
+    return compiled(run, shared=6)
 
 
 @functools.lru_cache(maxsize=8)
@@ -90,7 +94,15 @@ def reconstruction_program(representation: Representation, config: AutoencoderCo
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
 
-    return jax.jit(spread(run, shared=1))
+    return compiled(run, shared=1)
+
+
+def compiled(run: Program, shared: int) -> Program:
+    """``run``, its batches spread over devices (``devices.spread``); on a CPU compiled quickly rather than well."""
+    options: dict[str, Any] | None = None
+    if jax.default_backend() == "cpu" and not jax.config.values["jax_disable_most_optimizations"]:
+        options = _QUICK
+    return jax.jit(spread(run, shared=shared), compiler_options=options)
 
 
 def decode(

@@ -29,7 +29,7 @@ from scjax.prompts import with_tokens
 from scjax.scene import Layout, Scene, empty, pad, permute, stack, unpadded
 
 BUCKETS = ((16, 28), (32, 48), (61, 100))  # (agent, lane) slots; each is a program to compile
-GROUP = 8  # scenes a compiled call, when there is more than one
+GROUP = 4  # scenes a compiled call, when there is more than one; 8 would be a tenth faster a scene
 
 Tables = dict[tuple[int, int | None, Layout], np.ndarray | None]
 

@@ -17,10 +17,12 @@ from absl import app, flags, logging
 
 from experiments.ablate.run import ablate  # the trainer, imported with it, defines --config and --workdir
 from scjax.cli.start import start_jax
+from scjax.memory import keep_memory
 
 
 def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
+    keep_memory()
     start_jax()
     try:
         report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir))

@@ -18,7 +18,7 @@ from scjax.scene import Scene
 
 Format = Literal["png", "svg", "json", "npz"]
 FORMATS: tuple[Format, ...] = ("png", "svg", "json", "npz")
-CANDIDATES = 8  # a scene by default: as many as one call of a compiled program makes (scjax.sampling.GROUP)
+CANDIDATES = 8  # a scene by default
 TRIES = 4  # rounds of them for a prompt that is hard
 _LONGEST = 48  # characters of a file name's text
 

@@ -11,7 +11,7 @@ from scjax.condition import Condition
 from scjax.diffusion.samplers import Sampler
 from scjax.model import Model
 from scjax.prompts import Shortcomings, shortcomings
-from scjax.sampling import sample_many, with_counts
+from scjax.sampling import GROUP, sample_many, with_counts
 from scjax.scene import Scene
 from scjax.tidy import tidy
 
@@ -33,8 +33,9 @@ def make(
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
 
-    A prompt of which no candidate shows everything gets as many again, ``tries`` times in all. Candidates of a scene
-    have the same numbers of lanes and agents: of one size, one program makes them all at once.
+    They are made some at a time, and one that shows everything and has no fault ends the search. A prompt of which none
+    shows everything gets as many again, ``tries`` times in all. Candidates of a scene have the same numbers of lanes
+    and agents, so that one program makes them.
 
     Args:
       prompts: what the best candidate is judged by.
@@ -51,14 +52,21 @@ def make(
     if pick == 1:
         return sampled(key, range(len(prompts)), 1)
     told = with_counts(key, told, model=model)
-    found: dict[int, tuple[Shortcomings, Scene]] = {}
-    for attempt in range(tries):
-        rows = [row for row in range(len(prompts)) if row not in found or found[row][0].missed]
+    best: dict[int, tuple[Shortcomings, Scene]] = {}
+    done = 0
+    while done < pick * tries:
+        rows = [row for row in range(len(prompts)) if row not in best or _wanting(best[row][0], done < pick)]
         if not rows:
             break
-        made = iter(sampled(jax.random.fold_in(key, attempt) if attempt else key, rows, pick))
+        times = min(GROUP, pick - done % pick)
+        made = iter(sampled(jax.random.fold_in(key, done) if done else key, rows, times))
         for row in rows:
-            judged = [(shortcomings(prompts[row], scene), scene) for scene in (next(made) for _ in range(pick))]
-            kept = [found[row]] if row in found else []
-            found[row] = min([*kept, *judged], key=lambda one: one[0])
-    return [found[row][1] for row in range(len(prompts))]
+            judged = [(shortcomings(prompts[row], scene), scene) for scene in (next(made) for _ in range(times))]
+            best[row] = min([*([best[row]] if row in best else []), *judged], key=lambda one: one[0])
+        done += times
+    return [best[row][1] for row in range(len(prompts))]
+
+
+def _wanting(found: Shortcomings, early: bool) -> bool:
+    """Whether more candidates are made: for what is asked for and not shown, and ``early`` for any fault."""
+    return found.missed > 0 or (early and found.faults > 0)

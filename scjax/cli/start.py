@@ -6,12 +6,10 @@ import jax
 
 from scjax.devices import use_every_core
 from scjax.encoders.find import cache_folder
-from scjax.memory import keep_memory
 
 
 def start_jax() -> None:
-    """Keeps freed memory, uses all cores, and keeps compiled programs in the cache folder, for a fast second start."""
-    keep_memory()
+    """Uses all cores, and keeps compiled programs in the cache folder, for a fast second start."""
     use_every_core()
     if jax.config.values.get("jax_compilation_cache_dir") is None:
         jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "programs"))
