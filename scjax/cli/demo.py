@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from scjax.cli.output import CANDIDATES, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, PICK_HELP, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.samplers import DEFAULT, STEPS
 
 _TRIES = 2  # fewer than generate: a later scene shall take about a second
@@ -27,8 +27,7 @@ PROMPTS = (
 @click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
 @click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps. [default: "
               f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
-@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
-              "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
+@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
 @click.option("--tries", default=_TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, "
               "at most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")

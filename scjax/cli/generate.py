@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from scjax.cli.output import CANDIDATES, FORMATS, TRIES, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, TRIES, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
@@ -37,8 +37,7 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--lanes", type=click.IntRange(1), help="Lanes in the scene. [default: as the prompt asks]")
 @click.option("--negative", help="What the scene shall not show.")
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
-@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help="Candidates a scene: "
-              "the one that shows most of the prompt, then the one with the fewest faults, is kept.")  # fmt: skip
+@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
 @click.option("--tries", default=TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
               "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")

@@ -19,6 +19,10 @@ from scjax.scene import Scene
 Format = Literal["png", "svg", "json", "npz"]
 FORMATS: tuple[Format, ...] = ("png", "svg", "json", "npz")
 CANDIDATES = 8  # a scene by default
+PICK_HELP = (
+    "Candidates a scene: the one that shows most of the prompt, then the one with the fewest faults, is kept. They are "
+    "made some at a time, and one without fault ends the search."
+)
 TRIES = 4  # rounds of them for a prompt that is hard
 _LONGEST = 48  # characters of a file name's text
 

@@ -130,6 +130,29 @@ def test_prompts_that_no_candidate_shows_get_more_of_them(monkeypatch, folder, p
     assert [len(scene.lanes) for scene in found] == kept and asked == calls and not list(left)
 
 
+@pytest.mark.parametrize(
+    ("faults", "kept", "calls"),
+    [
+        ([3, 0, 1, 2], 0, [4]),  # nothing is wrong with the second one
+        ([3, 2, 1, 2, 2, 3, 4, 5], 1, [4, 4]),  # all shown, but with faults
+        ([3, 2, 1, 2, 2, 0, 4, 5], 0, [4, 4]),
+    ],
+)
+def test_a_candidate_without_fault_ends_the_search(monkeypatch, folder, faults, kept, calls):
+    left, asked = iter(faults), []
+
+    def made(key, told, **options):
+        asked.append(len(told))
+        return [empty(1, 1 + next(left)) for _ in told]
+
+    monkeypatch.setattr(scenes, "sample_many", made)
+    monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
+    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(0, len(scene.lanes) - 1, 0.0))
+    model, told = scjax.load(folder), [scjax.Condition()]
+    (found,) = scenes.make(jax.random.key(0), ["a"], told, model=model, pick=8, tries=2, raw=True)
+    assert len(found.lanes) - 1 == kept and asked == calls and not list(left)
+
+
 def test_given_counts_win_with_a_warning(run, folder):
     code, out, err = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 1, "--lanes", 5, "--json")
     assert code == 0 and "warning: the prompt speaks of 2 agents or more" in err
