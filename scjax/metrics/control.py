@@ -122,8 +122,8 @@ def _correlation(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> f
 
 
 def _distances(vectors: Vectors, pairs: np.ndarray) -> np.ndarray:
-    """One less the cosine. Few scenes: from one product of all with all, whose rounding the golden rank correlations
-    hold (scenes that occur twice make ties that rounding breaks)."""
+    """One less the cosine. Few scenes: from one product of all with all, as the golden rank correlations were computed
+    (scenes that occur twice make ties that rounding breaks, in an order that differs between processors)."""
     unit = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
     i, j = pairs.T
     return 1 - ((unit @ unit.T)[i, j] if len(unit) <= _FEW else (unit[i] * unit[j]).sum(-1))

@@ -56,9 +56,21 @@ def has_ego(name):
     return name != "peer"  # tiles along a route, not around a vehicle
 
 
-def close(ours, theirs, where):
+def close(ours, theirs, where, *, rounding=0.0):
     theirs = math.nan if theirs is None else theirs
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE, err_msg=where)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE + rounding, err_msg=where)
+
+
+def rank_rounding(reference, made, pairs, draws=32):
+    """How far the last bit of the descriptors moves a rank correlation: scenes that occur twice make distances that are
+    equal but for rounding, and the golden ranks hold the order that one processor's matrix product gave them."""
+    rng = np.random.default_rng(0)
+
+    def nudged(vectors):
+        return vectors * (1 + 1e-15 * rng.normal(size=vectors.shape))
+
+    found = [csc(nudged(reference), nudged(made), pairs, ranks=True) for _ in range(draws)]
+    return np.ptp(found) if np.isfinite(found).all() else 0.0
 
 
 def test_golden_tables_in_compat_mode(golden):
@@ -162,4 +174,6 @@ def test_golden_control(golden):
                 close(ccs(theirs, ours), want["CCS"], where)
                 close(spg(theirs, ours, shuffles), want["SPG"], where)
                 close(csc(theirs, ours, pairs), want["CSC"], where)
-                close(csc(theirs, ours, pairs, ranks=True), want["CSC_spearman"], where)
+                rounding = rank_rounding(theirs, ours, pairs)
+                assert rounding < 1e-3, where
+                close(csc(theirs, ours, pairs, ranks=True), want["CSC_spearman"], where, rounding=rounding)
