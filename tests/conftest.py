@@ -27,6 +27,18 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
+_LONGEST = (
+    "test_train", "test_evaluate", "test_text_training", "test_sampling", "test_autoencoder", "test_world",
+    "test_ablate", "test_denoiser", "test_image_training", "test_sweep_samplers",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take minutes come first: a worker that gets one last would finish it alone."""
+    order = {name: place for place, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
 _SHARED = Path(os.environ.get("SCJAX_SHARED", Path(__file__).resolve().parents[1] / ".." / "shared")).resolve()
 
 

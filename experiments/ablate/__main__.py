@@ -5,7 +5,8 @@
 Trains every mechanism from one base on the same batches, with several seeds, on texts and on what stands in for images;
 samples held-back conditions with each, once with a scene's own condition and once with another's; and writes a table,
 its JSON and a plot: ablation.md, ablation.json, ablation.png. The same command goes on where it was stopped, and
-leaves alone what is finished. Fields: experiments/configs/ablation.py.
+leaves alone what is finished; --config.seeds="(1,)" makes one seed, --config.more="('ABLATION.JSON',)" reports it
+beside others made elsewhere. Fields: experiments/configs/ablation.py.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,9 +42,9 @@ class Spread(NamedTuple):
         return f"{self.mean:.{digits}f}" + (f" ± {self.half:.{digits}f}" if math.isfinite(self.half) else "")
 
 
-def write(runs: Sequence[Run], workdir: Path) -> Path:
+def write(runs: Sequence[Run], workdir: Path, setting: Mapping[str, Any]) -> Path:
     """ablation.json, .png and .md of what is done so far; returns the last."""
-    content = {"level": LEVEL, "runs": list(runs), "rows": summary(runs)}
+    content = {"level": LEVEL, "setting": setting, "runs": list(runs), "rows": summary(runs)}
     report = workdir / "ablation.md"
     write_text(workdir / "ablation.json", json.dumps(content, indent=1))
     write_text(report, markdown(runs))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,30 +43,64 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     sampler = Sampler(config.sampler, config.sampler_steps, float(config.guidance))
     asked = {kind: requests_of(kind, config.records, config.samples, frozen) for kind in names}
 
-    base = config.base or _base(config, workdir)
-    if base is None:
-        return None
-    known = weights_hash(scjax.load(base))
     # A whole seed at a time: a report of what is done so far compares everything.
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
     if not todo:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
-    rows: list[dict[str, Any]] = []
+    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
+    rows = [run for path in config.more for run in runs_of(path, setting, config.seeds)]
+    bases: dict[int, tuple[str, str]] = {}
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
+            if seed not in bases:
+                bar.set_description(f"base {seed}")
+                base = config.base or _base(config, workdir, seed)
+                if base is None:
+                    return None
+                bases[seed] = base, weights_hash(scjax.load(base))
             bar.set_description(f"{kind} {name} {seed}")
-            row = _row(config, workdir, base, known, asked[kind], name, kind, seed, sampler)
+            row = _row(config, workdir, *bases[seed], asked[kind], name, kind, seed, sampler)
             if row is None:
                 return None
             rows.append({"kind": kind, "entry": name, "seed": seed, **row})
-            report = write(rows, workdir)
+            report = write(rows, workdir, setting)
             jax.clear_caches()  # the programs of a mechanism are of no use to another
     return report
 
 
-def _base(config: Any, workdir: Path) -> str | None:
-    """Model folder of the unconditional denoiser that all runs start from, trained on all of their windows."""
+def _setting(config: Any, asked: dict[str, str]) -> dict[str, Any]:
+    """All that runs of several seeds, perhaps made on several machines, have in common."""
+    fields = json.loads(config.to_json())
+    for name in ("records", "autoencoder", "base", "seeds", "entries", "kinds", "more"):
+        fields.pop(name)
+    return {"format": FORMAT, "asked": asked, **fields}
+
+
+def runs_of(path: str, setting: Mapping[str, Any], seeds: Sequence[int]) -> list[dict[str, Any]]:
+    """The runs of other seeds, from the ablation.json that another work folder has.
+
+    Raises:
+      ValueError: no such file, another setting, or a seed that is to be run here as well.
+    """
+    try:
+        content = json.loads(Path(path).read_text())
+        told, runs = content["setting"], content["runs"]
+    except (OSError, ValueError, KeyError) as error:
+        raise ValueError(f"config.more: {path} is no ablation.json ({error!r})") from None
+    # What is asked of a kind matters only if both have it.
+    both = told["asked"].keys() & setting["asked"].keys()
+    one, other = ({**side, "asked": {kind: side["asked"][kind] for kind in both}} for side in (told, setting))
+    if differing := sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name)):
+        raise ValueError(f"config.more: {path} was made with another {', '.join(differing)}: its runs do not compare")
+    if twice := sorted({run["seed"] for run in runs} & set(seeds)):
+        raise ValueError(f"config.more: {path} has seed {twice[0]}, which config.seeds names as well")
+    return runs
+
+
+def _base(config: Any, workdir: Path, seed: int) -> str | None:
+    """Model folder of the unconditional denoiser that a seed's runs start from, trained on all of their windows."""
     training = _copy(config)
+    training.seed = training.batch.seed = seed
     training.steps = config.base_steps
     training.optimiser.warmup = min(training.optimiser.warmup, max(config.base_steps // 5, 1))
     training.batch.layouts = tuple(sum(np.array([LAYOUTS[kind] for kind in config.kinds])).tolist())

@@ -3,8 +3,8 @@
     python -m experiments.ablate --config=experiments/configs/ablation.py --workdir=runs/ablation \
         --config.records=runs/records --config.autoencoder=runs/autoencoder/model
 
-Every run starts from one unconditional base and trains all weights, ``none`` too: what a mechanism adds is then not
-what more steps add, and few steps suffice. (--config.training.freeze=True is the paper's regime, in which only the
+The runs of a seed start from one unconditional base and train all weights, ``none`` too: what a mechanism adds is then
+not what more steps add, and few steps suffice. (--config.training.freeze=True is the paper's regime, in which only the
 mechanism learns; ``none`` is the base itself then.) smoke: a handful of steps, to see that everything runs.
 """
 
@@ -26,11 +26,12 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config = ml_collections.ConfigDict()
     config.records = "runs/records"  # captioned and embedded for kind text
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
-    config.base = ""  # model folder of an unconditional denoiser of training's sizes; "": trained first
+    config.base = ""  # model folder of an unconditional denoiser of training's sizes; "": a seed's own, trained first
     config.base_steps = 2 if smoke else 12_000
     config.kinds = ("text",) if smoke else KINDS
     config.entries = ("none", "full") if smoke else tuple(ENTRIES)
-    config.seeds = (0,) if smoke else (0, 1, 2)  # of weights, data order, noise and samples
+    config.seeds = (0,) if smoke else (0, 1, 2)  # of weights (the base's, too), data order, noise and samples
+    config.more = ()  # ablation.json files of other seeds, perhaps from other machines, that the report takes in
     config.samples = 4 if smoke else 400  # held-back conditions, each asked once with its own and once with another's
     config.sampler = "dpm++"
     config.sampler_steps = 2 if smoke else 10
@@ -43,7 +44,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     training.optimiser.warmup = 1 if smoke else 100
     training.evaluate_every = training.picture_every = 0
     training.log_every = 1 if smoke else 50
-    training.checkpoint_every = 2 if smoke else 250
+    training.checkpoint_every = 3 if smoke else 250
     training.tensorboard = False
     if smoke:
         training.batch.batch_size = 2

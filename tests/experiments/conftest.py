@@ -8,3 +8,12 @@ import pytest
 @pytest.fixture(autouse=True)
 def one_bucket(monkeypatch):
     monkeypatch.setattr("scjax.sampling.BUCKETS", ((52, 64),))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def short_fits():
+    """What reads points off latents is fitted in a hundredth of its steps, but where that is what is tested."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.anchors._STEPS", 40)
+        patch.setattr("experiments.anchors._BATCHES", 4)
+        yield

@@ -15,7 +15,7 @@ from experiments.ablate.entries import ENTRIES, chosen
 from experiments.ablate.judge import METRICS
 from experiments.ablate.report import Spread, markdown, over_none, over_shuffled, summary, verdict, window_hypothesis
 from experiments.ablate.requests import padded, requests_of
-from experiments.ablate.run import ablate, run_config
+from experiments.ablate.run import ablate, run_config, runs_of
 from experiments.configs.ablation import get_config
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
@@ -72,6 +72,17 @@ def test_two_mechanisms_end_to_end_go_on_where_they_were(folder, tmp_path):
     assert models == {path: path.stat().st_mtime_ns for path in models}
     again = json.loads((tmp_path / "ablation.json").read_text())
     assert json.dumps(again["runs"]) == json.dumps(content["runs"])
+
+    # The runs of another seed, made elsewhere, join the report.
+    path, setting = tmp_path / "ablation.json", again["setting"]
+    assert [run["seed"] for run in runs_of(str(path), setting, (1, 2))] == [0, 0]
+    with pytest.raises(ValueError, match="has seed 0"):
+        runs_of(str(path), setting, (0, 1))
+    with pytest.raises(ValueError, match="another guidance, samples"):
+        runs_of(str(path), {**setting, "guidance": 1.0, "samples": 1}, (1,))
+    runs_of(str(path), {**setting, "asked": {"image": "not asked there"}}, (1,))
+    with pytest.raises(ValueError, match=r"report\.md is no ablation\.json"):
+        runs_of(str(report.rename(tmp_path / "report.md")), setting, (1,))
 
 
 def test_mechanisms_differ_in_nothing_but_themselves(folder):

@@ -34,7 +34,9 @@ def test_points_lie_about_the_middle_of_the_window():
     np.testing.assert_allclose(along, scene.lanes[:, :, -1, :2] - scene.lanes[:, :, 0, :2], atol=1e-4)
 
 
-def test_points_are_learned_from_latents(capsys):
+def test_points_are_learned_from_latents(capsys, monkeypatch):
+    monkeypatch.setattr(anchors, "_STEPS", 1000)
+    monkeypatch.setattr(anchors, "_BATCHES", 80)
     rng = np.random.default_rng(0)
     mixing = {"agents": np.linalg.qr(rng.normal(size=(4, 4)))[0], "lanes": np.linalg.qr(rng.normal(size=(10, 10)))[0]}
 

@@ -29,6 +29,13 @@ from tests.metrics.worlds import agent, lane, scene
 SCENES = [traffic(seed) for seed in range(16)]
 
 
+@pytest.fixture(autouse=True)
+def few_pictures(monkeypatch):
+    """Every picture is drawn, of few scenes: drawing was most of the time of these tests."""
+    monkeypatch.setattr(program.pictures, "SPREAD", 2)
+    monkeypatch.setattr(program.pictures, "EACH", 1)
+
+
 @pytest.fixture
 def worlds(tmp_path):
     """A folder of one batch of ten scenes and six single ones."""
