@@ -2,7 +2,7 @@
 
     python -m experiments.gallery --model=DIR --prompts=FILE --out=DIR
 
-FILE is a text with a prompt a line, or JSON (a list of texts, or of objects with a "prompt"). OUT receives a picture a
+FILE is a text with a prompt a line, or JSON (lists of texts, or of objects with a "prompt"). OUT receives a picture a
 prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule,
 and sums up at its head how much of what was asked for is there. With --pick 8 --tries 4 scenes are chosen and tidied as
 by ``scjax generate``; by default they are as sampled.
@@ -28,7 +28,7 @@ from scjax.cli.scenes import make as candidates
 from scjax.cli.start import start_jax
 from scjax.data.captions.facts import parse
 from scjax.data.captions.reading import met, read_prompt
-from scjax.prompts import with_tokens
+from scjax.prompts import doubts, with_tokens
 from scjax.viz.grid import grid
 
 
@@ -64,7 +64,8 @@ def make(args: argparse.Namespace) -> None:
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            (condition,) = with_tokens([scjax.Condition(prompt=prompt)], model)
+            plain = scjax.Condition(prompt=prompt)
+            (condition,) = with_tokens([plain], model)
         key = jax.random.fold_in(jax.random.key(args.seed), number)
         scenes = candidates(
             key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick, tries=args.tries,
@@ -87,7 +88,7 @@ def make(args: argparse.Namespace) -> None:
                 f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
                 f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
             )
-        lines += [*(f"- warning: {one.message}" for one in told), ""]
+        lines += [*(f"- warning: {one}" for one in (*(one.message for one in told), *doubts(plain))), ""]
     how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
     how += f", in up to {args.tries} rounds" if args.tries > 1 and args.pick > 1 else ""
     kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))
@@ -109,12 +110,18 @@ def read_prompts(path: Path) -> list[str]:
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: neither lines of text nor JSON ({error})") from error
     if isinstance(content, dict):
-        content = next((value for value in content.values() if isinstance(value, list)), list(content.values()))
-    found = [item.get("prompt", "") if isinstance(item, dict) else str(item) for item in content]
-    found = [item.strip() for item in found if item.strip()]
+        content = [item for value in content.values() for item in (value if isinstance(value, list) else [value])]
+    found = [text.strip() for text in map(_text, content) if text.strip()]
     if not found:
         raise ValueError(f"{path}: holds no prompts: write one a line")
     return found
+
+
+def _text(item: object) -> str:
+    """A text, the "prompt" of an object, or its "condition" if its "type" is "text" (as on the paper's page)."""
+    if not isinstance(item, dict):
+        return str(item)
+    return item.get("prompt", "") or (item.get("condition", "") if item.get("type") == "text" else "")
 
 
 if __name__ == "__main__":

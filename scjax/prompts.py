@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from scjax.condition import Condition
 from scjax.data.captions.facts import parse
-from scjax.data.captions.reading import met, read_prompt
+from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.encoders.text import Encoder, checked, load_text_encoder
 from scjax.metrics.realism import ON_LANE, OPEN_JOINT, joint_gaps, lane_offsets, overlapping_pairs
 from scjax.model import Model
@@ -94,11 +95,19 @@ def _texts(cond: Condition) -> list[str]:
     return [text for text in (cond.prompt, cond.negative_prompt) if text is not None]
 
 
-def contradictions(cond: Condition) -> list[str]:
-    """Sentences about numbers that a prompt names and that given counts do not allow. The given counts win."""
-    if cond.prompt is None or cond.num_agents is None:
+def doubts(cond: Condition) -> list[str]:
+    """Sentences about what of a prompt will not come true: that no rule reads anything from it, so that no candidate is
+    chosen by it; or numbers that given counts, which win, do not allow."""
+    if cond.prompt is None:
         return []
     asked = read_prompt(cond.prompt)
+    if asked == Asked():
+        return [
+            f"no kind of road, number, light, person or event was read from {textwrap.shorten(cond.prompt, 60)!r}: "
+            "no candidate is chosen by it. Plain English is read best, as 'a T-intersection with three vehicles'"
+        ]
+    if cond.num_agents is None:
+        return []
     least = sum(amount[0] for amount in (asked.vehicles, asked.pedestrians, asked.cyclists) if amount is not None)
     if least + 1 <= cond.num_agents:
         return []

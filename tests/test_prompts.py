@@ -15,7 +15,7 @@ from scjax.encoders.kept import load_prompts, write_prompts
 from scjax.encoders.text import Tokens
 from scjax.models.counter import CounterConfig, counter
 from scjax.models.denoiser.config import TextCondition
-from scjax.prompts import best, contradictions, with_tokens
+from scjax.prompts import best, doubts, with_tokens
 from scjax.sampling import with_counts
 from tests.test_tidy import chain, queue
 from tests.worlds import tiny_model
@@ -125,11 +125,13 @@ def test_counts_follow_the_prompt(model):
     assert (made.num_lanes, made.num_agents) == (7, 5)
 
 
-def test_contradictions_are_told():
-    assert contradictions(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=4))
-    assert not contradictions(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=8))
-    assert not contradictions(Condition(prompt="a four-way intersection", num_agents=1))
-    assert not contradictions(Condition(prompt="no cars"))
+def test_doubts_are_told():
+    assert doubts(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=4))
+    assert not doubts(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=8))
+    assert not doubts(Condition(prompt="a four-way intersection", num_agents=1))
+    assert not doubts(Condition(prompt="no cars")) and not doubts(Condition())
+    (doubt,) = doubts(Condition(prompt="Kreuzung mit vier Autos und roter Ampel", num_agents=4))
+    assert "read from 'Kreuzung mit vier" in doubt and "Plain English" in doubt
 
 
 def test_kept_prompts_come_back(tmp_path):

@@ -70,7 +70,7 @@ def generate(
         from scjax.cli.scenes import make
         from scjax.cli.start import start_jax
         from scjax.data.captions.facts import parse
-        from scjax.prompts import contradictions
+        from scjax.prompts import doubts
 
         start_jax()
         model = scjax.load(model_folder)
@@ -81,7 +81,7 @@ def generate(
             for prompt in prompts
         ]  # fmt: skip
     for condition in conditions:
-        for warning in contradictions(condition):
+        for warning in doubts(condition):
             say(f"scjax: warning: {warning}")
     with clock.part("text"):
         from scjax.prompts import with_tokens

@@ -146,6 +146,18 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
     assert total == text.count("intersection yes")
 
 
+def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
+    lists = {"one": [{"prompt": "a road", "images": ["1.jpg"]}, {"prompt": " "}], "two": ["a T-intersection"],
+             "three": [{"type": "image", "condition": "1.jpg"}, {"type": "text", "condition": "a bend"}]}  # fmt: skip
+    for name, content in (("p.json", json.dumps(lists)), ("p.txt", "a road\n\na T-intersection\n a bend\n")):
+        (tmp_path / name).write_text(content)
+        assert gallery.read_prompts(tmp_path / name) == ["a road", "a T-intersection", "a bend"]
+    for name, content in (("none.json", "{}"), ("none.txt", "\n"), ("bad.json", "{")):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(ValueError, match=name):
+            gallery.read_prompts(tmp_path / name)
+
+
 def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
     without = dataclasses.replace(prompt_model, counter=None, counter_config=None)
     assert counted(without, prompt_model).counter is prompt_model.counter
