@@ -10,19 +10,24 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from benchmarks import flops, workload
-from benchmarks.train_step import CONTEXT, denoiser_config, features
+from benchmarks.steps import CONTEXT, denoiser_config, features
 from scjax.devices import spread, use_every_core
 from scjax.diffusion.estimator import MOST_AHEAD, estimator
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import sampler_of, schedule_of
 from scjax.diffusion.samplers.loop import sample
+from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
+from scjax.nn.functional import Params
+from scjax.scene import Scene
 
 # Official PyTorch code at these sizes on such a machine (2 cores), seconds a scene by batch, float32.
 REFERENCE = {"unconditional": {1: 8.8, 8: 3.5}, "text": {1: 16.6, 8: 7.4}, "image": {1: 14.2, 8: 5.5}}
@@ -47,40 +52,23 @@ def main(arguments: list[str] | None = None) -> None:
     parts = parts[stride // 2 :: stride]  # evenly over the sizes
 
     config = denoiser_config(args.kind, args.compute)
-    network, sampler = denoiser(config), sampler_of(args.sampler, config.prediction)
-    schedule = schedule_of(sampler, config.prediction, steps)
-    params = network.init(jax.random.key(0))
-
-    def run(params, masks: Nodes, condition, keys):
-        denoise = estimator(
-            network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
-            features=condition, guidance=Guidance(), weight=WEIGHT, most_ahead=0 if args.per_step else MOST_AHEAD,
-        )  # fmt: skip
-        return sample(
-            denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
-            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
-            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
-        )  # fmt: skip
-
+    run, params = guided(config, args.sampler, steps, most_ahead=0 if args.per_step else MOST_AHEAD)
     jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
-    jobs, programs, useful = [], {}, 0.0
+    jobs, programs = [], {}
     start = time.perf_counter()
     for part in parts:
-        masks = Nodes(agents=jnp.asarray(part.agent_mask), lanes=jnp.asarray(part.lane_mask))
-        inputs = (params, masks, features(args.kind, args.batch), jax.random.split(jax.random.key(1), args.batch))
-        shape = (masks.agents.shape, masks.lanes.shape)
+        inputs = (params, *asked(part, args.kind))
+        shape = (part.agent_mask.shape, part.lane_mask.shape)
         if shape not in programs:
             programs[shape] = jitted.lower(*inputs).compile()
         jobs.append((programs[shape], inputs))
-        for lanes, agents in zip(part.num_lanes.tolist(), part.num_agents.tolist(), strict=True):
-            for context in (CONTEXT[args.kind], 0):  # the branch without condition reads none
-                useful += steps * flops.denoiser_forward(config, lanes, agents, context, cached=True)
     compile_seconds = time.perf_counter() - start
     start = time.perf_counter()
     for program, inputs in jobs:
         jax.block_until_ready(program(*inputs))
     seconds = time.perf_counter() - start
     scenes = len(parts) * args.batch
+    rate = sum(useful(config, args.kind, steps, part) for part in parts) / seconds / 1e9
 
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
@@ -88,12 +76,49 @@ def main(arguments: list[str] | None = None) -> None:
         "sampling": args.kind, "batch": args.batch, "sampler": args.sampler, "steps": steps, "compute": args.compute,
         "s/scene": seconds / scenes, "reference": reference or "-",
         "ratio": reference / (seconds / scenes) if reference and (args.sampler, steps) == ("ddpm", 100) else "-",
-        "GFLOP/s": useful / seconds / 1e9,
-        **{f"share of {name}": useful / seconds / 1e9 / roof for name, roof in roofs.items()},
+        "GFLOP/s": rate,
+        **{f"share of {name}": rate / roof for name, roof in roofs.items()},
         "scenes": scenes, "programs": len(programs), "compile s": compile_seconds, "peak GB": workload.peak_memory_gb(),
     }  # fmt: skip
     print(workload.table([row]))
     print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
+
+
+def guided(
+    config: DenoiserConfig, name: str, steps: int, most_ahead: int = MOST_AHEAD
+) -> tuple[Callable[..., Any], Params]:
+    """A function of (parameters, masks, condition, keys) that samples latents with guidance; and parameters for it."""
+    network, sampler = denoiser(config), sampler_of(name, config.prediction)
+    schedule = schedule_of(sampler, config.prediction, steps)
+
+    def run(params, masks: Nodes, condition, keys):
+        denoise = estimator(
+            network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
+            features=condition, guidance=Guidance(), weight=WEIGHT, most_ahead=most_ahead,
+        )  # fmt: skip
+        return sample(
+            denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
+            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+        )  # fmt: skip
+
+    return run, network.init(jax.random.key(0))
+
+
+def asked(scenes: Scene, kind: str) -> tuple[Nodes, Any, jax.Array]:
+    """Masks, condition and keys of a batch: what ``guided`` samples for."""
+    masks = Nodes(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
+    number = len(scenes.layout)
+    return masks, features(kind, number), jax.random.split(jax.random.key(1), number)
+
+
+def useful(config: DenoiserConfig, kind: str, steps: int, scenes: Scene) -> float:
+    """FLOPs of real lanes and agents, in closed form; the branch without condition reads none."""
+    counts = zip(scenes.num_lanes.tolist(), scenes.num_agents.tolist(), strict=True)
+    return steps * sum(
+        flops.denoiser_forward(config, lanes, agents, context, cached=True)
+        for lanes, agents in counts for context in (CONTEXT[kind], 0)
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -71,16 +71,16 @@ def build(config) -> Stage:
         params = jax.device_get(state.ema)
 
         @jax.jit
-        def sampled(params, tokens, key):
-            return reparameterise(key, network.apply(params, tokens, method="encode"))
+        def sampled(params, scene, key):
+            return reparameterise(key, network.apply(params, representation.tokens(scene), method="encode"))
 
         stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
-            tokens = representation.tokens(next(stream).scene)
-            draw = sampled(params, tokens, jax.random.fold_in(jax.random.key(1), i))
+            scene = next(stream).scene
+            draw = sampled(params, scene, jax.random.fold_in(jax.random.key(1), i))
             latents.append(jax.tree.map(np.asarray, draw))
-            masks.append(Nodes(agents=np.asarray(tokens.agent_mask), lanes=np.asarray(tokens.lane_mask)))
+            masks.append(Nodes(agents=np.asarray(scene.agent_mask), lanes=np.asarray(scene.lane_mask)))
         notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
         return as_model(state, statistics(latents, masks), notes)
 

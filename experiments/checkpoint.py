@@ -50,7 +50,7 @@ class Checkpoints:
         self._manager.save(
             step,
             args=ocp.args.Composite(
-                state=ocp.args.StandardSave(state),
+                state=ocp.args.StandardSave(jax.tree.map(_one_copy, state)),
                 data=ocp.args.JsonSave(data),
                 config=ocp.args.JsonSave(self._config),
             ),
@@ -84,6 +84,13 @@ class Checkpoints:
             step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
         )
         return loaded["state"], loaded["data"]
+
+
+def _one_copy(leaf: Any) -> Any:
+    """A leaf as it lies on one device, if every device has all of it: orbax would cut it up, a program a shape."""
+    if isinstance(leaf, jax.Array) and leaf.is_fully_replicated and jax.process_count() == 1:
+        return leaf.addressable_shards[0].data
+    return leaf
 
 
 def _shaping(config: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,112 @@
+"""The training steps and samplers' networks that are timed: the small models of the reference, on its workload."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks import flops, workload
+from scjax import representation as presets
+from scjax.diffusion.loss import LatentBatch, training_loss
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.models.autoencoder import config as autoencoder_sizes
+from scjax.models.autoencoder.loss import loss
+from scjax.models.autoencoder.model import autoencoder, noise_like
+from scjax.models.denoiser import config as denoiser_sizes
+from scjax.models.denoiser.context import ImageFeatures, TextFeatures
+from scjax.models.denoiser.model import denoiser
+from scjax.models.nodes import Nodes
+from scjax.nn.functional import Functional
+
+# Official PyTorch code at these sizes on such a machine (2 cores), scenes/s by batch, float32.
+REFERENCE = {
+    "autoencoder": {16: 9.7, 64: 5.5},
+    "unconditional": {16: 15.5},
+    "text": {16: 8.7},
+    "image": {16: 12.3},
+}
+TEXT = denoiser_sizes.TextCondition(width=4096)
+IMAGE = denoiser_sizes.ImageCondition()
+CONTEXT = {"unconditional": 0, "text": 512, "image": 392}
+
+
+class Step(NamedTuple):
+    """One kind of training step.
+
+    Attributes:
+      network: what is trained.
+      objective: (parameters, batch, key) -> (loss, metrics).
+      inputs: the batches of the workload.
+      useful: FLOPs of a step by the real lanes and agents of a scene, in closed form.
+    """
+
+    network: Functional
+    objective: Callable[..., Any]
+    inputs: Sequence[Any]
+    useful: Callable[[int, int], float]
+
+
+def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
+    """A step on ``scenes`` of the workload, ``batch`` at a time."""
+    parts = workload.batches(batch, scenes)
+    if kind == "autoencoder":
+        config = autoencoder_sizes.small(compute=compute)
+        network, representation = autoencoder(config), presets.scjax()
+
+        def reconstruction(params, batch, key):
+            tokens = representation.tokens(batch)
+            posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, config), method="reconstruct")
+            return loss(decoded, posterior, tokens, official_lane_count=False, balanced_links=True)
+
+        return Step(
+            network, reconstruction, parts, lambda lanes, agents: 3 * flops.autoencoder_forward(config, lanes, agents)
+        )
+
+    config = denoiser_config(kind, compute)
+    network, schedule = denoiser(config), cosine_schedule()
+
+    def denoising(params, batch, key):
+        return training_loss(
+            network, params, schedule, batch, key, null_label=config.null_label, prediction=config.prediction
+        )
+
+    return Step(
+        network, denoising, [latents(part, config, kind) for part in parts],
+        lambda lanes, agents: 3 * flops.denoiser_forward(config, lanes, agents, CONTEXT[kind]),
+    )  # fmt: skip
+
+
+def denoiser_config(kind: str, compute: str) -> denoiser_sizes.DenoiserConfig:
+    """The small denoiser of the reference, with its condition."""
+    condition = {"unconditional": None, "text": TEXT, "image": IMAGE}[kind]
+    return denoiser_sizes.small(condition, compute=compute)
+
+
+def features(kind: str, scenes: int) -> TextFeatures | ImageFeatures | None:
+    """Random condition features, all text tokens valid."""
+    rng = np.random.default_rng(2)
+    if kind == "text":
+        tokens = rng.normal(size=(scenes, 512, TEXT.width)).astype(np.float32)
+        return TextFeatures(tokens=tokens, mask=np.ones((scenes, 512), bool))
+    if kind == "image":
+        dino = rng.normal(size=(scenes, IMAGE.channels, *IMAGE.grid)).astype(np.float32)
+        return ImageFeatures(dino=dino, depth=rng.random((scenes, 384, 672), np.float32))
+    return None
+
+
+def latents(scenes, config: denoiser_sizes.DenoiserConfig, kind: str) -> LatentBatch:
+    """Random latents of a batch's size."""
+    rng = np.random.default_rng(3)
+    masks = Nodes(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
+    widths = Nodes(agents=config.agent_latent, lanes=config.lane_latent)
+    drawn = jax.tree.map(
+        lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths
+    )
+    return LatentBatch(
+        latents=drawn, masks=masks, given=jax.tree.map(jnp.zeros_like, masks),
+        label=jnp.zeros(len(scenes.layout), jnp.int32), condition=features(kind, len(scenes.layout)),
+    )  # fmt: skip
