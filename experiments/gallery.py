@@ -88,7 +88,10 @@ def make(args: argparse.Namespace) -> None:
                 f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
                 f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
             )
-        lines += [*(f"- warning: {one}" for one in (*(one.message for one in told), *doubts(plain))), ""]
+        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *doubts(plain))]
+        if args.numbers_only and doubtful:
+            doubtful = ["warned about, in words that quote it"]
+        lines += [*(f"- {one}" for one in doubtful), ""]
     how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
     how += f", in up to {args.tries} rounds" if args.tries > 1 and args.pick > 1 else ""
     kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))

@@ -132,18 +132,23 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
 
 
 def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path):
-    prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians"]
+    prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians", "a kangaroo"]
     features = {text: one.features for text, one in zip(prompts, Words()(prompts), strict=True)}
     scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
     (tmp_path / "prompts.txt").write_text("\n".join(prompts))
     options = [f"--model={tmp_path / 'model'}", f"--prompts={tmp_path / 'prompts.txt'}", f"--out={tmp_path / 'out'}"]
     gallery.main([*options, "--samples=2", "--pick=2", "--steps=2"])
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert files == ["gallery.md", "prompt-01.png", "prompt-02.png"]
+    assert files == ["gallery.md", "prompt-01.png", "prompt-02.png", "prompt-03.png"]
     text = (tmp_path / "out" / "gallery.md").read_text()
     assert "the best of 2, tidied" in text and all(prompt in text for prompt in prompts)
     total = sum(int(n) for n in re.findall(r"intersection (\d) of 2", text))
     assert total == text.count("intersection yes")
+    assert text.count("- warning: ") == 1 and "was read from 'a kangaroo'" in text
+
+    gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--steps=2", "--numbers-only"])
+    text = (tmp_path / "numbers" / "gallery.md").read_text()
+    assert "- warned about" in text and not any(prompt in text for prompt in prompts)
 
 
 def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
