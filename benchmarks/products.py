@@ -10,6 +10,7 @@ or computed twice. Prints that bound, and the one by the large product, as ratio
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 from collections import Counter
@@ -67,17 +68,21 @@ def _is_program(value: Any) -> bool:
 
 def seconds_alone(product: Product) -> float:
     """Least time of a product while every core works on one of its own, without what a call costs anyway."""
-    mesh = Mesh(jax.devices(), ("core",))
-    operands = tuple(jnp.ones((mesh.size, *shape), product.operands) for shape in (product.left, product.right))
 
     def alone(a, b):
         return jax.lax.dot_general(a[0], b[0], product.numbers, preferred_element_type=product.result)[None]
 
-    return max(_least(alone, mesh, operands) - _least(lambda a, b: jnp.zeros((1, 1)), mesh, operands), 0.0)
+    return max(_least(alone, product.left, product.right, product.operands) - _idle_call(), 0.0)
 
 
-def _least(function: Callable[..., jax.Array], mesh: Mesh, operands: tuple[jax.Array, jax.Array]) -> float:
-    spec = PartitionSpec("core")
+@functools.cache
+def _idle_call() -> float:
+    return _least(lambda a, b: jnp.zeros((1, 1)), (1,), (1,), "float32")
+
+
+def _least(function: Callable[..., jax.Array], left: tuple[int, ...], right: tuple[int, ...], dtype: str) -> float:
+    mesh, spec = Mesh(jax.devices(), ("core",)), PartitionSpec("core")
+    operands = tuple(jnp.ones((mesh.size, *shape), dtype) for shape in (left, right))
     run = jax.jit(jax.shard_map(function, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False))
     placed = jax.device_put(operands, NamedSharding(mesh, spec))
     once = workload.best_seconds(lambda: run(*placed).block_until_ready(), 2)
@@ -113,13 +118,14 @@ def main(arguments: list[str] | None = None) -> None:
     reference = (SAMPLING if args.sampling else REFERENCE)[args.kind].get(args.batch)
     if reference and args.sampling:
         reference = 1 / reference  # scenes/s
-    most = {"products alone": rate, "large product": peak}
+    rates = {"products alone": rate, "large product": peak}
+    most = {name: value * 1e9 * scenes / work for name, value in rates.items()}  # scenes/s
     row = {
         "step": f"sampling, {args.kind}" if args.sampling else args.kind, "batch": args.batch, "compute": args.compute,
         "useful GFLOP a scene": work / scenes / 1e9, "sizes of products": len(found),
-        **{f"{name} GFLOP/s": value for name, value in most.items()},
-        **{f"most scenes/s, {name}": value * 1e9 * scenes / work for name, value in most.items()},
-        **{f"ratio, {name}": value * 1e9 * scenes / work / reference for name, value in most.items() if reference},
+        **{f"{name} GFLOP/s": value for name, value in rates.items()},
+        **{f"most scenes/s, {name}": value for name, value in most.items()},
+        **{f"ratio, {name}": value / reference for name, value in most.items() if reference},
     }  # fmt: skip
     print(workload.table([row]))
     print(json.dumps({**row, "machine": workload.machine()}))

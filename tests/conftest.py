@@ -6,11 +6,11 @@ import gc
 import os
 from pathlib import Path
 
-import absl.flags
 import jax
 import pytest
+from absl import flags
 
-absl.flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
+flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as experiments.train does
 
@@ -24,8 +24,8 @@ def pytest_configure(config: pytest.Config) -> None:
     The older way to write loops for fused operations halves the rest. Tracing leaves many objects behind: to look for
     garbage as often as Python does takes a tenth of the time.)
     """
-    flags = os.environ.get("XLA_FLAGS", "").split()
-    os.environ["XLA_FLAGS"] = " ".join(flags if _QUICK in flags else [*flags, _QUICK])
+    given = os.environ.get("XLA_FLAGS", "").split()
+    os.environ["XLA_FLAGS"] = " ".join(given if _QUICK in given else [*given, _QUICK])
     gc.set_threshold(100_000, 20, 100)
     os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
     jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")
