@@ -18,6 +18,7 @@ from experiments.state import initial, training_step
 from scjax.devices import use_every_core
 from scjax.diffusion.optimiser import adamw
 from scjax.memory import keep_memory
+from scjax.nn.packing import Packing
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -35,8 +36,10 @@ def main(arguments: list[str] | None = None) -> None:
 
     # The step of experiments.train itself, with its moving average and its use of every core.
     optimiser = adamw(learning_rate=1e-4, steps=1000)
-    step = training_step(timed.objective, optimiser, ema_decay=0.999, seed=1, batch_size=args.batch)
-    state = initial(timed.network.init(jax.random.key(0)), optimiser)
+    params = timed.network.init(jax.random.key(0))
+    packing = Packing.of(params)
+    step = training_step(timed.objective, packing, optimiser, ema_decay=0.999, seed=1, batch_size=args.batch)
+    state = initial(params, packing, optimiser)
 
     def run() -> None:
         nonlocal state

@@ -19,6 +19,7 @@ from scjax.models.autoencoder.loss import LossWeights, loss, reparameterise
 from scjax.models.autoencoder.model import autoencoder, noise_like
 from scjax.models.latents import LatentStatistics, statistics
 from scjax.models.nodes import Nodes
+from scjax.nn.packing import Packing
 from scjax.sampling import reconstruct
 from scjax.viz import grid
 
@@ -33,13 +34,14 @@ def build(config) -> Stage:
     network = autoencoder(model)
     options = config.loss.to_dict()
     weights = LossWeights(**options.pop("weights"))
+    packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, representation)
     base = model_at(config.start).autoencoder if config.start else {}
 
     def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), optimiser)
+        return initial(started(network.init(key), base), packing, optimiser)
 
     def objective(params, batch, key):
         tokens = representation.tokens(batch.scene)
@@ -49,7 +51,7 @@ def build(config) -> Stage:
     def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
         return Model(
             representation=representation,
-            autoencoder=jax.device_get(state.ema),
+            autoencoder=packing.unpack(jax.device_get(state.ema)),
             autoencoder_config=model,
             latents=latents or LatentStatistics.identity(),
             domains=tuple(manifest["domains"]),
@@ -68,7 +70,7 @@ def build(config) -> Stage:
         grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "reconstruction"))
 
     def export(state: TrainState, resolved: dict) -> Model:
-        params = jax.device_get(state.ema)
+        params = packing.unpack(jax.device_get(state.ema))
 
         @jax.jit
         def sampled(params, scene, key):
@@ -85,6 +87,6 @@ def build(config) -> Stage:
         return as_model(state, statistics(latents, masks), notes)
 
     step = training_step(
-        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
     return Stage(representation, init, step, evaluate, pictures, export)

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import orbax.checkpoint as ocp
 
-FORMAT = 1  # of the items and their names below; a reader refuses newer ones
+FORMAT = 2  # of the items below and what they hold; a reader refuses others
 
 
 class Checkpoints:
@@ -62,14 +62,15 @@ class Checkpoints:
         """(state, data position) of the last checkpoint; ``like`` gives shapes, dtypes and shardings.
 
         Raises:
-          ValueError: if it was written by a newer format or under another config.
+          ValueError: if it was written by another format or under another config.
         """
         step = self.latest
-        written = (self._manager.metadata().custom_metadata or {}).get("format", FORMAT)
-        if written > FORMAT:
+        written = (self._manager.metadata().custom_metadata or {}).get("format", 1)
+        if written != FORMAT:
+            cure = "update scjax" if written > FORMAT else "go on from an exported model with --config.start"
             raise ValueError(
-                f"{self._folder} was written by checkpoint format {written}, this code reads up to {FORMAT}: "
-                "update scjax or choose another --workdir"
+                f"{self._folder} was written by checkpoint format {written}, this code reads {FORMAT}: {cure}, "
+                "or choose another --workdir"
             )
         described = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
         theirs, ours = (_shaping(json.loads(json.dumps(c))) for c in (described["config"], self._config))

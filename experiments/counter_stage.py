@@ -18,6 +18,7 @@ from scjax.diffusion.optimiser import adamw
 from scjax.model import Model
 from scjax.models.counter import CounterConfig, counter, counter_loss
 from scjax.models.denoiser.context import TextFeatures
+from scjax.nn.packing import Packing
 
 
 def build(config) -> Stage:
@@ -32,11 +33,12 @@ def build(config) -> Stage:
     domains = len(base.domains)
     model = CounterConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
     network = counter(model)
+    packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
     validation = with_captions(config, base.representation)
 
     def init(key: jax.Array) -> TrainState:
-        return initial(network.init(key), optimiser)
+        return initial(network.init(key), packing, optimiser)
 
     def objective(params, example: Example, key):
         told = jax.random.bernoulli(key, 1 - config.domain_dropout, example.scene.domain.shape)
@@ -52,10 +54,10 @@ def build(config) -> Stage:
         return objective(params, example, key)[1]
 
     def evaluate(state: TrainState) -> dict[str, float]:
-        size, found = config.batch.batch_size, []
+        size, found, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
         for start in range(0, len(validation) - len(validation) % size or len(validation), size):
             batch = batch_of(validation[start : start + size], config.batch.buckets[-1])
-            found.append(jax.device_get(held_back(jax.device_get(state.ema), batch, jax.random.key(start))))
+            found.append(jax.device_get(held_back(params, batch, jax.random.key(start))))
         return {name: float(np.mean([terms[name] for terms in found])) for name in found[0]}
 
     def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
@@ -63,9 +65,10 @@ def build(config) -> Stage:
 
     def export(state: TrainState, resolved: dict) -> Model:
         notes = {**base.notes, "counter": {"steps": int(state.step), "config": resolved}}
-        return dataclasses.replace(base, counter=jax.device_get(state.ema), counter_config=model, notes=notes)
+        params = packing.unpack(jax.device_get(state.ema))
+        return dataclasses.replace(base, counter=params, counter_config=model, notes=notes)
 
     step = training_step(
-        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
     return Stage(base.representation, init, step, evaluate, pictures, export, texts)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 import scjax
 from experiments.anchors import fit_anchors
@@ -23,7 +22,7 @@ from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.optimiser import adamw, unchanged
+from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.times import Times
 from scjax.model import Model
@@ -36,6 +35,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 from scjax.nn.control import ControlOptions, named
 from scjax.nn.functional import Params, flatten, unflatten
+from scjax.nn.packing import Packing
 from scjax.programs import decode
 from scjax.representation import Representation
 from scjax.sampling import sample_many
@@ -63,12 +63,12 @@ def build(config) -> Stage:
     model = DenoiserConfig(**fields)
     network = denoiser(model)
     base = _base(config, frozen.autoencoder, manifest["domains"])
+    shapes = jax.eval_shape(network.init, jax.random.key(0))
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
     if model.hints:  # what reads the autoencoder's latents is fitted once
-        kept |= {path for path in flatten(jax.eval_shape(network.init, jax.random.key(0))) if path[0] == "anchors"}
+        kept |= {path for path in flatten(shapes) if path[0] == "anchors"}
+    packing = Packing.of(shapes, kept)
     optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
-    if kept:  # checkpoints of other runs keep their form
-        optimiser = optax.chain(optimiser, unchanged(kept))
     schedule = cosine_schedule()
     loss = config.loss
     times = Times(draw=loss.times, continuous=loss.continuous_times)
@@ -78,7 +78,7 @@ def build(config) -> Stage:
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
 
     def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), optimiser)
+        return initial(started(network.init(key), base), packing, optimiser)
 
     @jax.jit
     def means(scene) -> Nodes:
@@ -89,8 +89,8 @@ def build(config) -> Stage:
             return state
         batches = training_batches(config.records, representation, pipeline_config(config.batch.to_dict()))
         fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))
-        copy = jax.tree.map(jnp.copy, fitted)  # donated buffers may not be shared
-        return state.replace(params=state.params | {"anchors": fitted}, ema=state.ema | {"anchors": copy})
+        params, ema = (packing.unpack(jax.device_get(x)) | {"anchors": fitted} for x in (state.params, state.ema))
+        return state.replace(params=packing.pack(params), ema=packing.pack(ema))
 
     def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
         tokens = representation.tokens(batch.scene)
@@ -133,8 +133,9 @@ def build(config) -> Stage:
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:
         return dataclasses.replace(
-            frozen, denoiser=jax.device_get(state.ema), denoiser_config=model, domains=tuple(manifest["domains"]),
-            counts=_counts(manifest, model), text_encoder="" if texts is None else texts.encoder, notes=notes or {},
+            frozen, denoiser=packing.unpack(jax.device_get(state.ema)), denoiser_config=model,
+            domains=tuple(manifest["domains"]), counts=_counts(manifest, model),
+            text_encoder="" if texts is None else texts.encoder, notes=notes or {},
         )  # fmt: skip
 
     @jax.jit
@@ -142,7 +143,7 @@ def build(config) -> Stage:
         return objective(params, example, key)[1]
 
     def evaluate(state: TrainState) -> dict[str, float]:
-        size, totals, params = config.batch.batch_size, [], jax.device_get(state.ema)
+        size, totals, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
         for draw in range(_VALIDATION_DRAWS):
             for start in range(0, len(validation) - len(validation) % size or len(validation), size):
                 examples = batch_of(validation[start : start + size], bucket)
@@ -164,7 +165,7 @@ def build(config) -> Stage:
         return as_model(state, {**notes, "autoencoder": frozen.notes})
 
     step = training_step(
-        objective, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
     return Stage(representation, init, step, evaluate, pictures, export, texts, images, prepare)
 

@@ -18,6 +18,7 @@ from scjax.devices import AXIS, scene_mesh
 from scjax.diffusion.ema import update_ema
 from scjax.model import Model
 from scjax.nn.functional import Params
+from scjax.nn.packing import Packing, Vectors, trained
 from scjax.pytree import pytree
 from scjax.representation import Representation
 
@@ -28,11 +29,11 @@ Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, ja
 
 @pytree
 class TrainState:
-    """Step counter, parameters, their moving average and the optimiser's moments."""
+    """Step counter, parameters and their moving average as vectors (``Packing``), and the optimiser's moments."""
 
     step: jax.Array
-    params: Params
-    ema: Params
+    params: Vectors
+    ema: Vectors
     optimiser: Any
 
     if TYPE_CHECKING:
@@ -58,14 +59,18 @@ class Stage(NamedTuple):
     prepare: Callable[[TrainState], TrainState] = lambda state: state
 
 
-def initial(params: Params, optimiser: optax.GradientTransformation) -> TrainState:
+def initial(params: Params, packing: Packing, optimiser: optax.GradientTransformation) -> TrainState:
     """Step 0; the average starts as a copy, since donated buffers may not be shared."""
-    ema = jax.tree.map(jnp.copy, params)
-    return TrainState(step=jnp.zeros((), jnp.int32), params=params, ema=ema, optimiser=optimiser.init(params))
+    vectors = packing.pack(jax.device_get(params))
+    return TrainState(
+        step=jnp.zeros((), jnp.int32), params=vectors, ema=jax.tree.map(jnp.copy, vectors),
+        optimiser=optimiser.init(trained(vectors)),
+    )  # fmt: skip
 
 
 def training_step(
     objective: Objective,
+    packing: Packing,
     optimiser: optax.GradientTransformation,
     *,
     ema_decay: float,
@@ -78,6 +83,7 @@ def training_step(
 
     Args:
       objective: (params, batch, key) -> (loss, terms), means over the scenes; draws its randomness from the key.
+      packing: how the state holds the parameters; those of group ``KEPT`` stay as they are.
       batch_size: scenes a step over all processes; as many devices are used as divide it.
       devices: defaults to all. Their number decides which random numbers a scene gets.
       at_once: scenes that a device works on at once, the rest of its share after them, gradients adding up; defaults
@@ -90,9 +96,13 @@ def training_step(
     most = at_once or (_AT_ONCE if jax.default_backend() == "cpu" else batch_size)
     whole, shared = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
 
-    def share(params: Params, batch: Example, key: jax.Array):
+    def gradient(vectors: Vectors, batch: Example, key: jax.Array):
+        # By the arrays and then packed: by the vectors, every array's gradient would be padded to the whole length.
+        found, gradients = jax.value_and_grad(objective, has_aux=True)(packing.unpack(vectors), batch, key)
+        return found, trained(packing.pack(gradients))
+
+    def share(params: Vectors, batch: Example, key: jax.Array):
         key = jax.random.fold_in(key, jax.lax.axis_index(AXIS))
-        gradient = jax.value_and_grad(objective, has_aux=True)
         parts = _parts(len(jax.tree.leaves(batch)[0]), most)
         if parts == 1:
             return jax.lax.pmean(gradient(params, batch, key), AXIS)
@@ -116,8 +126,8 @@ def training_step(
     def step(state: TrainState, batch: Example):
         key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), 1), state.step)
         (loss, terms), gradients = gradients_of(state.params, batch, key)
-        updates, moments = optimiser.update(gradients, state.optimiser, state.params)
-        params = optax.apply_updates(state.params, updates)
+        updates, moments = optimiser.update(gradients, state.optimiser, trained(state.params))
+        params = state.params | optax.apply_updates(trained(state.params), updates)
         ema = update_ema(state.ema, params, state.step + 1, ema_decay)
         norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
         new = TrainState(step=state.step + 1, params=params, ema=ema, optimiser=moments)

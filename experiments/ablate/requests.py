@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,6 @@ from scjax.data import records
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.captions.reading import Asked, read_prompt
 from scjax.data.captions.store import read_captions
-from scjax.data.pipeline import clip_counts
 from scjax.data.stand_in import GRID, stand_in
 from scjax.metrics.control import derangements
 from scjax.model import Model
@@ -46,12 +46,14 @@ class Requests:
     fingerprint: str
 
 
-def requests_of(kind: str, folder: str, samples: int, model: Model) -> Requests:
+def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[int, int] = BUCKET) -> Requests:
     """Of evenly chosen held-back records.
 
     Args:
       kind: "text", of centred windows with a caption each, or "image", of forward ones with their stand-ins.
+      samples: records looked at; those with more elements than ``most`` are passed over.
       model: whose types the scenes have.
+      most: (agents, lanes) that the trainings see at most.
 
     Raises:
       ValueError: there are no such records, or most are of one location.
@@ -59,10 +61,13 @@ def requests_of(kind: str, folder: str, samples: int, model: Model) -> Requests:
     source, layout = Records(folder, "val"), Layout.CENTRED if kind == "text" else Layout.FORWARD
     places, tiles = source.clusters, records.source(folder, "val")
     rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
-    scenes = [
-        clip_counts(model.representation.select(records.sample_scene(records.decode(tiles[int(row)]), layout)), BUCKET)
-        for row in rows
+    looked_at = [
+        model.representation.select(records.sample_scene(records.decode(tiles[int(row)]), layout)) for row in rows
     ]
+    fit = [scene.num_agents <= most[0] and scene.num_lanes <= most[1] for scene in looked_at]
+    rows, scenes = rows[fit], list(itertools.compress(looked_at, fit))
+    if not scenes:
+        raise ValueError(f"{folder}: none of {len(fit)} held-back records has at most {most} agents and lanes")
     asked: list[Asked] = []
     told, context = "", 2.0 * GRID[0] * GRID[1]
     if kind == "text":

@@ -41,7 +41,8 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     names = {kind: chosen(tuple(config.entries), kind) for kind in config.kinds}
     frozen = scjax.load(config.autoencoder)
     sampler = Sampler(config.sampler, config.sampler_steps, float(config.guidance))
-    asked = {kind: requests_of(kind, config.records, config.samples, frozen) for kind in names}
+    largest = tuple(max(bucket) for bucket in zip(*config.training.batch.buckets, strict=True))
+    asked = {kind: requests_of(kind, config.records, config.samples, frozen, largest) for kind in names}
 
     # A whole seed at a time: a report of what is done so far compares everything.
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]

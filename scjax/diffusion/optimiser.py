@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float
 
-from scjax.nn.functional import Params, Path, flatten, unflatten
+from scjax.nn.functional import Params
 
 
 def adamw(
@@ -60,18 +60,8 @@ def learning_rates(
 
 
 def decayed(params: Params) -> Params:
-    """True at the leaves that weight decay acts on: ``kernel`` of a linear layer, and nothing else."""
+    """True at the leaves that weight decay acts on: ``kernel`` of a linear layer, or of all (``Packing``)."""
     return jax.tree_util.tree_map_with_path(lambda path, _: getattr(path[-1], "key", None) == "kernel", params)
-
-
-def unchanged(kept: frozenset[Path]) -> optax.GradientTransformation:
-    """Leaves the parameters at these paths (``functional.flatten``) as they are, weight decay included."""
-
-    def update(updates, _params):
-        leaves = flatten(updates)
-        return unflatten({path: jnp.zeros_like(leaf) if path in kept else leaf for path, leaf in leaves.items()})
-
-    return optax.stateless(update)
 
 
 def clip_by_global_norm(largest: float) -> optax.GradientTransformation:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from experiments.checkpoint import Checkpoints
+from experiments import checkpoint
+from experiments.checkpoint import FORMAT, Checkpoints
 from scjax.devices import replicated
 
 
@@ -23,3 +25,16 @@ def test_donated_steps_after_a_save_do_not_reach_what_is_written(tmp_path):
     for name, value in saved.items():
         np.testing.assert_array_equal(value, np.full(300_000, float(name), np.float32))
         assert value.sharding == state[name].sharding
+
+
+@pytest.mark.parametrize("written, cure", [(FORMAT - 1, "--config.start"), (FORMAT + 1, "update scjax")])
+def test_another_format_is_told_with_the_cure(tmp_path, monkeypatch, written, cure):
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "FORMAT", written)
+        with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
+            checkpoints.save(1, {"x": jnp.ones(2)}, {})
+    with (
+        Checkpoints(tmp_path, {"model": {}}) as checkpoints,
+        pytest.raises(ValueError, match=f"format {written}.*{cure}"),
+    ):
+        checkpoints.restore({"x": jnp.ones(2)})

@@ -15,6 +15,7 @@ from scjax.data.build import build
 from scjax.data.sources import BuildOptions
 from scjax.data.synthetic.source import Worlds
 from scjax.nn.functional import flatten
+from scjax.nn.packing import Packing
 from tests.experiments.smallest import get_config
 from tests.worlds import tiny_model
 
@@ -56,9 +57,9 @@ def test_an_autoencoder_may_begin_with_another(tmp_path):
     config.records, config.start = str(tmp_path / "records"), str(tmp_path / "start")
     config.model.update(dataclasses.asdict(start.autoencoder_config))
     state = autoencoder_stage(config).init(jax.random.key(5))
-    for path, value in flatten(start.autoencoder).items():
-        np.testing.assert_array_equal(flatten(state.params)[path], value)
-        np.testing.assert_array_equal(flatten(state.ema)[path], value)
+    expected = Packing.of(start.autoencoder).pack(start.autoencoder)
+    for vectors in (state.params, state.ema):
+        jax.tree.map(np.testing.assert_array_equal, vectors, expected)
 
 
 def test_the_model_that_ships_has_a_name():

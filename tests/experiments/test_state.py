@@ -8,6 +8,7 @@ import pytest
 
 from experiments.state import initial, training_step
 from scjax.diffusion.optimiser import adamw
+from scjax.nn.packing import Packing
 
 
 def objective(params, batch, key):
@@ -18,8 +19,10 @@ def objective(params, batch, key):
 
 def run(devices, steps=3, **options):
     optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
-    step = training_step(objective, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
-    state = initial({"kernel": jnp.linspace(-1.0, 1.0, 6).reshape(3, 2)}, optimiser)
+    params = {"kernel": jnp.linspace(-1.0, 1.0, 6).reshape(3, 2)}
+    packing = Packing.of(params)
+    step = training_step(objective, packing, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
+    state = initial(params, packing, optimiser)
     batch = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
     for _ in range(steps):
         state, metrics = step(state, batch)
@@ -55,8 +58,10 @@ def test_every_shape_of_a_batch_is_traced_once():
     """One program a bucket, however many steps are run."""
     optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
     traced = chex.assert_max_traces(objective, n=2)
-    step = training_step(traced, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=jax.devices()[:1])
-    state = initial({"kernel": jnp.ones((3, 2))}, optimiser)
+    params = {"kernel": jnp.ones((3, 2))}
+    packing = Packing.of(params)
+    step = training_step(traced, packing, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=jax.devices()[:1])
+    state = initial(params, packing, optimiser)
     for rows in (4, 8, 4, 8, 4):
         state, _ = step(state, np.ones((rows, 3), np.float32))
     assert state.step == 5

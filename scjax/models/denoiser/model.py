@@ -111,8 +111,9 @@ class Denoiser(nnx.Module):
             return nnx.Param(draws.normal((rows, width), _STD))
 
         lane, agent, compute = config.lane_width, config.agent_width, config.compute
-        self.lane_embedder = ResidualMLP(config.lane_latent, lane, draws=draws, compute=compute)
-        self.agent_embedder = ResidualMLP(config.agent_latent, agent, draws=draws, compute=compute)
+        # In full precision: near the data little noise is left to be told from latents that are mostly signal.
+        self.lane_embedder = ResidualMLP(config.lane_latent, lane, draws=draws)
+        self.agent_embedder = ResidualMLP(config.agent_latent, agent, draws=draws)
         waves = config.waves
         self.lane_waves = Waves(config.lane_latent, lane, waves, draws=draws, compute=compute) if waves else None
         self.agent_waves = Waves(config.agent_latent, agent, waves, draws=draws, compute=compute) if waves else None
