@@ -49,7 +49,7 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     if not todo:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
     setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
-    rows = [run for path in config.more for run in runs_of(path, setting, config.seeds)]
+    rows = [run for path in config.more for run in runs_of(path, setting, todo)]
     bases: dict[int, tuple[str, str]] = {}
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
@@ -77,11 +77,11 @@ def _setting(config: Any, asked: dict[str, str]) -> dict[str, Any]:
     return {"format": FORMAT, "asked": asked, **fields}
 
 
-def runs_of(path: str, setting: Mapping[str, Any], seeds: Sequence[int]) -> list[dict[str, Any]]:
-    """The runs of other seeds, from the ablation.json that another work folder has.
+def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:
+    """The runs of other seeds or kinds, from the ablation.json that another work folder has.
 
     Raises:
-      ValueError: no such file, another setting, or a seed that is to be run here as well.
+      ValueError: no such file, another setting, or a run that is to be made here as well (seed, kind, entry).
     """
     try:
         content = json.loads(Path(path).read_text())
@@ -93,8 +93,9 @@ def runs_of(path: str, setting: Mapping[str, Any], seeds: Sequence[int]) -> list
     one, other = ({**side, "asked": {kind: side["asked"][kind] for kind in both}} for side in (told, setting))
     if differing := sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name)):
         raise ValueError(f"config.more: {path} was made with another {', '.join(differing)}: its runs do not compare")
-    if twice := sorted({run["seed"] for run in runs} & set(seeds)):
-        raise ValueError(f"config.more: {path} has seed {twice[0]}, which config.seeds names as well")
+    if twice := sorted({(run["seed"], run["kind"], run["entry"]) for run in runs} & set(todo)):
+        seed, kind, entry = twice[0]
+        raise ValueError(f"config.more: {path} has {entry} on {kind} of seed {seed}, which is to be run here as well")
     return runs
 
 

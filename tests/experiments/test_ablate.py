@@ -73,16 +73,17 @@ def test_two_mechanisms_end_to_end_go_on_where_they_were(folder, tmp_path):
     again = json.loads((tmp_path / "ablation.json").read_text())
     assert json.dumps(again["runs"]) == json.dumps(content["runs"])
 
-    # The runs of another seed, made elsewhere, join the report.
+    # The runs of another seed or kind, made elsewhere, join the report.
     path, setting = tmp_path / "ablation.json", again["setting"]
-    assert [run["seed"] for run in runs_of(str(path), setting, (1, 2))] == [0, 0]
-    with pytest.raises(ValueError, match="has seed 0"):
-        runs_of(str(path), setting, (0, 1))
+    elsewhere = [(1, "text", "full"), (0, "image", "full")]
+    assert [run["seed"] for run in runs_of(str(path), setting, elsewhere)] == [0, 0]
+    with pytest.raises(ValueError, match="has full on text of seed 0"):
+        runs_of(str(path), setting, [*elsewhere, (0, "text", "full")])
     with pytest.raises(ValueError, match="another guidance, samples"):
-        runs_of(str(path), {**setting, "guidance": 1.0, "samples": 1}, (1,))
-    runs_of(str(path), {**setting, "asked": {"image": "not asked there"}}, (1,))
+        runs_of(str(path), {**setting, "guidance": 1.0, "samples": 1}, elsewhere)
+    runs_of(str(path), {**setting, "asked": {"image": "not asked there"}}, elsewhere)
     with pytest.raises(ValueError, match=r"report\.md is no ablation\.json"):
-        runs_of(str(report.rename(tmp_path / "report.md")), setting, (1,))
+        runs_of(str(report.rename(tmp_path / "report.md")), setting, elsewhere)
 
 
 def test_mechanisms_differ_in_nothing_but_themselves(folder):
@@ -113,6 +114,16 @@ def test_every_entry_has_options_that_its_mechanism_takes(kind):
         share = (work["windowed"].attend - projections) / (work["full"].attend - projections)
         assert 0.25 < share < 0.4
         assert work["matched"].encode == 2 * work["full"].encode
+
+
+def test_scenes_larger_than_those_trained_on_are_passed_over(folder):
+    asked = {most: requests_of("text", str(folder / "records"), 9, tiny_model(), most) for most in ((61, 100), (61, 8))}
+    small, every = asked[61, 8], asked[61, 100]
+    assert 0 < len(small.references) < len(every.references) == len(every.own)
+    assert max(scene.num_lanes for scene in small.references) <= 8
+    assert len(small.own) == len(small.shuffled) == len(small.asked) == len(small.clusters) == len(small.references)
+    with pytest.raises(ValueError, match=r"none of .* has at most"):
+        requests_of("text", str(folder / "records"), 9, tiny_model(), (61, 0))
 
 
 def test_image_requests_are_of_forward_windows_with_another_scenes_image(folder):
