@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -36,6 +37,7 @@ from scjax.viz.grid import save
 KEYS = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384)
 QUERIES = (16, 32, 64, 128, 256)
 REAL = ((161, 392, True), (161, 512, False))  # scene tokens, context tokens, image
+WIDTHS = {256: 8, 512: 8, 2048: 16}  # and their heads
 LONG = (512, 4096, 16384)
 NO_CORE = ("full, 2x parameters",)  # its projections change the width
 SLOPES = {name: 1.0 for name in VARIANTS} | {
@@ -56,7 +58,7 @@ def points(part: str) -> list[Point]:
         return [Point(name, stage, back, 160, m) for m in LONG for name in VARIANTS for stage, back in stages]
     return [
         Point(name, stage, back, n, m, d, heads, image=image)
-        for n, m, image in REAL for d, heads in ((256, 8), (512, 8), (2048, 16))
+        for n, m, image in REAL for d, heads in WIDTHS.items()
         for name in VARIANTS for stage, back in stages
     ]  # fmt: skip
 
@@ -129,7 +131,7 @@ def point_of(row: dict[str, Any]) -> Point:
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
-    """Markdown: slopes of the core, then real sizes."""
+    """Markdown: slopes of the core, then whole modules at real sizes and over long contexts."""
     lines = ["## Core over the number of keys (160 queries, width 256, 8 heads)", ""]
     found = []
     for name in VARIANTS:
@@ -140,23 +142,23 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             told = {f"m = {m}": f"{1e3 * own[m]['median_s']:.2f} ms" if m in own else "" for m in (512, 4096, 16384)}
             found.append({"mechanism": name, **told, "slope from 1,024 on": f"{slope:.2f}", "expected": SLOPES[name]})
     lines += [table(found) if found else "not measured", ""]
-    for n, m, image in REAL:
-        for d in (256, 512, 2048):
-            found = []
-            for name in VARIANTS:
-                cells: dict[str, Any] = {"mechanism": name}
-                for stage in ("module", "cached"):
-                    for back in (False, True):
-                        row = next((r for r in rows if _is(r, name, stage, back, n=n, m=m, d=d, image=image)), None)
-                        title = f"{stage} {'forward + backward' if back else 'forward'} ms"
-                        cells[title] = "" if row is None else f"{1e3 * row['median_s']:.2f}"
-                        if row is not None and not back:
-                            cells[f"{stage} MFLOP"] = f"{row['flops_closed'] / 1e6:.0f}"
-                            cells[f"{stage} share of peak"] = f"{100 * row['share']:.0f} %"
-                if len(cells) > 5:
-                    found.append(cells)
-            if found:
-                lines += [f"## {n} queries, {m} keys ({'image' if image else 'text'}), width {d}", "", table(found), ""]
+    sizes = [(n, m, d, image) for n, m, image in REAL for d in WIDTHS] + [(160, m, 256, False) for m in LONG]
+    for n, m, d, image in sizes:
+        found = []
+        for name in VARIANTS:
+            cells: dict[str, Any] = {"mechanism": name}
+            for stage in ("module", "cached"):
+                for back in (False, True):
+                    row = next((r for r in rows if _is(r, name, stage, back, n=n, m=m, d=d, image=image)), None)
+                    title = f"{stage} {'forward + backward' if back else 'forward'} ms"
+                    cells[title] = "" if row is None else f"{1e3 * row['median_s']:.2f}"
+                    if row is not None and not back:
+                        cells[f"{stage} MFLOP"] = f"{row['flops_closed'] / 1e6:.0f}"
+                        cells[f"{stage} share of peak"] = f"{100 * row['share']:.0f} %"
+            if len(cells) > 5:
+                found.append(cells)
+        if found:
+            lines += [f"## {n} queries, {m} keys ({'image' if image else 'text'}), width {d}", "", table(found), ""]
     unsteady = sum(not row["steady"] for row in rows)
     if rows:
         machine = {name: rows[-1][name] for name in ("cpu", "jax", "amx")}
@@ -166,11 +168,11 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Time of the core over keys and over queries, forward, on logarithmic axes."""
-    figure = Figure(figsize=(13, 5.5), layout="constrained")
+    figure = Figure(figsize=(14, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
-    for ax, title, key, fixed in ((axes[0], "keys (160 queries)", "m", {"n": 160}),
-                                  (axes[1], "queries (392 keys)", "n", {"m": 392})):  # fmt: skip
+    for ax, title, key, fixed, ticks in ((axes[0], "keys (160 queries)", "m", {"n": 160}, KEYS),
+                                         (axes[1], "queries (392 keys)", "n", {"m": 392}, QUERIES)):  # fmt: skip
         series = defaultdict(list)
         for row in rows:
             if row["stage"] == "core" and not row["backward"] and all(row[k] == v for k, v in fixed.items()):
@@ -180,10 +182,12 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
                 x, y = zip(*sorted(series[name]), strict=True)
                 style = "--" if "dense-masked" in name else "-"
                 ax.plot(x, y, style, marker="osv^Dx*"[number % 7], markersize=4, linewidth=1.3, label=name,
-                        color=f"C{number % 10}")  # fmt: skip
+                        color=colormaps["tab20"](number))  # fmt: skip
         ax.set(xscale="log", yscale="log", xlabel=title, ylabel="ms, core, forward, one core")
+        ax.set_xticks(ticks, [f"{tick:,}" for tick in ticks], rotation=45)
+        ax.minorticks_off()
         ax.grid(alpha=0.3)
-    axes[0].legend(fontsize=7, ncols=2)
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, loc="outside right center")
     save(figure, path, dpi=80)
 
 

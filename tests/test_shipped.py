@@ -91,5 +91,4 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
         *(estimates(compute, model.denoiser) for compute in ("float32", "bfloat16")), strict=True
     ):
         error = np.sqrt(squares(jax.tree.map(np.subtract, exact, rounded)) / squares(exact))
-        print(error)
         assert (error > 0).all() and (error < 0.02).all(), error
