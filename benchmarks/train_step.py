@@ -17,8 +17,8 @@ from benchmarks.steps import REFERENCE, step_of
 from experiments.state import initial, training_step
 from scjax.devices import use_every_core
 from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.packing import Packing
 from scjax.memory import keep_memory
-from scjax.nn.packing import Packing
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -12,6 +12,7 @@ from scjax import representation as presets
 from scjax.data.build import load_manifest
 from scjax.data.pipeline import training_batches, validation_scenes
 from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.packing import Packing
 from scjax.metrics.reconstruction import reconstruction
 from scjax.model import Model
 from scjax.models.autoencoder.config import AutoencoderConfig
@@ -19,7 +20,6 @@ from scjax.models.autoencoder.loss import LossWeights, loss, reparameterise
 from scjax.models.autoencoder.model import autoencoder, noise_like
 from scjax.models.latents import LatentStatistics, statistics
 from scjax.models.nodes import Nodes
-from scjax.nn.packing import Packing
 from scjax.sampling import reconstruct
 from scjax.viz import grid
 

@@ -15,10 +15,10 @@ from experiments.state import Stage, TrainState, initial, training_step
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import Example, batch_of
 from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.packing import Packing
 from scjax.model import Model
 from scjax.models.counter import CounterConfig, counter, counter_loss
 from scjax.models.denoiser.context import TextFeatures
-from scjax.nn.packing import Packing
 
 
 def build(config) -> Stage:

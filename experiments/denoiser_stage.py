@@ -23,6 +23,7 @@ from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.packing import Packing
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.times import Times
 from scjax.model import Model
@@ -35,7 +36,6 @@ from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes
 from scjax.nn.control import ControlOptions, named
 from scjax.nn.functional import Params, flatten, unflatten
-from scjax.nn.packing import Packing
 from scjax.programs import decode
 from scjax.representation import Representation
 from scjax.sampling import sample_many

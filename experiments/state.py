@@ -16,9 +16,9 @@ from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import Example, PipelineConfig
 from scjax.devices import AXIS, scene_mesh
 from scjax.diffusion.ema import update_ema
+from scjax.diffusion.packing import Packing, Vectors, trained
 from scjax.model import Model
 from scjax.nn.functional import Params
-from scjax.nn.packing import Packing, Vectors, trained
 from scjax.pytree import pytree
 from scjax.representation import Representation
 

@@ -12,6 +12,9 @@ from jaxtyping import Array, Float
 
 from scjax.nn.functional import Params
 
+KERNEL = "kernel"
+"""Name of the parameters that weight decay acts on."""
+
 
 def adamw(
     *,
@@ -60,8 +63,8 @@ def learning_rates(
 
 
 def decayed(params: Params) -> Params:
-    """True at the leaves that weight decay acts on: ``kernel`` of a linear layer, or of all (``Packing``)."""
-    return jax.tree_util.tree_map_with_path(lambda path, _: getattr(path[-1], "key", None) == "kernel", params)
+    """True at the leaves that weight decay acts on: ``KERNEL`` of a linear layer, or of all (``Packing``)."""
+    return jax.tree_util.tree_map_with_path(lambda path, _: getattr(path[-1], "key", None) == KERNEL, params)
 
 
 def clip_by_global_norm(largest: float) -> optax.GradientTransformation:

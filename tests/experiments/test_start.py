@@ -14,8 +14,8 @@ from experiments.start import SHIPPED, denoiser_base, model_at, started
 from scjax.data.build import build
 from scjax.data.sources import BuildOptions
 from scjax.data.synthetic.source import Worlds
+from scjax.diffusion.packing import Packing
 from scjax.nn.functional import flatten
-from scjax.nn.packing import Packing
 from tests.experiments.smallest import get_config
 from tests.worlds import tiny_model
 

@@ -8,7 +8,7 @@ import pytest
 
 from experiments.state import initial, training_step
 from scjax.diffusion.optimiser import adamw
-from scjax.nn.packing import Packing
+from scjax.diffusion.packing import Packing
 
 
 def objective(params, batch, key):

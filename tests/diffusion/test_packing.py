@@ -9,8 +9,8 @@ import optax
 import pytest
 
 from scjax.diffusion.optimiser import adamw
+from scjax.diffusion.packing import KEPT, Packing, trained
 from scjax.nn.functional import flatten
-from scjax.nn.packing import KEPT, Packing, trained
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 """Parameters as a few long vectors, for whatever treats every number alike: optimisers, averages, sums over devices.
 
-Of hundreds of small arrays each would be some programs of its own to compile and to start. The optimiser of the model
-that ships, 439 arrays, took half of the time in which a training compiled (benchmarks/README.md).
+Of hundreds of small arrays each would be some programs of its own to compile and to start (benchmarks/README.md has
+what that took).
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from scjax.diffusion.optimiser import KERNEL, decayed
 from scjax.nn.functional import Params, Path, flatten, unflatten
 
-KERNEL, REST, KEPT = "kernel", "rest", "kept"
-"""Kernels of linear layers, on which weight decay acts; other parameters; those that are not trained."""
+REST, KEPT = "rest", "kept"
+"""Groups beside ``KERNEL``, on which weight decay acts: other parameters, and those that are not trained."""
 
 Vectors = dict[str, Any]
 """Group -> vector of all its numbers; groups without any are left out."""
@@ -31,8 +32,9 @@ class Packing(NamedTuple):
     def of(cls, params: Params, kept: frozenset[Path] = frozenset()) -> Packing:
         """For parameters of these shapes (also abstract ones); those at paths in ``kept`` have a group of their own."""
         groups: dict[str, list] = {KERNEL: [], REST: [], KEPT: []}
+        decays = flatten(decayed(params))
         for path, leaf in flatten(params).items():
-            group = KEPT if path in kept else KERNEL if path[-1] == "kernel" else REST
+            group = KEPT if path in kept else KERNEL if decays[path] else REST
             groups[group].append((path, np.shape(leaf)))
         return cls({name: tuple(members) for name, members in groups.items() if members})
 
