@@ -32,6 +32,7 @@ METRICS = {
     "lane CSC": ("CSC of lanes", True),
     "agent CSC": ("CSC of agents", True),
     "prompt": ("what the prompt asks for", True),
+    "loss": ("loss at equal noise", False),
     "M": ("agents matched", True),
     "vehicles_overlapping": ("vehicles that overlap", False),
     "vehicles_on_lane": ("vehicles within 1.5 m of a lane", True),
@@ -42,6 +43,7 @@ METRICS = {
 }
 HEADLINE = {"text": "prompt", "image": "control"}
 """By which a mechanism has to beat no condition and its shuffled twin: what is asked, where words can be checked."""
+DIGITS = {"loss": 4}  # of its mean in tables, where that is not 3: a condition decides little of it, but surely
 
 
 class Sampler(NamedTuple):
@@ -75,8 +77,12 @@ def sampled(
     return [unpadded(batch[row]) for row in range(len(conditions))], float(seconds.read_text())
 
 
-def values_of(scenes: Sequence[Scene], requests: Requests, real: Measured) -> Values:
-    """``METRICS``; NaN where one has nothing to measure. Agents are matched in the field of view of an image."""
+def values_of(scenes: Sequence[Scene], requests: Requests, real: Measured, loss: float) -> Values:
+    """``METRICS``; NaN where one has nothing to measure. Agents are matched in the field of view of an image.
+
+    Args:
+      loss: mean of ``denoising_losses`` over the references.
+    """
     ahead = int(requests.references[0].layout) == Layout.FORWARD
     found = measure(scenes, requests.clusters, requests.references, where=cone() if ahead else None)
     sums = found.tally.total
@@ -87,5 +93,5 @@ def values_of(scenes: Sequence[Scene], requests: Requests, real: Measured) -> Va
     hits = [
         good for asked, scene in zip(requests.asked, answers, strict=True) for good in met(asked, parse(scene)).values()
     ]
-    values["prompt"] = ratio(float(sum(hits)), float(len(hits)))
+    values["prompt"], values["loss"] = ratio(float(sum(hits)), float(len(hits))), loss
     return {name: float(values.get(name, math.nan)) for name in METRICS}

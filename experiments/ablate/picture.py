@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from experiments.ablate.judge import HEADLINE, METRICS
 from scjax.viz.grid import save
 
-_SHOWN = ("prompt", "control", "lane CCS", "agent CCS", "lane CSC", "agent CSC", "vehicles_overlapping")
+_SHOWN = ("prompt", "control", "loss", "lane CCS", "agent CCS", "lane CSC", "agent CSC", "vehicles_overlapping")
 _OWN, _OTHER, _NONE = "#26547c", "#c98b2b", "0.6"
 
 

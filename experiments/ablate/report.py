@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from experiments.ablate.entries import ENTRIES
-from experiments.ablate.judge import HEADLINE, METRICS
+from experiments.ablate.judge import DIGITS, HEADLINE, METRICS
 from experiments.ablate.picture import draw
 from scjax.data.shards import write_text
 
@@ -90,16 +90,25 @@ def over_none(runs: Sequence[Run], kind: str, name: str, metric: str) -> Spread:
 
 
 def verdict(runs: Sequence[Run], kind: str, name: str) -> str:
-    """Whether a row's headline metric beats no condition and its shuffled twin by more than the interval over seeds."""
+    """Whether a row's headline metric beats no condition and its shuffled twin by more than the interval over seeds.
+
+    Where samples gain nothing, a lower loss tells that the condition is read, but too little to be followed.
+    """
     if name == "none":
         return "reference"
-    metric = HEADLINE[kind]
-    gains = {"its twin": over_shuffled(runs, kind, name, metric), "none": over_none(runs, kind, name, metric)}
+    gains, losses = (_gains(runs, kind, name, metric) for metric in (HEADLINE[kind], "loss"))
     unknown = [what for what, gain in gains.items() if not math.isfinite(gain.half)]
     if unknown:
         return f"not judged: too few seeds against {' and '.join(unknown)}"
     missed = [what for what, gain in gains.items() if not gain.mean > gain.half]
-    return f"failed: not above {' or '.join(missed)}" if missed else "reads its condition"
+    if not missed:
+        return "follows its condition"
+    read = ", though its loss is lower" if all(gain.mean > gain.half for gain in losses.values()) else ""
+    return f"failed: not above {' or '.join(missed)}{read}"
+
+
+def _gains(runs: Sequence[Run], kind: str, name: str, metric: str) -> dict[str, Spread]:
+    return {"its twin": over_shuffled(runs, kind, name, metric), "none": over_none(runs, kind, name, metric)}
 
 
 def markdown(runs: Sequence[Run]) -> str:
@@ -111,12 +120,18 @@ def markdown(runs: Sequence[Run]) -> str:
         lines = [f"## On {kind}s\n", f"Judged by: {METRICS[headline][0]}. Mean ± half of the {100 * LEVEL:.0f} % "
                  f"interval over {max(len(row['seeds']) for row in mine)} seeds.\n",
                  f"| mechanism | verdict | {headline} over its twin | {headline} over none | "
+                 "loss under its twin's | loss under none's | "
                  + " | ".join(f"{name} {'↑' if METRICS[name][1] else '↓'}" for name in shown) + " |",
-                 "|---" * (4 + len(shown)) + "|"]  # fmt: skip
+                 "|---" * (6 + len(shown)) + "|"]  # fmt: skip
         for row in mine:
             found = row["metrics"]
-            gains = (found[headline][gain].told() for gain in ("over_shuffled", "over_none"))
-            cells = [row["title"], row["verdict"], *gains, *(found[name]["own"].told() for name in shown)]
+            gains = (
+                found[name][gain].told(DIGITS.get(name, 3))
+                for name in (headline, "loss")
+                for gain in ("over_shuffled", "over_none")
+            )
+            cells = [row["title"], row["verdict"], *gains]
+            cells += [found[name]["own"].told(DIGITS.get(name, 3)) for name in shown]
             lines.append("| " + " | ".join(cells) + " |")
         lines += ["", "| mechanism | parameters it adds | MFLOP a scene and step | the same, condition cached | "
                   "s a training step | s a sampled scene |", "|---" * 6 + "|"]  # fmt: skip

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 import scjax
 from benchmarks.flops import denoiser_forward
+from experiments.ablate.denoising import denoising_losses
 from experiments.ablate.entries import ENTRIES, PADDED_SLOTS, Entry, chosen
 from experiments.ablate.judge import Sampler, sampled, values_of
 from experiments.ablate.report import write
@@ -26,7 +27,7 @@ from experiments.train import train
 from scjax.data.shards import write_text
 from scjax.metrics.measure import measure
 
-FORMAT = 1  # of a run's result; to be raised when what it holds changes
+FORMAT = 2  # of a run's result; to be raised when what it holds changes
 LAYOUTS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
 
 
@@ -50,17 +51,14 @@ def ablate(config: Any, workdir: Path) -> Path | None:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
     setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
     rows = [run for path in config.more for run in runs_of(path, setting, todo)]
-    bases: dict[int, tuple[str, str]] = {}
+    base = config.base or _base(config, workdir)
+    if base is None:
+        return None
+    known = weights_hash(scjax.load(base))
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
-            if seed not in bases:
-                bar.set_description(f"base {seed}")
-                base = config.base or _base(config, workdir, seed)
-                if base is None:
-                    return None
-                bases[seed] = base, weights_hash(scjax.load(base))
             bar.set_description(f"{kind} {name} {seed}")
-            row = _row(config, workdir, *bases[seed], asked[kind], name, kind, seed, sampler)
+            row = _row(config, workdir, base, known, asked[kind], name, kind, seed, sampler)
             if row is None:
                 return None
             rows.append({"kind": kind, "entry": name, "seed": seed, **row})
@@ -99,10 +97,9 @@ def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str
     return runs
 
 
-def _base(config: Any, workdir: Path, seed: int) -> str | None:
-    """Model folder of the unconditional denoiser that a seed's runs start from, trained on all of their windows."""
+def _base(config: Any, workdir: Path) -> str | None:
+    """Model folder of the unconditional denoiser that all runs start from, trained on all of their windows."""
     training = _copy(config)
-    training.seed = training.batch.seed = seed
     training.steps = config.base_steps
     training.optimiser.warmup = min(training.optimiser.warmup, max(config.base_steps // 5, 1))
     training.batch.layouts = tuple(sum(np.array([LAYOUTS[kind] for kind in config.kinds])).tolist())
@@ -115,6 +112,7 @@ def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> Co
     training = _copy(config)
     training.start, training.condition, training.control = base, kind, entry.control
     training.seed = training.batch.seed = seed
+    training.steps = config.steps[kind]
     training.batch.layouts = LAYOUTS[kind]
     options = entry.options_of(kind)
     if options:
@@ -172,9 +170,10 @@ def _result(
         if which == "shuffled" and entry.control == "none":
             found["shuffled"] = found["own"]  # nobody reads it
             continue
-        path = folder / f"{stem}-{which}.npz"
-        scenes, seconds = sampled(model, padded(conditions, slots), sampler, seed, path)
-        found[which] = values_of(scenes, requests, real)
+        told, path = padded(conditions, slots), folder / f"{stem}-{which}.npz"
+        scenes, seconds = sampled(model, told, sampler, seed, path)
+        loss = denoising_losses(model, requests.references, told, seed).mean()
+        found[which] = values_of(scenes, requests, real, float(loss))
         found["seconds_a_scene"] = seconds
     lanes, agents = (
         float(np.mean([getattr(scene, name) for scene in requests.references])) for name in ("num_lanes", "num_agents")

@@ -9,7 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 from scjax.diffusion.flow import flow_level
 from scjax.diffusion.level import Level
@@ -62,7 +62,12 @@ def draw_levels(key: Array, scenes: int, schedule: Schedule, prediction: Predict
         if times.continuous:
             return flow_level(s, total)
         step = jnp.minimum((s * total).astype(jnp.int32), total - 1)
+    return level_at(step, schedule, prediction)
+
+
+def level_at(step: Int[Array, " b"], schedule: Schedule, prediction: Prediction) -> Level:
+    """The levels of timesteps [B]: those of the schedule, or as many of the straight path of a rectified flow."""
     if prediction != "flow":
         return schedule.levels[step]
-    level = flow_level((step + 1) / total, total)
+    level = flow_level((step + 1) / schedule.steps, schedule.steps)
     return Level(time=step, signal=level.signal, noise=level.noise)

@@ -11,6 +11,7 @@ import pytest
 
 import scjax
 from benchmarks.control_flops import control_work
+from experiments.ablate.denoising import denoising_losses
 from experiments.ablate.entries import ENTRIES, chosen
 from experiments.ablate.judge import METRICS
 from experiments.ablate.report import Spread, markdown, over_none, over_shuffled, summary, verdict, window_hypothesis
@@ -21,8 +22,9 @@ from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
 from scjax.data.captions.store import add_captions
 from scjax.data.sources import BuildOptions
-from scjax.data.stand_in import stand_in
+from scjax.data.stand_in import CLASSES, GRID, stand_in
 from scjax.data.synthetic.source import Worlds
+from scjax.models.denoiser.config import ImageCondition
 from scjax.nn.control import OPTIONS, ContextLayout, named
 from scjax.scene import Layout
 from tests.test_prompts import Words
@@ -150,6 +152,20 @@ def test_padded_texts_keep_their_tokens():
     assert not cond.tokens[3:].any()
 
 
+def test_losses_differ_by_the_condition_alone(folder):
+    model = tiny_model()
+    requests = requests_of("image", str(folder / "records"), 5, model)
+    scenes, plain = requests.references, [dataclasses.replace(cond, image=None, depth=None) for cond in requests.own]
+    losses = denoising_losses(model, scenes, plain, 3)
+    assert losses.shape == (len(scenes),) and (losses > 0).all() and len(set(losses)) == len(scenes)
+    np.testing.assert_allclose(denoising_losses(model, scenes[:1], plain[:1], 3), losses[:1], rtol=1e-5)
+    assert not np.isclose(denoising_losses(model, scenes[:1], plain[:1], 4), losses[:1]).any()
+
+    reader = tiny_model(condition=ImageCondition(len(CLASSES), GRID, patch=1))
+    own, other = (denoising_losses(reader, scenes, told, 3) for told in (requests.own, requests.shuffled))
+    assert (own != other).all()
+
+
 def run(entry: str, seed: int, own: float, shuffled: float) -> dict:
     """A made-up run whose every metric is ``own``."""
     return {
@@ -180,14 +196,28 @@ def test_gains_are_by_seed_and_signed():
 
 def test_a_verdict_needs_both_gains_beyond_their_intervals():
     none = [run("none", seed, 0.5, 0.5) for seed in range(3)]
-    assert verdict(none + runs("full", 0.1), "text", "full") == "reads its condition"
+    assert verdict(none + runs("full", 0.1), "text", "full") == "follows its condition"
     assert verdict(none + runs("full", 0.01), "text", "full") == "failed: not above its twin or none"
     high = [run("none", seed, 0.7, 0.7) for seed in range(3)]
     assert verdict(high + runs("full", 0.1), "text", "full") == "failed: not above none"
     assert verdict(none[:1] + runs("full", 0.1)[:1], "text", "full").startswith("not judged: too few seeds")
     table = markdown(none + runs("full", 0.1))
-    assert "| full | reads its condition | 0.100 ± 0.025 |" in table and "nan" not in table
-    assert [row["verdict"] for row in summary(none + runs("full", 0.1))] == ["reference", "reads its condition"]
+    assert "| full | follows its condition | 0.100 ± 0.025 |" in table and "nan" not in table
+    assert [row["verdict"] for row in summary(none + runs("full", 0.1))] == ["reference", "follows its condition"]
+
+
+def test_a_condition_that_is_read_but_not_followed_is_told_from_one_that_is_not_read():
+    def losing(made: list[dict]) -> list[dict]:
+        return [{**one, "own": {**one["own"], "loss": 0.4 + 0.001 * one["seed"]}} for one in made]
+
+    none = [run("none", seed, 0.5, 0.5) for seed in range(3)]
+    weak = runs("full", 0.01)
+    assert (
+        verdict(none + losing(weak), "text", "full") == "failed: not above its twin or none, though its loss is lower"
+    )
+    assert verdict(losing(none) + losing(weak), "text", "full") == "failed: not above its twin or none"
+    row = next(line for line in markdown(none + losing(weak)).splitlines() if line.startswith("| full"))
+    assert row.count("| 0.0990 ± 0.0025 |") == 1  # under its twin's, and the same under none's after it
 
 
 def test_the_window_hypothesis_is_told_from_its_four_rows():
