@@ -112,7 +112,6 @@ def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> Co
     training = _copy(config)
     training.start, training.condition, training.control = base, kind, entry.control
     training.seed = training.batch.seed = seed
-    training.steps = config.steps[kind]
     training.batch.layouts = LAYOUTS[kind]
     options = entry.options_of(kind)
     if options:
