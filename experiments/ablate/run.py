@@ -49,12 +49,14 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
     if not todo:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
-    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
-    rows = [run for path in config.more for run in runs_of(path, setting, todo)]
+    if config.more and not config.base:
+        raise ValueError("config.more: runs compare if all start from one base: give its folder by config.base")
     base = config.base or _base(config, workdir)
     if base is None:
         return None
     known = weights_hash(scjax.load(base))
+    setting = _setting(config, known, {kind: requests.fingerprint for kind, requests in asked.items()})
+    rows = [run for path in config.more for run in runs_of(path, setting, todo)]
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
             bar.set_description(f"{kind} {name} {seed}")
@@ -67,12 +69,12 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     return report
 
 
-def _setting(config: Any, asked: dict[str, str]) -> dict[str, Any]:
-    """All that runs of several seeds, perhaps made on several machines, have in common."""
+def _setting(config: Any, base: str, asked: dict[str, str]) -> dict[str, Any]:
+    """All that runs of several seeds, perhaps made on several machines, have in common; ``base``: its hash."""
     fields = json.loads(config.to_json())
-    for name in ("records", "autoencoder", "base", "seeds", "entries", "kinds", "more"):
+    for name in ("records", "autoencoder", "seeds", "entries", "kinds", "more"):
         fields.pop(name)
-    return {"format": FORMAT, "asked": asked, **fields}
+    return {"format": FORMAT, "asked": asked, **fields, "base": base}
 
 
 def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:

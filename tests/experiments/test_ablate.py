@@ -84,6 +84,11 @@ def test_two_mechanisms_end_to_end_go_on_where_they_were(folder, tmp_path):
     with pytest.raises(ValueError, match="another guidance, samples"):
         runs_of(str(path), {**setting, "guidance": 1.0, "samples": 1}, elsewhere)
     runs_of(str(path), {**setting, "asked": {"image": "not asked there"}}, elsewhere)
+    with pytest.raises(ValueError, match=r"another base: its runs"):
+        runs_of(str(path), {**setting, "base": "of another machine"}, elsewhere)
+    config.base, config.more = "", (str(path),)
+    with pytest.raises(ValueError, match=r"one base: give its folder"):
+        ablate(config, tmp_path)
     with pytest.raises(ValueError, match=r"report\.md is no ablation\.json"):
         runs_of(str(report.rename(tmp_path / "report.md")), setting, elsewhere)
 
