@@ -5,6 +5,11 @@ Run by ``benchmarks.attention``, which pins the process and chooses XLA's thread
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from experiments.memory import keep_memory
+
+    keep_memory()
+
 import dataclasses
 import functools
 import json
@@ -23,7 +28,6 @@ from flax import nnx
 
 from benchmarks import workload
 from benchmarks.control_flops import control_work
-from scjax.memory import keep_memory
 from scjax.nn.control import ContextLayout, ControlOptions, build, named
 from scjax.nn.functional import Functional, Params, functional
 
@@ -200,5 +204,4 @@ def _enough(times: list[float]) -> bool:
 
 
 if __name__ == "__main__":
-    keep_memory()
     measure([Point(**one) for one in json.load(sys.stdin)])

@@ -7,6 +7,11 @@ float32. Both take turns; the least times are compared, and the results agree to
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from experiments.memory import keep_memory
+
+    keep_memory()
+
 import argparse
 import json
 import os
@@ -18,7 +23,6 @@ import numpy as np
 
 from benchmarks import workload
 from scjax.devices import spread, use_every_core
-from scjax.memory import keep_memory
 from scjax.nn.attention import attend_heads
 
 SCENES, HEADS, QUERIES, KEYS, WIDTH = 32, 8, 161, 392, 32
@@ -35,7 +39,6 @@ def main(arguments: list[str] | None = None) -> None:
         import torch
     except ImportError:
         parser.exit(1, "benchmarks.sdpa: PyTorch is not installed: pip install 'scjax[parity]'\n")
-    keep_memory()
     use_every_core()
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     scenes, rounds = (2, 2) if args.smoke else (SCENES, _ROUNDS)

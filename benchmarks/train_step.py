@@ -6,6 +6,11 @@ compile time apart, peak memory, and the ratio against the float32 PyTorch refer
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from experiments.memory import keep_memory
+
+    keep_memory()
+
 import argparse
 import json
 import time
@@ -18,7 +23,6 @@ from experiments.state import initial, training_step
 from scjax.devices import use_every_core
 from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing
-from scjax.memory import keep_memory
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -29,7 +33,6 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=3, help="timed passes over the workload")
     parser.add_argument("--smoke", action="store_true", help="one small batch, to see that it runs")
     args = parser.parse_args(arguments)
-    keep_memory()
     use_every_core()
     scenes = args.batch if args.smoke else max(64, args.batch)
     timed = step_of(args.kind, args.batch, scenes, args.compute)

@@ -8,6 +8,11 @@ Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the trained model
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from experiments.memory import keep_memory
+
+    keep_memory()
+
 import contextlib
 import json
 import os
@@ -28,7 +33,6 @@ from experiments.reporting import Reporter
 from experiments.state import pipeline_config
 from scjax.cli.start import start_jax
 from scjax.data.pipeline import training_batches
-from scjax.memory import keep_memory
 from scjax.model import save
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
@@ -41,7 +45,6 @@ STAGES = {"autoencoder": autoencoder_stage, "denoiser": denoiser_stage, "counter
 def main(_) -> None:
     # orbax reports every file that it touches, and logs with a traceback what it then raises.
     logging.set_verbosity(logging.FATAL)
-    keep_memory()
     start_jax()
     try:
         train(_CONFIG.value, Path(_WORKDIR.value))

@@ -12,6 +12,11 @@ process a kind, each in a work folder of its own and on its own core (taskset). 
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from experiments.memory import keep_memory
+
+    keep_memory()
+
 import sys
 from pathlib import Path
 
@@ -19,12 +24,10 @@ from absl import app, flags, logging
 
 from experiments.ablate.run import ablate  # the trainer, imported with it, defines --config and --workdir
 from scjax.cli.start import start_jax
-from scjax.memory import keep_memory
 
 
 def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
-    keep_memory()
     start_jax()
     try:
         report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir))
