@@ -29,14 +29,16 @@ Energy = Callable[[Nodes], Float[Array, ""]]
 EnergyAround = Callable[[Nodes], Energy]
 """The energy of latents near the given ones; what has no gradient, which lanes are linked, may be taken from those."""
 
+_TOGETHER = 4  # gradient steps that gather momentum; one or two a step of a sampler do not
+
 
 @dataclasses.dataclass(frozen=True)
 class Steering:
     """How estimates are steered.
 
     Attributes:
-      rounds: gradient steps in all, spread evenly over the steps of the sampler that are steered.
-      below: noise up to which they are; the last step always is. Earlier ones gain nothing
+      rounds: gradient steps in all, spread evenly over steps of the sampler, four or more a step.
+      below: noise up to which steps are chosen for it, the last one always. Earlier ones gain nothing
         (experiments/results/shipped).
       momentum: share of a gradient step's way that the next one goes on (Nesterov 1983); 0 is plain descent.
       agents, lanes: length of a gradient step [1 / m^2]. An agent's centre moves by some 14 m, a lane's start by 10 m,
@@ -64,9 +66,11 @@ class Steering:
 
 def rounds_of(steering: Steering, levels: Level) -> Int[np.ndarray, " s"]:
     """Gradient steps at every level of a sampler's schedule, index 0 the least noisy."""
-    steered = np.asarray(levels.noise) <= steering.below
-    steered[0] = True
-    return np.where(steered, -(-steering.rounds // steered.sum()), 0).astype(np.int32)
+    quiet = max(int((np.asarray(levels.noise) <= steering.below).sum()), 1)
+    number = min(quiet, -(-steering.rounds // _TOGETHER))
+    rounds = np.zeros(len(levels.noise), np.int32)
+    rounds[np.linspace(0, quiet - 1, number).round().astype(int)] = -(-steering.rounds // number)
+    return rounds
 
 
 def steered(

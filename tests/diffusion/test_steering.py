@@ -33,8 +33,15 @@ def test_rounds_are_spread_over_the_last_steps():
     rounds = rounds_of(Steering(rounds=18, below=0.35), schedule)
     assert rounds.tolist() == [6, 6, 6] + [0] * 13 and schedule.noise[2] < 0.35 < schedule.noise[3]
     assert rounds_of(Steering(rounds=5, below=0.0), schedule).tolist() == [5] + [0] * 15
-    assert rounds_of(Steering(rounds=7, below=0.35), schedule)[:4].tolist() == [3, 3, 3, 0]
-    assert rounds_of(Steering(rounds=3, below=1.0), levels("ddpm", 100)).tolist() == [1] * 100
+    assert rounds_of(Steering(rounds=7, below=0.35), schedule)[:4].tolist() == [4, 0, 4, 0]
+
+
+def test_a_steered_step_has_enough_rounds_for_momentum():
+    schedule = levels("ddpm", 100)
+    rounds = rounds_of(Steering(rounds=8, below=0.2), schedule)
+    assert schedule.noise[11] < 0.2 < schedule.noise[12]
+    assert rounds.nonzero()[0].tolist() == [0, 11] and set(rounds[[0, 11]]) == {4}
+    assert rounds_of(Steering(rounds=3, below=1.0), schedule).tolist() == [3] + [0] * 99
 
 
 @pytest.mark.parametrize("case", [name for name in CASES if "dynamic" not in name])
@@ -55,12 +62,14 @@ def test_every_sampler_ends_where_its_estimate_was_led(case):
 
 def test_steps_without_rounds_are_left_alone():
     denoise, schedule, mask = normal(0.5, 0.4, "velocity"), levels("ddpm", 16), masks(SIZES)
-    led = steered(denoise, schedule, "velocity", energy, mask, Steering(below=0.35, agents=0.1, lanes=0.1))
+    steering = Steering(below=0.35, agents=0.1, lanes=0.1)
+    led, rounds = steered(denoise, schedule, "velocity", energy, mask, steering), rounds_of(steering, schedule)
+    assert rounds.nonzero()[0].tolist() == [0, 2]
     z = Nodes(agents=jnp.ones((2, 7, 3)), lanes=jnp.ones((2, 9, 5)))
     for step in range(16):
         t = jnp.broadcast_to(jnp.asarray(schedule.time)[step], (2,))
         same = [np.array_equal(a, b) for a, b in zip(*(jax.tree.leaves(f(z, t)) for f in (led, denoise)), strict=True)]
-        assert all(same) if step > 2 else not any(same)
+        assert not any(same) if rounds[step] else all(same)
 
 
 def test_momentum_goes_on_from_round_to_round():

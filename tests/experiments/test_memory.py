@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 import platform
 import subprocess
 import sys
@@ -30,8 +31,9 @@ def faults(size):
         del block
     return resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before
 
+# Without the setting, glibc maps what is above 32 MB for itself; with it, a heap of another thread holds 64 MB.
 with concurrent.futures.ThreadPoolExecutor(1) as other:
-    print(faults(80 << 20), other.submit(faults, 24 << 20).result(), other.submit(faults, 80 << 20).result())
+    print(faults(80 << 20), other.submit(faults, 40 << 20).result(), other.submit(faults, 80 << 20).result())
 """
 
 TOLD = """
@@ -55,9 +57,12 @@ def run(code: str, *arguments: str, tunables: str | None = None) -> str:
 
 @needs_glibc
 def test_blocks_that_were_freed_are_not_asked_for_again():
-    """In a heap of another thread neither, but for what no such heap holds, which comes in huge pages."""
+    """In a heap of another thread neither, but for what no such heap holds, which comes in huge pages if there are any."""
     main, other, beyond = map(int, run(FAULTS, "keep").split())
-    assert main == other == 0 and beyond <= 41  # 40 pages of 2 MB, and one that is cut
+    assert main == other == 0
+    huge = pathlib.Path("/sys/kernel/mm/transparent_hugepage/enabled")
+    if huge.exists() and "[never]" not in huge.read_text():
+        assert beyond <= 41  # 40 pages of 2 MB, and one that is cut
     assert all(int(faults) > 10 for faults in run(FAULTS, "plain").split())  # NumPy asks for huge pages itself
 
 
