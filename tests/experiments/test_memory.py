@@ -57,7 +57,7 @@ def run(code: str, *arguments: str, tunables: str | None = None) -> str:
 
 @needs_glibc
 def test_blocks_that_were_freed_are_not_asked_for_again():
-    """In a heap of another thread neither, but for what no such heap holds, which comes in huge pages if there are any."""
+    """In a heap of another thread neither, but for what no such heap holds, which comes in huge pages if any."""
     main, other, beyond = map(int, run(FAULTS, "keep").split())
     assert main == other == 0
     huge = pathlib.Path("/sys/kernel/mm/transparent_hugepage/enabled")
