@@ -1,27 +1,37 @@
 """Memory that a process frees stays with it: XLA on a CPU asks for its working memory anew in every step.
 
-glibc gives large blocks back to the kernel, which hands them out again a page of 4 KB at a time, zeroed: up to a fifth
-of a training step (benchmarks/README.md). Kept, and in huge pages, it costs that once. That can be had in the heaps of
-all threads by nothing but the environment that a process starts with. A single heap could be set up later, but what
-compilers leave in it slows every later allocation, and with it trainings, down to half their speed.
+glibc gives large blocks back to the kernel, which hands them out again a page of 4 KB at a time, zeroed: up to a third
+of a training step (benchmarks/README.md). Kept, it costs that once. In the heaps of all threads that can be had by
+nothing but the environment that a process starts with. A single heap could be set up later, but what compilers leave in
+it slows every later allocation, and with it trainings, down to half their speed.
 """
 
 from __future__ import annotations
 
 import os
+import pathlib
 import platform
 import sys
 
 _NAME = "GLIBC_TUNABLES"
-_TUNABLES = {
-    "mmap_max": 0,  # no block is a mapping of its own, which goes when it is freed
-    "trim_threshold": 1 << 60,  # bytes free at a heap's end before they are given back
-    # Bytes by which a heap grows at least. It is all that a thread's heap holds, so that one is never given back; what
-    # is larger still goes when it is freed, unless the main thread has it, and comes in huge pages.
-    "top_pad": 64 << 20,
-    "hugetlb": 1,  # huge pages
-}
-_SETTING = ":".join(f"glibc.malloc.{name}={value}" for name, value in _TUNABLES.items())
+_GIGANTIC = pathlib.Path("/sys/kernel/mm/hugepages/hugepages-1048576kB")
+
+
+def _setting() -> str:
+    """What glibc is told.
+
+    A thread's heap has 64 MB, and a larger block, such as XLA's working memory, comes and goes as it did. Where Linux
+    knows pages of 1 GB, to ask for them makes heaps of four pages each, in pages of 4 KB unless someone has set some
+    such pages aside. (In huge pages as well, trials were up to a tenth faster, but no tunable has both.)
+    """
+    gigantic = _GIGANTIC.exists()
+    tunables = {
+        "mmap_max": 0,  # no block is a mapping of its own, which goes when it is freed
+        "trim_threshold": 1 << 60,  # bytes free at a heap's end before they are given back
+        "top_pad": (256 if gigantic else 64) << 20,  # bytes by which a heap grows at least, of these all that it holds
+        "hugetlb": 1 << 30 if gigantic else 1,  # 1: pages of 2 MB wherever they fit
+    }
+    return ":".join(f"glibc.malloc.{name}={value}" for name, value in tunables.items())
 
 
 def keep_memory() -> bool:
@@ -35,12 +45,12 @@ def keep_memory() -> bool:
     """
     if platform.libc_ver()[0] != "glibc" or not sys.executable:
         return False
-    found = os.environ.get(_NAME)
+    found, setting = os.environ.get(_NAME), _setting()
     if found is None:
         sys.stdout.flush()
         sys.stderr.flush()
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, _NAME: _SETTING})
-    if found != _SETTING:
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, _NAME: setting})
+    if found != setting:
         return False
     del os.environ[_NAME]
     return True
