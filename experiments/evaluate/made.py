@@ -12,10 +12,9 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from experiments.evaluate.captions import caption_of
 from experiments.evaluate.sources import BUCKET, Npz, Source, digest, row_text
 from scjax.condition import Condition
-from scjax.data.captions.facts import parse
-from scjax.data.captions.text import STYLES, write
 from scjax.data.pipeline import clip_counts
 from scjax.model import Model
 from scjax.sampling import reconstruct, sample_many
@@ -111,10 +110,8 @@ def lanes_of(model: Model, scene: Scene, domain: str | None) -> Condition:
 
 
 def prompt_of(model: Model, scene: Scene, domain: str | None) -> Condition:
-    """A request by a caption of a scene, every fact told, in one of the styles; counts are the model's to find."""
-    facts = parse(scene)
-    style = STYLES[len(scene.lane_mask) % len(STYLES)]  # any will do, as long as a scene keeps its own
-    return Condition(prompt=write(facts, 0, style, drop=0.0), domain=domain if domain in model.domains else None)
+    """A request by the caption of a scene; counts are the model's to find."""
+    return Condition(prompt=caption_of(scene), domain=domain if domain in model.domains else None)
 
 
 def weights_hash(model: Model) -> str:

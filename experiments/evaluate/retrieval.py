@@ -16,9 +16,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from tqdm import tqdm
 
+from experiments.evaluate.captions import caption_of
 from experiments.evaluate.sources import Source
-from scjax.data.captions.facts import parse
-from scjax.data.captions.text import STYLES, write
 
 DRAWN_FROM = 5  # scenes of the nearest counts, of which "other scene, same counts" is drawn
 _CANDIDATES = 50  # scenes of the nearest counts, among which the caption decides
@@ -31,7 +30,7 @@ class Index:
     Attributes:
       counts: lanes and agents of each, the ego left out.
       clusters: location of each.
-      captions: rule captions of each, in all styles with every fact; empty where not asked for.
+      captions: of each; empty where not asked for.
     """
 
     counts: Int[np.ndarray, "scenes 2"]
@@ -46,8 +45,7 @@ class Index:
             (scene,) = source.read([row])
             counts.append((len(scene.lane_mask), len(scene.agent_mask) - source.ego))
             if captions:
-                facts = parse(scene)
-                texts.append(" ".join(write(facts, 0, style, drop=0.0) for style in STYLES))
+                texts.append(caption_of(scene))
         return cls(np.array(counts, int).reshape(-1, 2), np.array(source.clusters, str), texts)
 
 

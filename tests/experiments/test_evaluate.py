@@ -118,6 +118,13 @@ def test_retrieval_finds_what_each_rule_asks_for():
         retrieve("luck", wanted, bank)
 
 
+def test_models_are_asked_in_the_words_by_which_retrieval_looks(worlds):
+    source, model = open_source(f"npz:{worlds}"), types.SimpleNamespace(domains=("city",))
+    asked = [made.prompt_of(model, scene, "city") for scene in source.read(range(16))]
+    assert [condition.prompt for condition in asked] == Index.of(source, captions=True).captions
+    assert len({condition.prompt for condition in asked}) > 1 and {condition.domain for condition in asked} == {"city"}
+
+
 def test_tf_idf_by_hand():
     bank, texts = tf_idf(["a b", "a c"], ["a b", "d"])
     rare, common = np.log(3 / 2) + 1, 1.0  # "b" and "a b" are in one text, "a" in both
