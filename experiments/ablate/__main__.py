@@ -6,8 +6,9 @@ Trains every mechanism from one base on the same batches, with several seeds, on
 samples held-back conditions with each, once with a scene's own condition and once with another's; and writes a table,
 its JSON and a plot: ablation.md, ablation.json, ablation.png. The same command goes on where it was stopped, and
 leaves alone what is finished; --config.seeds="(1,)" makes one seed, --config.more="('ABLATION.JSON',)" reports it
-beside others made elsewhere. So small a model gains little from a second core: faster is, with one --config.base, a
-process a kind, each in a work folder of its own and on its own core (taskset). Fields: experiments/configs/ablation.py.
+beside others made elsewhere, of which only those of equal seed and kind need the same base. So small a model gains
+little from a second core: faster is, with one --config.base, a process a kind, each in a work folder of its own and on
+its own core (taskset). Fields: experiments/configs/ablation.py.
 """
 
 from __future__ import annotations

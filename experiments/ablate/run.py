@@ -27,7 +27,7 @@ from experiments.train import train
 from scjax.data.shards import write_text
 from scjax.metrics.measure import measure
 
-FORMAT = 2  # of a run's result; to be raised when what it holds changes
+FORMAT = 3  # of a run's result; to be raised when what it holds changes
 LAYOUTS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
 
 
@@ -49,32 +49,31 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
     if not todo:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
-    if config.more and not config.base:
-        raise ValueError("config.more: runs compare if all start from one base: give its folder by config.base")
     base = config.base or _base(config, workdir)
     if base is None:
         return None
     known = weights_hash(scjax.load(base))
-    setting = _setting(config, known, {kind: requests.fingerprint for kind, requests in asked.items()})
+    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
     rows = [run for path in config.more for run in runs_of(path, setting, todo)]
+    check_bases([*rows, *({"seed": seed, "kind": kind, "base": known} for seed, kind, _ in todo)])
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:
             bar.set_description(f"{kind} {name} {seed}")
             row = _row(config, workdir, base, known, asked[kind], name, kind, seed, sampler)
             if row is None:
                 return None
-            rows.append({"kind": kind, "entry": name, "seed": seed, **row})
+            rows.append({"kind": kind, "entry": name, "seed": seed, "base": known, **row})
             report = write(rows, workdir, setting)
             jax.clear_caches()  # the programs of a mechanism are of no use to another
     return report
 
 
-def _setting(config: Any, base: str, asked: dict[str, str]) -> dict[str, Any]:
-    """All that runs of several seeds, perhaps made on several machines, have in common; ``base``: its hash."""
+def _setting(config: Any, asked: dict[str, str]) -> dict[str, Any]:
+    """All that runs of several seeds, perhaps made on several machines, have in common."""
     fields = json.loads(config.to_json())
-    for name in ("records", "autoencoder", "seeds", "entries", "kinds", "more"):
+    for name in ("records", "autoencoder", "base", "seeds", "entries", "kinds", "more"):
         fields.pop(name)
-    return {"format": FORMAT, "asked": asked, **fields, "base": base}
+    return {"format": FORMAT, "asked": asked, **fields}
 
 
 def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:
@@ -99,9 +98,26 @@ def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str
     return runs
 
 
+def check_bases(runs: Sequence[Mapping[str, Any]]) -> None:
+    """Gains are taken within a seed and kind; machines round differently, so that another one's base is another base.
+
+    Raises:
+      ValueError: a seed whose runs on one kind started from two.
+    """
+    bases: dict[tuple[int, str], str] = {}
+    for run in runs:
+        seed, kind = run["seed"], run["kind"]
+        if bases.setdefault((seed, kind), run["base"]) != run["base"]:
+            raise ValueError(
+                f"config.more: seed {seed} on {kind}s would have runs from two bases, which do not compare: "
+                "give the base of those made elsewhere by config.base, or make all of them here"
+            )
+
+
 def _base(config: Any, workdir: Path) -> str | None:
-    """Model folder of the unconditional denoiser that all runs start from, trained on all of their windows."""
+    """Model folder of the unconditional denoiser that these runs start from, trained on all of their windows."""
     training = _copy(config)
+    training.seed = training.batch.seed = config.seeds[0]
     training.steps = config.base_steps
     training.optimiser.warmup = min(training.optimiser.warmup, max(config.base_steps // 5, 1))
     training.batch.layouts = tuple(sum(np.array([LAYOUTS[kind] for kind in config.kinds])).tolist())

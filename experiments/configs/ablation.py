@@ -26,7 +26,8 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config = ml_collections.ConfigDict()
     config.records = "runs/records"  # captioned and embedded for kind text
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
-    config.base = ""  # model folder of an unconditional denoiser of training's sizes; "": trained first
+    # Model folder of an unconditional denoiser of training's sizes; "": trained first, with the first of the seeds.
+    config.base = ""
     config.base_steps = 2 if smoke else 6_000
     config.kinds = ("text",) if smoke else KINDS
     config.entries = ("none", "full") if smoke else tuple(ENTRIES)

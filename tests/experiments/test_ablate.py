@@ -16,7 +16,7 @@ from experiments.ablate.entries import ENTRIES, chosen
 from experiments.ablate.judge import METRICS
 from experiments.ablate.report import Spread, markdown, over_none, over_shuffled, summary, verdict, window_hypothesis
 from experiments.ablate.requests import padded, requests_of
-from experiments.ablate.run import ablate, run_config, runs_of
+from experiments.ablate.run import ablate, check_bases, run_config, runs_of
 from experiments.configs.ablation import get_config
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
@@ -84,11 +84,10 @@ def test_two_mechanisms_end_to_end_go_on_where_they_were(folder, tmp_path):
     with pytest.raises(ValueError, match="another guidance, samples"):
         runs_of(str(path), {**setting, "guidance": 1.0, "samples": 1}, elsewhere)
     runs_of(str(path), {**setting, "asked": {"image": "not asked there"}}, elsewhere)
-    with pytest.raises(ValueError, match=r"another base: its runs"):
-        runs_of(str(path), {**setting, "base": "of another machine"}, elsewhere)
-    config.base, config.more = "", (str(path),)
-    with pytest.raises(ValueError, match=r"one base: give its folder"):
-        ablate(config, tmp_path)
+    other = {"seed": 1, "kind": "text", "base": "of another machine"}
+    check_bases([*again["runs"], other, {**other, "seed": 0, "kind": "image"}])
+    with pytest.raises(ValueError, match=r"seed 0 on texts would have runs from two bases"):
+        check_bases([*again["runs"], {**other, "seed": 0}])
     with pytest.raises(ValueError, match=r"report\.md is no ablation\.json"):
         runs_of(str(report.rename(tmp_path / "report.md")), setting, elsewhere)
 
