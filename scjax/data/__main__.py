@@ -97,6 +97,9 @@ def parser() -> argparse.ArgumentParser:
                       help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
     said.add_argument("--paraphrases", type=int, default=2, metavar="N",
                       help="texts of each style (default %(default)s)")  # fmt: skip
+    said.add_argument("--drop", type=float, default=0.3, metavar="P",
+                      help="share of the facts that a text leaves out, as people do; 0: it tells all that its style "
+                           "has words for (default %(default)s)")  # fmt: skip
     said.add_argument("--seed", type=int, default=0, metavar="S", help="of the words (default %(default)s)")
     return top
 
@@ -185,7 +188,7 @@ def _caption(args: argparse.Namespace) -> int:
     from scjax.data.captions.store import add_captions
 
     for split, count in add_captions(
-        args.records, paraphrases=args.paraphrases, seed=args.seed, workers=args.workers
+        args.records, paraphrases=args.paraphrases, drop=args.drop, seed=args.seed, workers=args.workers
     ).items():
         print(f"{split}: {count} records captioned")
     return 0

@@ -35,21 +35,26 @@ class Caption(NamedTuple):
 
 
 def add_captions(
-    folder: str | Path, *, paraphrases: int = 2, seed: int = 0, workers: int = 0, progress: bool = True
-) -> dict[str, int]:
+    folder: str | Path, *, paraphrases: int = 2, drop: float = 0.3, seed: int = 0, workers: int = 0,
+    progress: bool = True,
+) -> dict[str, int]:  # fmt: skip
     """Captions every record of a folder; returns the number of records of each split.
 
     Args:
       folder: made by ``python -m scjax.data build``.
       paraphrases: texts of each style.
+      drop: probability with which a fact that may be left out is.
       seed: of the words; the same seed gives the same texts.
       workers: processes that share the work; 0: this one does it.
 
     Raises:
-      ValueError: the folder holds no records, ``paraphrases`` is less than 1 or ``workers`` less than 0.
+      ValueError: the folder holds no records, ``paraphrases`` is less than 1, ``drop`` is no probability, or
+        ``workers`` less than 0.
     """
     if paraphrases < 1:
         raise ValueError(f"paraphrases is {paraphrases}: write at least one text of each style")
+    if not 0 <= drop <= 1:
+        raise ValueError(f"drop is {drop}: give a probability, 0 to tell all facts")
     if workers < 0:
         raise ValueError(f"workers is {workers}: give 0 or more processes")
     folder, done = Path(folder), {}
@@ -59,10 +64,10 @@ def add_captions(
             continue
         path = captions_path(folder, split)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        line = functools.partial(_line, folder, split, manifest["hash"], paraphrases, seed)
+        line = functools.partial(_line, folder, split, manifest["hash"], paraphrases, drop, seed)
         rows, name = range(entry["records"]), f"captions of {split}"
         with gzip.open(temporary, "wt", encoding="utf-8") as file, Mapper(workers, at_once=32) as run:
-            file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed}) + "\n")
+            file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}) + "\n")
             for told in tqdm(run(line, rows), name, total=len(rows), unit="tile", disable=not progress):
                 file.write(told)
         temporary.replace(path)
@@ -70,12 +75,12 @@ def add_captions(
     return done
 
 
-def _line(folder: Path, split: str, known: str, paraphrases: int, seed: int, row: int) -> str:
+def _line(folder: Path, split: str, known: str, paraphrases: int, drop: float, seed: int, row: int) -> str:
     """What is stored of a record."""
     facts = parse(records.sample_scene(records.decode(_tiles(folder, split, known)[row])))
     numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
-        style: [write(facts, int(numbers[k * paraphrases + n]), style) for n in range(paraphrases)]
+        style: [write(facts, int(numbers[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
         for k, style in enumerate(STYLES)
     }
     return json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n"

@@ -43,6 +43,19 @@ def test_processes_write_what_one_writes(folder):
         path.write_bytes(kept)
 
 
+def test_all_facts_can_be_told(folder):
+    path = folder / "captions-train.jsonl.gz"
+    kept, some = path.read_bytes(), list(read_captions(folder, "train"))
+    try:
+        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0", "--drop", "0"]) == 0
+        every = list(read_captions(folder, "train"))
+    finally:
+        path.write_bytes(kept)
+    pairs = [(one.texts["long"], all_.texts["long"]) for one, all_ in zip(some, every, strict=True)]
+    assert all(len(more) >= len(less) for texts in pairs for less, more in zip(*texts, strict=True))
+    assert sum(less != more for texts in pairs for less, more in zip(*texts, strict=True)) > len(pairs)
+
+
 def test_records_that_were_built_anew_are_read_anew(tmp_path):
     for seed in (1, 2):
         shutil.rmtree(tmp_path / "records", ignore_errors=True)
@@ -71,6 +84,7 @@ def test_the_command_names_mistakes(tmp_path, folder, capsys):
     assert main(["caption", str(tmp_path)]) == 1 and "error: " in capsys.readouterr().err
     assert main(["caption", str(folder), "--paraphrases", "0"]) == 1
     assert "at least one text" in capsys.readouterr().err
+    assert main(["caption", str(folder), "--drop", "1.5"]) == 1 and "a probability" in capsys.readouterr().err
     assert main(["caption", str(folder), "--workers", "-1"]) == 1
     assert "0 or more processes" in capsys.readouterr().err
 
