@@ -27,6 +27,7 @@ _LINK = 12.0  # metres between crossings of one intersection
 _MARGIN = 10.0  # metres from the outermost crossing to the end of the intersection
 _CONNECTOR = (45.0, 0.5)  # longest connector [m] and least turn [rad] of lanes that join without crossing
 _ARM_GAP = np.deg2rad(28.0)
+_ARM_HEADINGS, _MANY_HEADINGS = 2, 10  # that an arm has at least, where so many are found
 _STILL_TURNING = 0.12  # rad over the last tenth of a lane
 _BORDER = 31.0  # metres
 _RAMP = 25.0  # metres of turn radius above which a turn is no turn at an intersection
@@ -163,7 +164,11 @@ def _connectors(road: Road, centre: np.ndarray, radius: float) -> set[int]:
 
 
 def _arms(road: Road, members: set[int], centre: np.ndarray, radius: float) -> tuple[float, ...]:
-    """Directions, away from the intersection, of the roads that meet in it."""
+    """Directions, away from the intersection, of the roads that meet in it.
+
+    Where there are many headings, a single one is no road: a connector that the disc or the window cuts within its
+    turn, or a lane end that a model has drawn askew.
+    """
     directions = []
     for lane in members:
         inside = np.flatnonzero(np.linalg.norm(road.line[lane] - centre, axis=-1) < radius)
@@ -176,19 +181,21 @@ def _arms(road: Road, members: set[int], centre: np.ndarray, radius: float) -> t
             at_border = np.abs(road.line[lane, point]).max() > _BORDER
             if not (at_border and road.turn_at_ends[lane, end] > _STILL_TURNING):
                 directions.append(float(wrapped(direction)))
-    return _circular_clusters(directions)
+    groups, least = _circular_clusters(directions), _ARM_HEADINGS if len(directions) >= _MANY_HEADINGS else 1
+    return tuple(
+        float(np.arctan2(np.sin(group).mean(), np.cos(group).mean())) for group in groups if len(group) >= least
+    )
 
 
-def _circular_clusters(angles: list[float]) -> tuple[float, ...]:
-    """Mean of each group of directions, groups parted by gaps of more than 28 degrees."""
+def _circular_clusters(angles: list[float]) -> list[np.ndarray]:
+    """Groups of directions, parted by gaps of more than 28 degrees."""
     if not angles:
-        return ()
+        return []
     ordered = np.sort(np.array(angles))
     gaps = np.append(np.diff(ordered), ordered[0] + 2 * np.pi - ordered[-1])
     # Start behind a gap, so that no group is cut at +-pi.
     ordered = np.roll(ordered, -1 - int(gaps.argmax()))
-    parts = np.split(ordered, np.flatnonzero(np.diff(ordered) % (2 * np.pi) > _ARM_GAP) + 1)
-    return tuple(float(np.arctan2(np.sin(part).mean(), np.cos(part).mean())) for part in parts)
+    return np.split(ordered, np.flatnonzero(np.diff(ordered) % (2 * np.pi) > _ARM_GAP) + 1)
 
 
 def _is_interchange(road: Road, members: set[int]) -> bool:

@@ -23,6 +23,14 @@ def at(x, y, arms, lanes=1, **kwargs):
     return Town().crossing((x, y + WIDTH / 2), arms, lanes, **kwargs)
 
 
+def frayed():
+    """A T of which a connector ends askew, as a model may draw it."""
+    town = at(12, 0, (0, 180, -90), lanes=2)
+    connector = town.lanes[14]
+    connector[-2:, :2] = connector[-3, :2] + np.array([[0.9], [1.8]]) * np.array([np.cos(-0.9), np.sin(-0.9)])
+    return town
+
+
 def bend(degrees):
     """An arc of 64 m that turns by twice ``degrees`` / 1.07 within 30 m of the ego either way."""
     town, turn = Town(), np.deg2rad(degrees) * np.linspace(-1, 1, 41) / 2
@@ -132,6 +140,7 @@ GOLDEN = {
     "T to the right": (at(18, 0, (0, 180, -90)), {"layout": "T", "side_streets_right": 1, "side_streets_left": 0}),
     "T to the left": (at(18, 0, (0, 180, 90)), {"layout": "T", "side_streets_left": 1}),
     "T at the end of the road": (at(18, 0, (90, 180, -90)), {"layout": "T", "ego_options": ("left", "right")}),
+    "T with a lane end askew": (frayed(), {"layout": "T", "intersection": "T"}),
     "five arms": (at(10, 0, (0, 70, 120, 180, -90)), {"layout": "complex", "intersection": "complex"}),
     "side streets": (side_streets(), {"layout": "several side streets", "side_streets_right": 3}),
     "roundabout": (ring(), {"layout": "roundabout"}),
