@@ -14,6 +14,12 @@ import ml_collections
 _RETRIEVAL = ("chance", "count-matched", "nearest caption", "nearest caption + counts")
 _LADDER = ("other scene, same counts", "C1", "C2", "C3", "copy")
 
+_GAINS = (
+    "prompt, true counts|another's prompt, true counts",  # SPG_prompt
+    "prompt, true counts|nearest caption + counts",
+    "prompt|nearest caption",
+)
+
 VARIANTS: dict[str, tuple[str, ...]] = {
     "standard": (
         "samples=model:MODEL#counts",
@@ -96,8 +102,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.novelty = 0 if variant == "baselines" else 150  # scenes of a row whose nearest training scene is sought
     config.latent = ""  # folder of a model whose autoencoder judges, too; MODEL for that of --config.model
     config.compat = True  # the tables as the reference code counts, too
-    gain = "prompt, true counts|another's prompt, true counts" if variant == "prompts" else ""
-    config.prompt_gain = (gain,)  # ROW|SHUFFLED: rows made with a scene's own and with another's condition
+    config.gains = _GAINS if variant == "prompts" else ("",)  # ROW|OTHER: how much more control one shows, surely
     config.draws = 300  # of the bootstrap
     config.workers = 2  # processes that measure; 0: this one
     # (i, n): make or measure every n-th part from the i-th on. n calls on one folder, then, where a model makes scenes,

@@ -27,6 +27,9 @@ NOTES = {
     "with references of other locations; CSC: correlation of distances between scenes. lane and agent say how elements "
     "are placed and not how many there are; glob is the whole scene. Only orderings and ratios to the rows "
     "'other scene, same counts' and 'copy' mean something; intervals draw locations, not pairs.",
+    "gains": "Differences in CCS and CSC between two rows made for the same references, with the interval of the "
+    "difference: both rows see the same drawn locations. Over a row made from another's condition at the same counts, "
+    "the gain in CCS is SPG_prompt, what the prompt itself adds: 0 for a model that ignores it.",
     "captions": "Facts by the captioner's rules, of the scene and of its reference: F1 where a scene has or lacks "
     "something, share of scenes that agree otherwise. Red lights count where the reference records signals.",
     "counts": "Generated against the reference's: mean error and bias, share exact, within 1 and within 10 percent, "

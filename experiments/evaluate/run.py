@@ -70,8 +70,9 @@ def evaluate(config, workdir: Path) -> Path | None:
     ]
     sections.append(tables.fault_section({"real": real, **ours}, draws=config.draws))
     sections.append(tables.match_section(ours, draws=config.draws))
-    control = tables.control_section(ours, real, turns, seed=config.seed, draws=min(config.draws, 200))
-    sections += [control, *prompt_gains(control, config.prompt_gain)]
+    pairs, draws = tuple(config.gains), min(config.draws, 200)
+    sections.append(tables.control_section(ours, real, turns, seed=config.seed, draws=draws))
+    sections.append(tables.gain_section(ours, real, turns, pairs, seed=config.seed, draws=draws))
     if config.facts:
         sections.append(tables.caption_section(ours, draws=config.draws))
     sections.append(tables.count_section(ours, real, turns))
@@ -116,24 +117,6 @@ def named(text: str, config) -> str:
         cure = "--config.model=FOLDER" if word == "MODEL" else f"--config.scenes=\"('{word}=FOLDER',)\""
         raise ValueError(f"row {text!r}: {word} stands for no folder: give {cure}, or rows of your own (--config.rows)")
     return f"{head}:{known[word]}{rest[len(word) :]}"
-
-
-def prompt_gains(control: tables.Section, pairs) -> list[tables.Section]:
-    """SPG_prompt: CCS with a scene's own condition less that with another's, at the same counts (metrics.md §4.4)."""
-    gains = {}
-    for pair in filter(None, pairs):
-        own, _, other = pair.partition("|")
-        if own not in control.rows or other not in control.rows:
-            raise ValueError(f"prompt_gain {pair!r}: write two rows that answer references, as prompt|prompt shuffled")
-        first, second = control.rows[own], control.rows[other]
-        numbers = {
-            name.replace("CCS", "SPG_prompt"): tables.Number(one.value - second.numbers[name].value)
-            for name, one in first.numbers.items()
-            if name.endswith("CCS")
-        }
-        gains[f"{own} over {other}"] = tables.Row(numbers, first.scenes, first.clusters)
-    note = "What the prompt itself adds: at fixed counts, 0 for a model that ignores it."
-    return [tables.Section("What the condition adds", note, gains)] if gains else []
 
 
 def draw(

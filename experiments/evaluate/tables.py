@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from experiments.evaluate.notes import NOTES
-from scjax.metrics.control import ControlFrame
+from scjax.metrics.control import ControlFrame, interval
 from scjax.metrics.counts import count_errors
 from scjax.metrics.descriptors import Descriptor
 from scjax.metrics.distributions import Sums
@@ -117,14 +117,53 @@ def control_section(
         if not chosen:
             continue
         if chosen not in frames:
-            raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
-            places = [real.clusters[row] for row in chosen]
-            frames[chosen] = control_frame(raw, places, seed), places
+            frames[chosen] = _framed(real, chosen, seed)
         frame, places = frames[chosen]
         values, bounds = frame(one.descriptors), frame.intervals(one.descriptors, places, draws=draws)
         numbers = {key: Number(value, *bounds[key]) for key, value in values.items()}
         made[name] = Row(numbers, len(one), len(set(places)))
     return Section("Control", NOTES["control"], made)
+
+
+def gain_section(
+    measured: Mapping[str, Measured], real: Measured, rows: Mapping[str, Sequence[int]], pairs: Sequence[str], *,
+    seed: int = 0, draws: int = 200,
+) -> Section:  # fmt: skip
+    """How much more control one population shows than another made for the same references; the interval is that of
+    the difference.
+
+    Args:
+      pairs: "ROW|OTHER". Where OTHER was made from another's condition, the gain in CCS is SPG_prompt (metrics.md
+        §4.4).
+
+    Raises:
+      ValueError: no such rows, or rows made for different references.
+    """
+    answering, made = _paired(measured), {}
+    for pair in filter(None, pairs):
+        own, _, other = pair.partition("|")
+        if not {own, other} <= answering.keys() or list(rows[own]) != list(rows[other]) or not len(rows[own]):
+            raise ValueError(
+                f"gain {pair!r}: write two rows that answer the same references, as prompt|nearest caption"
+            )
+        frame, places = _framed(real, tuple(int(row) for row in rows[own]), seed)
+        sides = [answering[name].descriptors for name in (own, other)]
+        values, less = (frame(side) for side in sides)
+        drawn, without = (frame.drawn(side, places, draws=draws) for side in sides)
+        numbers = {
+            key: Number(values[key] - less[key], *interval(drawn[key] - without[key] if drawn else np.zeros(0)))
+            for key in values
+            if not key.endswith("SPG")
+        }
+        made[f"{own} over {other}"] = Row(numbers, len(rows[own]), len(set(places)))
+    return Section("Gains in control", NOTES["gains"], made)
+
+
+def _framed(real: Measured, chosen: tuple[int, ...], seed: int) -> tuple[ControlFrame, list[str]]:
+    """What populations made for these references are compared by, and where those lie."""
+    raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
+    places = [real.clusters[row] for row in chosen]
+    return control_frame(raw, places, seed), places
 
 
 def control_frame(raw: Descriptor, places: Sequence[str], seed: int) -> ControlFrame:

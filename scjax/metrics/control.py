@@ -65,26 +65,42 @@ class ControlFrame:
         Shuffles and pairs stay as they are, a scene or a pair counts as often as its clusters were drawn. NaN with
         fewer than two clusters.
         """
+        drawn = self.drawn(raw, clusters, draws=draws, seed=seed)
+        return {name: interval(drawn[name], level) if name in drawn else (np.nan, np.nan) for name in self(raw)}
+
+    def drawn(
+        self, raw: Descriptor, clusters: Sequence[Hashable], *, draws: int = 200, seed: int = 0
+    ) -> dict[str, Float64[np.ndarray, " draws"]]:
+        """The values in every draw of ``intervals``; empty with fewer than two clusters.
+
+        Equal clusters and seeds draw the same locations, so that differences of two populations' values are paired.
+        """
         label = np.unique(np.array([str(cluster) for cluster in clusters]), return_inverse=True)[1]
         number = int(label.max(initial=-1)) + 1
         if number < 2:
-            return dict.fromkeys(self(raw), (float("nan"), float("nan")))
-        rng = np.random.default_rng(seed)
-        weights = rng.multinomial(number, np.full(number, 1 / number), draws)[:, label].astype(np.float64)
-        tails, (i, j) = [(1 - level) / 2, (1 + level) / 2], self.pairs.T
+            return {}
+        weights = np.random.default_rng(seed).multinomial(number, np.full(number, 1 / number), draws)
+        weights = weights[:, label].astype(np.float64)
+        i, j = self.pairs.T
         ours, found = self.standard(raw), {}
         for name in LEVELS:
             x, y = getattr(self.reference, name), getattr(ours, name)
             paired = cosines(x, y)
             gain = paired - np.mean([cosines(x[row], y) for row in self.shuffles] or [np.full(len(x), np.nan)], axis=0)
-            drawn = {"CCS": weights @ paired / weights.sum(1), "SPG": weights @ gain / weights.sum(1)}
             apart = _distances(x, self.pairs), _distances(y, self.pairs)
-            drawn["CSC"] = np.array([_correlation(*apart, row[i] * row[j]) for row in weights])
-            for metric, values in drawn.items():
-                values = values[np.isfinite(values)]
-                low, high = np.quantile(values, tails) if len(values) else (np.nan, np.nan)
-                found[f"{name} {metric}"] = (float(low), float(high))
+            found[f"{name} CCS"] = weights @ paired / weights.sum(1)
+            found[f"{name} SPG"] = weights @ gain / weights.sum(1)
+            found[f"{name} CSC"] = np.array([_correlation(*apart, row[i] * row[j]) for row in weights])
         return found
+
+
+def interval(drawn: Float64[np.ndarray, " draws"], level: float = 0.95) -> tuple[float, float]:
+    """The middle ``level`` of the draws that are finite; NaN without any."""
+    held = drawn[np.isfinite(drawn)]
+    if not len(held):
+        return float("nan"), float("nan")
+    low, high = np.quantile(held, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
 
 
 def ccs(reference: Vectors, sample: Vectors) -> float:

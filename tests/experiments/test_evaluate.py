@@ -262,8 +262,11 @@ def test_what_is_asked_of_a_model_that_reads_text(worlds, tmp_path, stand_in):
         assert [(one.num_lanes, one.num_agents) for one in row] == sizes
     assert [one.prompt for one in another] == [one.prompt for one in (*own[1:], own[0])]
     assert all(one.prompt is None for one in silent)
-    gain = report(tmp_path / "out")["tables"]["What the condition adds"]["rows"]
-    assert set(gain) == {"prompt, true counts over another's prompt, true counts"}
+    gain = report(tmp_path / "out")["tables"]["Gains in control"]["rows"]
+    assert set(gain) == {
+        "prompt, true counts over another's prompt, true counts", "prompt, true counts over nearest caption + counts",
+        "prompt over nearest caption",
+    }  # fmt: skip
 
 
 def test_another_locations_prompt_needs_another_location(worlds, tmp_path, stand_in):
@@ -302,19 +305,22 @@ def test_a_generator_that_only_knows_counts_gains_nothing_from_its_prompt(eval_d
     again = Population("again", row.siblings[0], reference, row.rows)
     real, *found = measured([Population("real", reference), row, again], tmp_path / "parts", workers=0) or []
     names = ("own", "another's")
-    control = program.tables.control_section(dict(zip(names, found, strict=True)), real, dict.fromkeys(names, row.rows))
-    (section,) = program.prompt_gains(control, ["own|another's"])
+    told = dict(zip(names, found, strict=True)), real, dict.fromkeys(names, row.rows)
+    section = program.tables.gain_section(*told, ["own|another's", "own|own"])
     for name, one in section.rows["own over another's"].numbers.items():
-        assert abs(one.value) < 0.1, name
+        assert abs(one.value) < 0.1 and one.low < one.value < one.high, name
+    assert {(one.value, one.low, one.high) for one in section.rows["own over own"].numbers.values()} == {(0, 0, 0)}
+    with pytest.raises(ValueError, match="the same references"):
+        program.tables.gain_section(*told[:2], {**told[2], "own": row.rows[::-1]}, ["own|another's"])
 
 
 def test_what_a_condition_adds(worlds, tmp_path):
-    asked = config(worlds, rows=("copy", "other scene, same counts"), prompt_gain=("copy|other scene, same counts",))
+    asked = config(worlds, rows=("copy", "other scene, same counts"), gains=("copy|other scene, same counts",))
     program.evaluate(asked, tmp_path / "out")
     tables = report(tmp_path / "out")["tables"]
-    gain = tables["What the condition adds"]["rows"]["copy over other scene, same counts"]["numbers"]
+    gain = tables["Gains in control"]["rows"]["copy over other scene, same counts"]["numbers"]
     other = tables["Control"]["rows"]["other scene, same counts"]["numbers"]
-    assert gain["lane SPG_prompt"]["value"] == pytest.approx(1 - other["lane CCS"]["value"])
+    assert gain["lane CCS"]["value"] == pytest.approx(1 - other["lane CCS"]["value"])
 
 
 @pytest.mark.parametrize(
@@ -329,7 +335,7 @@ def test_what_a_condition_adds(worlds, tmp_path):
         ),
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
-        ({"rows": ("copy",), "prompt_gain": ("copy",)}, "prompt_gain 'copy': write two rows"),
+        ({"rows": ("copy",), "gains": ("copy",)}, "gain 'copy': write two rows"),
         ({"rows": ("copy", "copy=npz:HERE")}, "rows need names of their own"),
         ({"rows": ()}, "there is nothing to compare"),
     ],

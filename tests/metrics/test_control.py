@@ -75,6 +75,8 @@ def test_intervals_hold_the_value_and_draw_locations(tiles):
     for name, value in values.items():
         low, high = bounds[name]
         assert low < high and low - 0.5 * (high - low) < value < high + 0.5 * (high - low), name
+    drawn, same = frame.drawn(raw, clusters, draws=5), frame.drawn(describe(scenes), clusters, draws=5)
+    assert drawn.keys() == bounds.keys() and all((drawn[name] < same[name]).all() for name in drawn)  # the same draws
     wide = frame.intervals(raw, [k % 3 for k in range(len(scenes))], draws=100)["agent CCS"]
     assert wide != bounds["agent CCS"]  # three locations are drawn, not many
     assert np.isnan(frame.intervals(raw, ["one"] * len(scenes), draws=3)["lane CCS"]).all()
