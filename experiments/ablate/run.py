@@ -49,12 +49,12 @@ def ablate(config: Any, workdir: Path) -> Path | None:
     todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
     if not todo:
         raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
+    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
+    rows = [run for path in config.more for run in runs_of(path, setting, todo)]  # before a base is trained
     base = config.base or _base(config, workdir)
     if base is None:
         return None
     known = weights_hash(scjax.load(base))
-    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
-    rows = [run for path in config.more for run in runs_of(path, setting, todo)]
     check_bases([*rows, *({"seed": seed, "kind": kind, "base": known} for seed, kind, _ in todo)])
     with tqdm(todo, unit="run", disable=None) as bar:
         for seed, kind, name in bar:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from experiments.evaluate.notes import NOTES
-from scjax.metrics.control import ControlFrame, interval
+from scjax.metrics.control import ControlFrame
 from scjax.metrics.counts import count_errors
 from scjax.metrics.descriptors import Descriptor
 from scjax.metrics.distributions import Sums
@@ -21,7 +21,7 @@ from scjax.metrics.measure import (
     scene_values,
 )
 from scjax.metrics.measured import Measured
-from scjax.metrics.pooling import Values
+from scjax.metrics.pooling import Values, interval
 from scjax.metrics.tally import DRAWS, Tally
 from scjax.metrics.topology import Mode
 

@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int
 from scipy.stats import rankdata
 
 from scjax.metrics.descriptors import LEVELS, Descriptor, Standard
-from scjax.metrics.pooling import Values
+from scjax.metrics.pooling import Values, interval
 
 _FEW = 3000  # scenes
 
@@ -66,7 +66,9 @@ class ControlFrame:
         fewer than two clusters.
         """
         drawn = self.drawn(raw, clusters, draws=draws, seed=seed)
-        return {name: interval(drawn[name], level) if name in drawn else (np.nan, np.nan) for name in self(raw)}
+        if not drawn:
+            return dict.fromkeys(self(raw), (float("nan"), float("nan")))
+        return {name: interval(values, level) for name, values in drawn.items()}
 
     def drawn(
         self, raw: Descriptor, clusters: Sequence[Hashable], *, draws: int = 200, seed: int = 0
@@ -92,15 +94,6 @@ class ControlFrame:
             found[f"{name} SPG"] = weights @ gain / weights.sum(1)
             found[f"{name} CSC"] = np.array([_correlation(*apart, row[i] * row[j]) for row in weights])
         return found
-
-
-def interval(drawn: Float64[np.ndarray, " draws"], level: float = 0.95) -> tuple[float, float]:
-    """The middle ``level`` of the draws that are finite; NaN without any."""
-    held = drawn[np.isfinite(drawn)]
-    if not len(held):
-        return float("nan"), float("nan")
-    low, high = np.quantile(held, [(1 - level) / 2, (1 + level) / 2])
-    return float(low), float(high)
 
 
 def ccs(reference: Vectors, sample: Vectors) -> float:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float64
 
 from scjax.scene import Scene, unpadded
 
@@ -97,11 +98,13 @@ def intervals(
     weights = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), draws)
     sums = np.einsum("dc,cnk->dnk", weights.astype(np.float64), table)
     drawn = [summarise({name: (float(p[0]), float(p[1])) for name, p in zip(names, s, strict=True)}) for s in sums]
-    tails = [(1 - level) / 2, (1 + level) / 2]
-    found = {}
-    for name in drawn[0]:
-        column = np.array([draw[name] for draw in drawn])
-        column = column[np.isfinite(column)]
-        low, high = np.quantile(column, tails) if column.size else (math.nan, math.nan)
-        found[name] = (float(low), float(high))
-    return found
+    return {name: interval(np.array([draw[name] for draw in drawn]), level) for name in drawn[0]}
+
+
+def interval(drawn: Float64[np.ndarray, " draws"], level: float = 0.95) -> tuple[float, float]:
+    """The middle ``level`` of the draws that are finite; NaN without any."""
+    held = drawn[np.isfinite(drawn)]
+    if not len(held):
+        return math.nan, math.nan
+    low, high = np.quantile(held, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.metrics.distributions import Sums
-from scjax.metrics.pooling import Values
+from scjax.metrics.pooling import Values, interval
 
 FORMAT = 1
 GROUPS = 200  # of scenes whose location is unknown
@@ -125,8 +125,7 @@ class Tally:
         for name in rows[0]:
             column = np.array([row[name] for row in rows])
             column = column[np.isfinite(column)]
-            low, high = np.quantile(column, [0.025, 0.975]) if len(column) else (np.nan, np.nan)
-            found[name] = (float(column.mean()) if len(column) else float("nan"), float(low), float(high))
+            found[name] = (float(column.mean()) if len(column) else float("nan"), *interval(column))
         return found
 
     def _matrix(self) -> Float64[np.ndarray, "clusters numbers"]:
