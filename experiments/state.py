@@ -137,6 +137,8 @@ def training_step(
 
     def run(state: TrainState, batch: Example):
         batch = jax.tree.map(lambda x: jax.make_array_from_process_local_data(shared, np.asarray(x)), batch)
+        # A device whose share is still being copied would begin late, and the others wait where gradients are summed.
+        jax.block_until_ready(batch)
         if state.step.sharding != whole:  # asking for every leaf in every step takes longer than many a step
             state = jax.device_put(state, whole)
         return program(state, batch)

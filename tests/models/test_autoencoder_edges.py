@@ -28,9 +28,10 @@ def forms():
 @pytest.mark.parametrize("edges", forms(), ids=["typed", "pair"])
 def test_closed_forms_equal_dense_edges(edges):
     dense = DenseEdges(edges.dense())
-    u, p, w = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L)), normal(6, C, 7)
-    for name, given in (("scores", u), ("gather", p), ("project", w)):
-        found, wanted = (getattr(form, name)(given) for form in (edges, dense))
+    u, p = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L))
+    n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
+    for name, given in (("scores", [u]), ("gather", [p]), ("beside", [n, w])):
+        found, wanted = (getattr(form, name)(*given) for form in (edges, dense))
         np.testing.assert_allclose(found.reshape(wanted.shape), wanted, 1e-5, 2e-5, err_msg=name)
 
 
@@ -40,6 +41,9 @@ def test_dense_edges_by_definition():
     u, p = normal(4, B, L, H, C), normal(5, B, L, H, L)
     np.testing.assert_allclose(DenseEdges(values).scores(u), jnp.einsum("bijc,bihc->bihj", z, u), 1e-4, 1e-4)
     np.testing.assert_allclose(DenseEdges(values).gather(p), jnp.einsum("bijc,bihj->bihc", z, p), 1e-4, 1e-4)
+    n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
+    wanted = n @ w[:3] + values.reshape(-1, C) @ w[3:]
+    np.testing.assert_allclose(DenseEdges(values).beside(n, w), wanted, 1e-4, 1e-4)
 
 
 @pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])

@@ -20,7 +20,7 @@ from scjax.models.nodes import Nodes
 from scjax.nn.attention import attend, split_heads, weights
 from scjax.nn.initial import Draws
 from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, centred
-from scjax.nn.precision import Compute, matmul
+from scjax.nn.precision import Compute, matmul, tall
 
 Trace = dict[str, Any] | None
 
@@ -142,8 +142,8 @@ class EdgeUpdate(nnx.Module):
         # The first products of the node MLP split into one of the destination and one of the source.
         first_own, first_other = _pair_products(self.nodes.linears[0], e)
         skip_own, skip_other = _pair_products(self.nodes.skip, e)
-        entries = [_centred_kernel(linear) for linear in (self.edges.linears[0], self.edges.skip)]
-        second = _centred_kernel(self.nodes.linears[1])
+        entry = _centred_kernels(self.edges.linears[0], self.edges.skip)
+        second = _centred_kernels(self.nodes.linears[1])
         width = second[0].shape[0]
 
         def update(scene, rows):
@@ -151,13 +151,10 @@ class EdgeUpdate(nnx.Module):
             first_own, skip_own, own = rows
             edges = kind(own, *scene)
             hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], first_own, first_other))
-            hidden = _norm(self.nodes.norms[1], matmul(hidden, second[0], "float32") + second[1][None])
+            hidden = _norm(self.nodes.norms[1], tall(hidden, second[0]) + second[1][None])
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
-            first, skip = (
-                matmul(n, kernel[:width], "float32") + edges.project(kernel[width:]).reshape(-1, width) + bias[None]
-                for kernel, bias in entries
-            )
-            values = _after_first(self.edges, first, skip).reshape(*own.shape[:2], -1, width)
+            entered = edges.beside(n, entry[0]) + entry[1][None]
+            values = _after_first(self.edges, entered).reshape(*own.shape[:2], -1, width)
             return values if then is None else then(values)
 
         kind, (own, *scene) = type(edges), edges
@@ -211,7 +208,7 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
 
     def apply(values: Float[Array, "b i j c"]) -> Float[Array, "b i j k"]:
         flat = values.reshape(-1, values.shape[-1])
-        out = _after_first(head, _centred_linear(head.linears[0], flat), _centred_linear(head.skip, flat))
+        out = _after_first(head, _centred_product(flat, head.linears[0], head.skip))
         return out.reshape(*values.shape[:-1], -1)
 
     return apply
@@ -224,14 +221,15 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
 # product mean-free, and the norm needs one pass less.
 
 
-def _centred_kernel(linear: Linear) -> tuple[Array, Array]:
-    assert linear.bias is not None
-    return centred(linear.kernel[...]), centred(linear.bias[...])
+def _centred_kernels(*linears: Linear) -> tuple[Array, Array]:
+    """Kernels and biases of layers that read the same, side by side: one wide product runs faster than narrow ones."""
+    kernels = jnp.concatenate([centred(linear.kernel[...]) for linear in linears], 1)
+    return kernels, jnp.concatenate([centred(linear.bias[...]) for linear in linears if linear.bias is not None])
 
 
-def _centred_linear(linear: Linear, x: Array) -> Array:
-    kernel, bias = _centred_kernel(linear)
-    return matmul(x, kernel, "float32") + bias[None]
+def _centred_product(x: Array, *linears: Linear) -> Array:
+    kernel, bias = _centred_kernels(*linears)
+    return tall(x, kernel) + bias[None]
 
 
 def _norm(norm: LayerNorm, x: Array) -> Array:
@@ -240,18 +238,19 @@ def _norm(norm: LayerNorm, x: Array) -> Array:
     return x * rstd * norm.scale[...][None] + norm.bias[...][None]
 
 
-def _after_first(mlp: ResidualMLP, first: Array, skip: Array) -> Array:
-    """``ResidualMLP.after_first`` for mean-free products."""
+def _after_first(mlp: ResidualMLP, entered: Array) -> Array:
+    """``ResidualMLP.after_first`` for mean-free products, that of the first layer beside that of the skip."""
+    first, skip = jnp.split(entered, 2, -1)
     hidden = _norm(mlp.norms[0], first)
     for linear, norm in zip(list(mlp.linears)[1:], list(mlp.norms)[1:], strict=True):
-        hidden = _norm(norm, _centred_linear(linear, jax.nn.relu(hidden)))
+        hidden = _norm(norm, _centred_product(jax.nn.relu(hidden), linear))
     hidden = jax.nn.relu(hidden + _norm(mlp.skip_norm, skip))
     return hidden if mlp.out is None else mlp.out(hidden)
 
 
 def _pair_products(linear: Linear, e: Float[Array, "b l d"]) -> tuple[Array, Array]:
     """Mean-free shares of destination and source in [e_i; e_j] W + b, [B, L, C] each."""
-    kernel, bias = _centred_kernel(linear)
+    kernel, bias = _centred_kernels(linear)
     width = e.shape[-1]
     destination = matmul(e, kernel[:width], linear.compute) + bias[None, None]
     return destination, matmul(e, kernel[width:], linear.compute)

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-# Lane pairs worked on at once: 64 float32 features of each are 256 kB, a dozen such arrays fit a core's L2 cache.
-_PAIRS_ON_CPU = 1024
+# Lane pairs worked on at once: 64 float32 features of each are 128 kB, a dozen such arrays fit a core's L2 cache, and
+# blocks of few rows leave little padding. Much smaller ones spend their time on being started.
+_PAIRS_ON_CPU = 512
 
 
 def over_rows(

@@ -1,10 +1,11 @@
 """Features of lane pairs c_ij, [B, L, L, C] indexed (destination i, source j), in the cheapest form that holds them.
 
 Attention and edge updates need three things of c: the inner products of its layer norm z with given vectors, weighted
-sums of z over the sources, and products of c with a matrix. All three have a closed form when c is a table row per
-link type (encoder input) or a sum of two node terms (decoder input), so that [B, L, L, C] need not exist there. The
-layer norm is never written out either: with mean-free vectors z_ij . u = rstd_ij (c_ij . u), and a weighted sum of z is
-the centred, rstd-weighted sum of c. Its scale and offset are the caller's to fold.
+sums of z over the sources, and products of [n; c] with a matrix, n being other features of the pairs. All have a closed
+form when c is a table row per link type (encoder input) or a sum of two node terms (decoder input), so that
+[B, L, L, C] need not exist there. The layer norm is never written out either: with mean-free vectors
+z_ij . u = rstd_ij (c_ij . u), and a weighted sum of z is the centred, rstd-weighted sum of c. Its scale and offset are
+the caller's to fold.
 
 The first field of each form belongs to the destination rows, the others to the scene, so that the work can be cut
 into blocks of rows i (``over_rows``); u, p and the results of ``scores`` and ``gather`` are [B, i, head, .].
@@ -19,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from scjax.nn.layers import EPS, centred
+from scjax.nn.precision import tall
 
 
 class TypedEdges(NamedTuple):
@@ -36,9 +38,10 @@ class TypedEdges(NamedTuple):
         """sum_j p_hij z_ij."""
         return jnp.einsum("bihk,bkc->bihc", jnp.einsum("bihj,bijk->bihk", p, self._one_hot()), _normalise(self.table))
 
-    def project(self, w: Float[Array, "c o"]) -> Float[Array, "b i j o"]:
-        """c_ij W."""
-        return self._spread(self.table @ w)
+    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+        """[n_ij; c_ij] W, pairs flattened."""
+        own, other = jnp.split(w, [n.shape[1]])
+        return tall(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -70,9 +73,11 @@ class PairEdges(NamedTuple):
         p = p * pair_rstd(d, s)[:, :, None]
         return p.sum(-1, keepdims=True) * d[:, :, None] + jnp.einsum("bihj,bjc->bihc", p, s)
 
-    def project(self, w: Float[Array, "c o"]) -> Float[Array, "b i j o"]:
-        """c_ij W."""
-        return (self.destination @ w)[:, :, None] + (self.source @ w)[:, None]
+    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+        """[n_ij; c_ij] W, pairs flattened."""
+        own, other = jnp.split(w, [n.shape[1]])
+        pairs = (self.destination @ other)[:, :, None] + (self.source @ other)[:, None]
+        return tall(n, own) + pairs.reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -92,9 +97,9 @@ class DenseEdges(NamedTuple):
         """sum_j p_hij z_ij."""
         return centred(jnp.einsum("bihj,bijc->bihc", p * self._rstd()[:, :, None], self.values))
 
-    def project(self, w: Float[Array, "c o"]) -> Float[Array, "b i j o"]:
-        """c_ij W."""
-        return self.values @ w
+    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+        """[n_ij; c_ij] W, pairs flattened."""
+        return tall(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
