@@ -45,7 +45,7 @@ def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
     if compute != "auto":
         return compute
     flags = cpu_flags()
-    # AVX-512's own instruction for bfloat16 is twice as fast as float32 on AMD, and half as fast on Intel.
+    # A large product with the instruction of AVX-512 for bfloat16: 1.7 times the rate of float32 on AMD, 0.55 on Intel.
     faster = "amx_bf16" in flags or ("avx512_bf16" in flags and "AuthenticAMD" in cpu_entry("vendor_id"))
     return "bfloat16" if faster and jax.default_backend() == "cpu" else "float32"
 
