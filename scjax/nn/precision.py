@@ -1,7 +1,7 @@
 """The one matrix product of the networks, in the precision that the machine does best.
 
-XLA:CPU multiplies float32 at the AVX-512 rate; bfloat16 operands accumulated in float32 are faster where the CPU has
-instructions for them (benchmarks/README.md), but only in the layout where the contracted axis of the left operand is
+XLA:CPU multiplies float32 at the AVX-512 rate; bfloat16 operands accumulated in float32 are faster with AMX and
+on AMD's AVX-512 (benchmarks/README.md), but only in the layout where the contracted axis of the left operand is
 last. The backward products are transposed, so the transposed operand is really laid out before the product.
 """
 
@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 Compute = Literal["float32", "bfloat16", "auto"]
 """Operands of the products; "auto": bfloat16 on a CPU that multiplies it faster, float32 elsewhere."""
 
-_SMALL_KERNEL = 64 * 128
+_SMALL_KERNEL = 64 * 128  # numbers; gradients of larger kernels are slower by groups of rows
 
 
 def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) -> Float[Array, "*b o"]:
@@ -69,7 +69,7 @@ def tall(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
     """``x @ w`` for many rows of some 64 features, in the operands' own precision.
 
     XLA:CPU sums the gradient of so small a kernel over all rows at a third of the forward product's rate; by groups of
-    rows it takes half the time. That of a larger kernel does not (benchmarks/README.md).
+    rows it takes half the time (benchmarks/README.md).
     """
     small = w.size <= _SMALL_KERNEL and jax.default_backend() == "cpu"
     return _tall(x, w) if small else x @ w

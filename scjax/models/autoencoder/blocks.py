@@ -223,8 +223,10 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
 
 def _centred_kernels(*linears: Linear) -> tuple[Array, Array]:
     """Kernels and biases of layers that read the same, side by side: one wide product runs faster than narrow ones."""
+    biases = [linear.bias for linear in linears if linear.bias is not None]
+    assert len(biases) == len(linears)
     kernels = jnp.concatenate([centred(linear.kernel[...]) for linear in linears], 1)
-    return kernels, jnp.concatenate([centred(linear.bias[...]) for linear in linears if linear.bias is not None])
+    return kernels, jnp.concatenate([centred(bias[...]) for bias in biases])
 
 
 def _centred_product(x: Array, *linears: Linear) -> Array:
