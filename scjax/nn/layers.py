@@ -41,8 +41,12 @@ class Linear(nnx.Module):
 
 
 def together(linears: Sequence[Linear], x: Float[Array, "*b i"]) -> list[Float[Array, "*b _"]]:
-    """Each layer's result for the same x by one product, which reads a long x once instead of once a layer."""
+    """Each layer's result for the same x by one product, which reads a long x once instead of once a layer.
+
+    What follows the layers' features in x has no weight.
+    """
     kernel = jnp.concatenate([linear.kernel[...] for linear in linears], 1)
+    kernel = jnp.pad(kernel, ((0, x.shape[-1] - len(kernel)), (0, 0)))
     flat = matmul(x.reshape(-1, x.shape[-1]), kernel, linears[0].compute).reshape(*x.shape[:-1], -1)
     ends = list(itertools.accumulate(linear.kernel.shape[1] for linear in linears))
     parts = jnp.split(flat, ends[:-1], -1)
