@@ -117,8 +117,9 @@ def markdown(runs: Sequence[Run]) -> str:
     for kind in dict.fromkeys(row["kind"] for row in rows):
         mine, headline = [row for row in rows if row["kind"] == kind], HEADLINE[kind]
         shown = [name for name in METRICS if any(math.isfinite(row["metrics"][name]["own"].mean) for row in mine)]
-        lines = [f"## On {kind}s\n", f"Judged by: {METRICS[headline][0]}. Mean ± half of the {100 * LEVEL:.0f} % "
-                 f"interval over {max(len(row['seeds']) for row in mine)} seeds.\n",
+        seeds = max(len(row["seeds"]) for row in mine)
+        told = "Of one seed." if seeds == 1 else f"Mean ± half of the {100 * LEVEL:.0f} % interval over {seeds} seeds."
+        lines = [f"## On {kind}s\n", f"Judged by: {METRICS[headline][0]}. {told}\n",
                  f"| mechanism | verdict | {headline} over its twin | {headline} over none | "
                  "loss under its twin's | loss under none's | "
                  + " | ".join(f"{name} {'↑' if METRICS[name][1] else '↓'}" for name in shown) + " |",
