@@ -40,13 +40,13 @@ class Linear(nnx.Module):
         return y if self.bias is None else y + _lift(self.bias[...], y.ndim)
 
 
-def together(linears: Sequence[Linear], x: Float[Array, "*b i"]) -> list[Float[Array, "*b _"]]:
+def together(linears: Sequence[Linear], x: Float[Array, "*b i"], zeros: int = 0) -> list[Float[Array, "*b _"]]:
     """Each layer's result for the same x by one product, which reads a long x once instead of once a layer.
 
-    What follows the layers' features in x has no weight.
+    The last ``zeros`` numbers of each row of x are no feature of the layers and have no weight.
     """
     kernel = jnp.concatenate([linear.kernel[...] for linear in linears], 1)
-    kernel = jnp.pad(kernel, ((0, x.shape[-1] - len(kernel)), (0, 0)))
+    kernel = jnp.pad(kernel, ((0, zeros), (0, 0)))
     flat = matmul(x.reshape(-1, x.shape[-1]), kernel, linears[0].compute).reshape(*x.shape[:-1], -1)
     ends = list(itertools.accumulate(linear.kernel.shape[1] for linear in linears))
     parts = jnp.split(flat, ends[:-1], -1)

@@ -1,0 +1,28 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.nn.initial import Draws
+from scjax.nn.layers import Linear, together
+
+X = jax.random.normal(jax.random.key(1), (2, 5, 8))
+
+
+def layers():
+    draws = Draws(jax.random.uniform(jax.random.key(0), (100,), minval=-1.0))
+    return [Linear(8, features, draws=draws) for features in (3, 4)]
+
+
+def test_layers_together_are_the_layers_and_read_no_zeros_after_x():
+    for zeros in (0, 4):
+        padded = jnp.pad(X, ((0, 0), (0, 0), (0, zeros)))
+        for found, layer in zip(together(layers(), padded, zeros), layers(), strict=True):
+            np.testing.assert_allclose(found, layer(X), 1e-5, 1e-5)
+
+
+def test_layers_together_refuse_another_width():
+    with pytest.raises(TypeError, match="matmul|contracting"):
+        together(layers(), X[..., :7])
+    with pytest.raises(TypeError, match="matmul|contracting"):
+        together(layers(), jnp.pad(X, ((0, 0), (0, 0), (0, 5))), 4)
