@@ -22,7 +22,7 @@ def test_layers_together_are_the_layers_and_read_no_zeros_after_x():
 
 
 def test_layers_together_refuse_another_width():
-    with pytest.raises(TypeError, match="matmul|contracting"):
+    with pytest.raises(TypeError, match=r"matmul|contracting"):
         together(layers(), X[..., :7])
-    with pytest.raises(TypeError, match="matmul|contracting"):
+    with pytest.raises(TypeError, match=r"matmul|contracting"):
         together(layers(), jnp.pad(X, ((0, 0), (0, 0), (0, 5))), 4)
