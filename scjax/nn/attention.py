@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-_CACHED = 2**20 * 3 // 2  # scores of a part: 6 MB in float32
+_CACHED = 2**20 * 7 // 2  # scores of a part: 14 MB in float32
 
 
 def split_heads(x: Float[Array, "b t hd"], heads: int) -> Float[Array, "b h t d"]:

@@ -8,7 +8,6 @@ last. The backward products are transposed, so the transposed operand is really 
 from __future__ import annotations
 
 import functools
-import math
 import typing
 from pathlib import Path
 from typing import Literal
@@ -20,8 +19,6 @@ from jaxtyping import Array, Float
 
 Compute = Literal["float32", "bfloat16", "auto"]
 """Operands of the products; "auto": bfloat16 on a CPU that multiplies it faster, float32 elsewhere."""
-
-_SMALL_KERNEL = 64 * 128  # numbers; gradients of larger kernels are slower by groups of rows
 
 
 def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) -> Float[Array, "*b o"]:
@@ -63,40 +60,6 @@ def cpu_entry(name: str, path: str = "/proc/cpuinfo") -> frozenset[str]:
     except OSError:
         return frozenset()
     return frozenset(next((line.split(":", 1)[1].split() for line in lines if line.startswith(name)), ()))
-
-
-def tall(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
-    """``x @ w`` for many rows of some 64 features, in the operands' own precision.
-
-    XLA:CPU sums the gradient of so small a kernel over all rows at a third of the forward product's rate; by groups of
-    rows it takes half the time (benchmarks/README.md).
-    """
-    small = w.size <= _SMALL_KERNEL and jax.default_backend() == "cpu"
-    return _tall(x, w) if small else x @ w
-
-
-@jax.custom_vjp
-def _tall(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
-    return x @ w
-
-
-def _tall_forward(x, w):
-    return x @ w, (x, w)
-
-
-def _tall_backward(saved, g):
-    x, w = saved
-    parts = _groups(len(x))
-    grouped = (a.reshape(parts, -1, a.shape[1]) for a in (x, g))
-    return g @ w.T, jnp.einsum("kmi,kmo->kio", *grouped).sum(0)
-
-
-_tall.defvjp(_tall_forward, _tall_backward)
-
-
-def _groups(rows: int) -> int:
-    """The least number of equal groups of 64 to 160 rows; 1 where there is none."""
-    return next((n for n in range(math.ceil(rows / 160), rows // 64 + 1) if rows % n == 0), 1)
 
 
 def _product(a: Float[Array, "m k"], b: Float[Array, "k n"]) -> Float[Array, "m n"]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.nn import precision
-from scjax.nn.precision import cpu_entry, cpu_flags, matmul, operands, tall
+from scjax.nn.precision import cpu_entry, cpu_flags, matmul, operands
 
 # Each operand is rounded to 8 bits of mantissa.
 TOLERANCE = 2**-7
@@ -48,24 +48,6 @@ def test_auto_rounds_where_the_cpu_multiplies_rounded_numbers_faster(vendor, fla
     monkeypatch.setattr(precision, "cpu_entry", lambda name, _="": cpu_entry(name, str(path)))
     assert operands("auto") == expected
     assert operands("float32") == "float32" and operands("bfloat16") == "bfloat16"
-
-
-@pytest.mark.parametrize("rows, features", [(512, 64), (1012, 64), (509, 64), (24, 64), (1000, 256)])
-def test_tall_products_are_products_forward_and_backward(rows, features):
-    rng = np.random.default_rng(0)
-    x, w, g = (jnp.asarray(rng.normal(size=size)) for size in ((rows, 64), (64, features), (rows, features)))
-
-    def gradients(product):
-        return jax.grad(lambda x, w: jnp.vdot(product(x, w), g), (0, 1))(x, w)
-
-    found, wanted = ((product(x, w), *gradients(product)) for product in (tall, jnp.matmul))
-    for one, other in zip(found, wanted, strict=True):
-        np.testing.assert_allclose(one, other, 1e-4, 1e-4)
-
-
-@pytest.mark.parametrize("rows, groups", [(512, 4), (1012, 11), (509, 1), (24, 1), (160, 1), (161, 1), (162, 2)])
-def test_rows_are_grouped_evenly(rows, groups):
-    assert precision._groups(rows) == groups
 
 
 def test_no_features_are_known_without_linux(tmp_path):

@@ -17,10 +17,11 @@ from jaxtyping import Array, Bool, Float
 from scjax.models.autoencoder.chunks import over_rows
 from scjax.models.autoencoder.edges import DenseEdges, Edges, pair_rstd
 from scjax.models.nodes import Nodes
+from scjax.nn import tall
 from scjax.nn.attention import attend, split_heads, weights
 from scjax.nn.initial import Draws
 from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, centred
-from scjax.nn.precision import Compute, matmul, tall
+from scjax.nn.precision import Compute, matmul
 
 Trace = dict[str, Any] | None
 
@@ -151,9 +152,9 @@ class EdgeUpdate(nnx.Module):
             first_own, skip_own, own = rows
             edges = kind(own, *scene)
             hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], first_own, first_other))
-            hidden = _norm(self.nodes.norms[1], tall(hidden, second[0]) + second[1][None])
+            hidden = _norm(self.nodes.norms[1], tall.linear(hidden, *second))
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
-            entered = edges.beside(n, entry[0]) + entry[1][None]
+            entered = tall.shifted(edges.beside(n, entry[0]), entry[1])
             values = _after_first(self.edges, entered).reshape(*own.shape[:2], -1, width)
             return values if then is None else then(values)
 
@@ -231,13 +232,12 @@ def _centred_kernels(*linears: Linear) -> tuple[Array, Array]:
 
 def _centred_product(x: Array, *linears: Linear) -> Array:
     kernel, bias = _centred_kernels(*linears)
-    return tall(x, kernel) + bias[None]
+    return tall.linear(x, kernel, bias)
 
 
 def _norm(norm: LayerNorm, x: Array) -> Array:
-    """LN of mean-free x [B, L, L, C]."""
-    rstd = jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + EPS)
-    return x * rstd * norm.scale[...][None] + norm.bias[...][None]
+    """LN of mean-free rows x [pairs, C]."""
+    return tall.affine(x, tall.rstd(x, EPS), norm.scale[...], norm.bias[...])
 
 
 def _after_first(mlp: ResidualMLP, entered: Array) -> Array:
@@ -259,7 +259,7 @@ def _pair_products(linear: Linear, e: Float[Array, "b l d"]) -> tuple[Array, Arr
 
 
 def _pair_norm(norm: LayerNorm, destination: Array, source: Array) -> Array:
-    """LN of destination_i + source_j, [B, L, L, C]."""
+    """LN of destination_i + source_j, [pairs, C]."""
     rstd = pair_rstd(destination, source).reshape(-1, 1)
     both = (destination[:, :, None] + source[:, None]).reshape(-1, destination.shape[-1])
-    return both * rstd * norm.scale[...][None] + norm.bias[...][None]
+    return tall.affine(both, rstd, norm.scale[...], norm.bias[...])

@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from scjax.nn import tall
 from scjax.nn.layers import EPS, centred
-from scjax.nn.precision import tall
 
 
 class TypedEdges(NamedTuple):
@@ -41,7 +41,7 @@ class TypedEdges(NamedTuple):
     def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
         own, other = jnp.split(w, [n.shape[1]])
-        return tall(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
+        return tall.product(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -77,7 +77,7 @@ class PairEdges(NamedTuple):
         """[n_ij; c_ij] W, pairs flattened."""
         own, other = jnp.split(w, [n.shape[1]])
         pairs = (self.destination @ other)[:, :, None] + (self.source @ other)[:, None]
-        return tall(n, own) + pairs.reshape(-1, w.shape[1])
+        return tall.product(n, own) + pairs.reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -99,7 +99,7 @@ class DenseEdges(NamedTuple):
 
     def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
-        return tall(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
+        return tall.product(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
