@@ -90,7 +90,8 @@ def training_step(
         to 16 on a CPU, where memory is dear and more scenes at once are no faster, and to all elsewhere.
 
     Returns:
-      (state, batch of this process) -> (new state, metrics); the given state is donated.
+      (state, batch of this process) -> (new state, metrics); the given state is donated. The new one's vectors lie in
+      equal shares over the devices of one process where their length allows it, else whole on each.
     """
     mesh = scene_mesh(batch_size, devices)
     most = at_once or (_AT_ONCE if jax.default_backend() == "cpu" else batch_size)
