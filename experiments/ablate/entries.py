@@ -1,4 +1,5 @@
-"""What an ablation compares: the mechanisms of ``scjax.nn.control`` as they are trained here, and controls beside them.
+"""What an ablation compares: the mechanisms of ``scjax.nn.control`` as they are trained here, controls beside them, and
+ways to train one of them.
 
 Captions have 40 tokens in the mean and images 392, against up to 512 in the paper: what the note sets for those sizes
 (attention-variants §5) is scaled, so that windows hold a third, probed buckets a quarter of the keys, as there. Those
@@ -25,6 +26,7 @@ class Entry:
       control: name of the mechanism.
       options: those that differ from the mechanism's defaults; ``text`` and ``image``: for one kind only.
       padded: whether padded tokens are read, and a dropped condition is zeros, as in the release.
+      training: fields of the training that differ, by their path, such as ``loss.condition_dropout``.
       kinds: conditions that it is trained on.
     """
 
@@ -34,6 +36,7 @@ class Entry:
     text: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     image: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     padded: bool = False
+    training: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     kinds: tuple[str, ...] = KINDS
 
     def options_of(self, kind: str) -> dict[str, Any]:
@@ -44,7 +47,7 @@ class Entry:
 _WINDOW = {"window": 6}  # of the 40 tokens of a caption
 _ENDS = {"alignment": "fa2", "per_modality": False}
 
-ENTRIES = {
+MECHANISMS = {
     "none": Entry("no condition", "none"),
     "concat": Entry("concatenation", "concat"),
     "full": Entry("full", "full"),
@@ -66,6 +69,24 @@ ENTRIES = {
     ),
     "padded": Entry("full, padded", "full", padded=True, kinds=("text",)),
 }
+
+_DROPOUT = "loss.condition_dropout"
+
+
+def _recipe(title: str, **training: Any) -> Entry:
+    return Entry(title, "cross_global", training=training, kinds=("text",))
+
+
+# Cross-global as it is above drops a tenth of its conditions and trains all weights; the paper keeps those of the base.
+RECIPES = {
+    "cross_global": MECHANISMS["cross_global"],
+    "undropped": _recipe("cross-global, no condition dropped", **{_DROPOUT: 0.0}),
+    "dropped_quarter": _recipe("cross-global, a quarter dropped", **{_DROPOUT: 0.25}),
+    "dropped_half": _recipe("cross-global, half dropped", **{_DROPOUT: 0.5}),
+    "frozen": _recipe("cross-global, base frozen", freeze=True),
+}
+
+ENTRIES = MECHANISMS | RECIPES
 
 
 def chosen(names: tuple[str, ...], kind: str) -> list[str]:

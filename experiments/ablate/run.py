@@ -137,6 +137,7 @@ def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> Co
     training.model.attend_padding = entry.padded
     if entry.padded and kind == "text":
         training.batch.text_slots = PADDED_SLOTS
+    training.update_from_flattened_dict(entry.training)
     return training
 
 

@@ -5,17 +5,19 @@
 
 All runs start from one unconditional base and train all weights, ``none`` too: what a mechanism adds is then
 not what more steps add, and few steps suffice. (--config.training.freeze=True is the paper's regime, in which only the
-mechanism learns; ``none`` is the base itself then.) smoke: a handful of steps, to see that everything runs.
+mechanism learns; ``none`` is the base itself then.) recipe: ways to train cross-global on texts instead: how often
+conditions are dropped, and the base frozen. smoke: a handful of steps, to see that everything runs.
 """
 
 from __future__ import annotations
 
 import ml_collections
 
-from experiments.ablate.entries import ENTRIES, KINDS
+from experiments.ablate.entries import KINDS, MECHANISMS, RECIPES
 from experiments.configs import denoiser
 
-VARIANTS = ("standard", "smoke")
+VARIANTS = ("standard", "recipe", "smoke")
+_ENTRIES = {"standard": tuple(MECHANISMS), "recipe": tuple(RECIPES), "smoke": ("none", "full")}
 
 
 def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
@@ -29,8 +31,8 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     # Model folder of an unconditional denoiser of training's sizes; "": trained first, with the first of the seeds.
     config.base = ""
     config.base_steps = 2 if smoke else 6_000
-    config.kinds = ("text",) if smoke else KINDS
-    config.entries = ("none", "full") if smoke else tuple(ENTRIES)
+    config.kinds = KINDS if variant == "standard" else ("text",)
+    config.entries = _ENTRIES[variant]
     config.seeds = (0,) if smoke else (0, 1, 2)  # of new weights, data order, noise and samples
     config.more = ()  # ablation.json files of other seeds or kinds, perhaps of other machines, to report as well
     config.samples = 4 if smoke else 250  # held-back records; those that fit the buckets below are what runs are asked

@@ -11,8 +11,9 @@ import pytest
 
 import scjax
 from benchmarks.control_flops import control_work
+from experiments.ablate import guidance
 from experiments.ablate.denoising import denoising_losses
-from experiments.ablate.entries import ENTRIES, chosen
+from experiments.ablate.entries import ENTRIES, MECHANISMS, RECIPES, chosen
 from experiments.ablate.judge import METRICS
 from experiments.ablate.report import Spread, markdown, over_none, over_shuffled, summary, verdict, window_hypothesis
 from experiments.ablate.requests import padded, requests_of
@@ -104,10 +105,26 @@ def test_mechanisms_differ_in_nothing_but_themselves(folder):
     assert window.control_options.windowed.alignment == "fa2" and window.model.attend_padding
 
 
+def test_recipes_differ_in_the_share_dropped_or_in_what_is_trained(folder):
+    config = configured(folder)
+    made = {name: run_config(config, "base", entry, "text", 0).to_dict() for name, entry in RECIPES.items()}
+    dropped = {name: fields["loss"].pop("condition_dropout") for name, fields in made.items()}
+    assert dropped == {
+        "undropped": 0.0,
+        "cross_global": 0.1,
+        "frozen": 0.1,
+        "dropped_quarter": 0.25,
+        "dropped_half": 0.5,
+    }
+    assert [name for name, fields in made.items() if fields.pop("freeze")] == ["frozen"]
+    assert all(fields == made["cross_global"] for fields in made.values())
+    assert get_config("recipe").entries == tuple(RECIPES) and get_config().entries == tuple(MECHANISMS)
+
+
 @pytest.mark.parametrize("kind", ["text", "image"])
 def test_every_entry_has_options_that_its_mechanism_takes(kind):
     """All ten are there; on 40 tokens of text a window reads a third, probes a quarter of the keys."""
-    names = chosen(tuple(ENTRIES), kind)
+    names = chosen(tuple(MECHANISMS), kind)
     assert names[0] == "none" and {ENTRIES[name].control for name in names} == set(OPTIONS)
     layout = ContextLayout(kind="text") if kind == "text" else ContextLayout(kind="image", grid=(14, 14), modalities=2)
     work = {}
@@ -242,3 +259,27 @@ def test_mistakes_are_told(folder, tmp_path):
         ablate(config, tmp_path)
     with pytest.raises(ValueError, match="unknown variant"):
         get_config("huge")
+
+
+def test_guidance_curves_are_the_rows_of_several_reports(tmp_path):
+    paths = []
+    for weight in (4.0, 1.0):
+        made = runs("cross_global", 0.05 * weight, 0.0) + runs("frozen", 0.02 * weight, 0.0)
+        paths.append(tmp_path / f"{weight}.json")
+        paths[-1].write_text(json.dumps({"setting": {"guidance": weight, "samples": 3}, "runs": made}))
+    curves = guidance.read(paths)
+    assert list(curves) == ["cross-global", "cross-global, base frozen"] and list(curves["cross-global"]) == [1, 4]
+    assert curves["cross-global"][4]["prompt"]["own"].mean == pytest.approx(0.7)
+    guidance.main([*map(str, paths), "--out", str(tmp_path / "a.png")])
+    assert (tmp_path / "a.png").stat().st_size > 5_000
+    table = (tmp_path / "a.md").read_text()
+    assert "| cross-global, base frozen | 4 | 0.080 ± 0.000 | 0.580 ± 0.000 |" in table
+
+    with pytest.raises(SystemExit, match="both of weight 4"):
+        guidance.main([str(paths[0]), str(paths[0])])
+    paths[1].write_text(json.dumps({"setting": {"guidance": 1.0, "samples": 4}, "runs": []}))
+    with pytest.raises(SystemExit, match="another samples than"):
+        guidance.main([*map(str, paths)])
+    paths[1].write_text("{}")
+    with pytest.raises(SystemExit, match=r"not what experiments\.ablate writes"):
+        guidance.main([*map(str, paths)])
