@@ -61,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("--model", required=True, dest="model_folder", metavar="DIR", help="model folder")
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
-    add("--samples", type=int, default=500, help="prompts (default %(default)s)")
+    add("--samples", type=int, default=500, help="prompts at most (default %(default)s)")
+    add("--each", type=int, metavar="N", help="only prompts of rare events, N of each at most (default: any prompt)")
     add("--guidance", type=float, nargs="+", default=[4.0], dest="weights", metavar="W",
         help="weights (default %(default)s)")  # fmt: skip
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
@@ -88,11 +89,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def measure(
     *, model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None = None,
-    steps: int | None = None, candidates: int = 0, tries: int = 1, seed: int = 0,
+    steps: int | None = None, candidates: int = 0, tries: int = 1, seed: int = 0, each: int | None = None,
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
-    chosen = list(held_back_prompts(folder, model, samples, seed))
+    chosen = list(held_back_prompts(folder, model, samples, seed, each))
     asked, told, prompts = ([getattr(one, name) for one in chosen] for name in ("asked", "told", "text"))
     real = [one.scene for one in chosen]
     counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
@@ -150,18 +151,35 @@ class Prompted(NamedTuple):
     facts: Facts
 
 
-def held_back_prompts(folder: str, model: scjax.Model, samples: int, seed: int) -> Iterator[Prompted]:
+def held_back_prompts(
+    folder: str, model: scjax.Model, samples: int, seed: int, each: int | None = None
+) -> Iterator[Prompted]:
     """So many held-back records in an order drawn from ``seed``, each with a caption in a style that is drawn.
 
+    Args:
+      each: only captions that name a rare event of which there are fewer yet; None: any caption.
+
     Raises:
-      ValueError: as ``held_back``.
+      ValueError: as ``held_back``, or no caption names an event.
     """
     captions, store = held_back(folder, model)
     rng, tiles = np.random.default_rng(seed), records.source(folder, "val")
-    for row in map(int, rng.permutation(len(captions))[:samples]):
+    left, events = samples, Counter()
+    for row in map(int, rng.permutation(len(captions))):
+        if not left:
+            return
         text, tokens = a_prompt(store, captions[row], row, rng)
+        asked = read_prompt(text)
+        if each is not None and not any(events[event] < each for event in asked.events):
+            continue
+        events.update(asked.events)
+        left -= 1
         scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
-        yield Prompted(text, read_prompt(text), scjax.Condition(tokens=tokens), scene, captions[row].facts)
+        yield Prompted(text, asked, scjax.Condition(tokens=tokens), scene, captions[row].facts)
+    if each is not None and not events:
+        raise ValueError(
+            f"--each: no held-back caption of {folder} names a rare event: make records with --ordinary 0.1"
+        )
 
 
 def sampled(conditions: Sequence[scjax.Condition], title: str, seed: int, **options: Any) -> list[Scene]:

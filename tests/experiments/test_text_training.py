@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import scjax
-from experiments import calibration, gallery
-from experiments.adherence import markdown, measure
+from experiments import adherence, calibration, gallery
+from experiments.adherence import held_back_prompts, markdown, measure
 from experiments.ship import counted, ship
 from experiments.train import train
 from experiments.two_by_two import COLUMNS
@@ -21,6 +21,7 @@ from experiments.two_by_two import measure as two_by_two
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
+from scjax.data.captions.reading import Asked
 from scjax.data.captions.store import add_captions
 from scjax.data.sources import BuildOptions
 from scjax.data.synthetic.source import Worlds
@@ -111,6 +112,20 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
         sound
     )
     assert "nan" not in markdown(table, sound, ceiling)
+
+
+def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch):
+    records = str(folder / "records")
+    every = [one.text for one in held_back_prompts(records, text_model, 9, 0)]
+    assert len(every) >= 4
+    events = dict(zip(every, [(), ("cut-in",), ("jaywalker", "cut-in"), ("cut-in",)], strict=False))
+    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked(events=events.get(text, ())))
+    for each, found in ((1, every[1:3]), (2, every[1:3]), (3, every[1:4])):
+        assert [one.text for one in held_back_prompts(records, text_model, 9, 0, each)] == found
+    assert [one.text for one in held_back_prompts(records, text_model, 1, 0, 3)] == every[1:2]
+    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked())
+    with pytest.raises(ValueError, match=r"no held-back caption of .* names a rare event"):
+        list(held_back_prompts(records, text_model, 9, 0, 1))
 
 
 def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
