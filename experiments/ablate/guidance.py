@@ -116,7 +116,7 @@ def draw(curves: Curves, path: Path) -> Figure:
         axis.grid(alpha=0.3, lw=0.4)
     for axis in axes[len(_SHOWN) :]:
         axis.set_axis_off()
-    axes[0].legend(fontsize=7)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(curves), fontsize=7)
     figure.supxlabel("guidance weight (dashed: with another scene's condition)", fontsize=9)
     save(figure, path, dpi=100)
     return figure
