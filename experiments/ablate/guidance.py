@@ -95,10 +95,11 @@ def markdown(curves: Curves) -> str:
 def draw(curves: Curves, path: Path) -> Figure:
     """A panel a metric, a line a row; bars: intervals over seeds; dashed: with another scene's condition."""
     columns = 3
-    figure = Figure(figsize=(4.0 * columns, 2.9 * math.ceil(len(_SHOWN) / columns)), layout="constrained")
+    lines = len(_SHOWN) // columns
+    figure = Figure(figsize=(4.0 * columns, 2.9 * lines), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(math.ceil(len(_SHOWN) / columns), columns, squeeze=False).ravel()
-    for axis, name in zip(axes, _SHOWN, strict=False):
+    axes = figure.subplots(lines, columns).ravel()
+    for axis, name in zip(axes, _SHOWN, strict=True):
         for place, (title, points) in enumerate(curves.items()):
             weights = list(points)
             moved = [weight * (1 + 0.015 * (place - len(curves) / 2)) for weight in weights]  # bars side by side
@@ -114,8 +115,6 @@ def draw(curves: Curves, path: Path) -> Figure:
         axis.minorticks_off()
         axis.tick_params(labelsize=7)
         axis.grid(alpha=0.3, lw=0.4)
-    for axis in axes[len(_SHOWN) :]:
-        axis.set_axis_off()
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(curves), fontsize=7)
     figure.supxlabel("guidance weight (dashed: with another scene's condition)", fontsize=9)
     save(figure, path, dpi=100)

@@ -124,7 +124,7 @@ def test_recipes_differ_in_the_share_dropped_or_in_what_is_trained(folder):
 @pytest.mark.parametrize("kind", ["text", "image"])
 def test_every_entry_has_options_that_its_mechanism_takes(kind):
     """All ten are there; on 40 tokens of text a window reads a third, probes a quarter of the keys."""
-    names = chosen(tuple(MECHANISMS), kind)
+    names = chosen(tuple(ENTRIES), kind)
     assert names[0] == "none" and {ENTRIES[name].control for name in names} == set(OPTIONS)
     layout = ContextLayout(kind="text") if kind == "text" else ContextLayout(kind="image", grid=(14, 14), modalities=2)
     work = {}
