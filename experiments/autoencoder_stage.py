@@ -7,11 +7,10 @@ import numpy as np
 
 from experiments.reporting import Reporter
 from experiments.start import model_at, started
-from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
+from experiments.state import Stage, TrainState, initial, optimiser_of, pipeline_config, training_step
 from scjax import representation as presets
 from scjax.data.build import load_manifest
 from scjax.data.pipeline import training_batches, validation_scenes
-from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing
 from scjax.metrics.reconstruction import reconstruction
 from scjax.model import Model
@@ -34,8 +33,9 @@ def build(config) -> Stage:
     network = autoencoder(model)
     options = config.loss.to_dict()
     weights = LossWeights(**options.pop("weights"))
+    options["typical_counts"] = tuple(options["typical_counts"]) or None
     packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    optimiser = optimiser_of(config, packing)
     manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, representation)
     base = model_at(config.start).autoencoder if config.start else {}

@@ -11,10 +11,9 @@ import numpy as np
 import scjax
 from experiments.denoiser_stage import with_captions
 from experiments.reporting import Reporter
-from experiments.state import Stage, TrainState, initial, training_step
+from experiments.state import Stage, TrainState, initial, optimiser_of, training_step
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import Example, batch_of
-from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing
 from scjax.model import Model
 from scjax.models.counter import CounterConfig, counter, counter_loss
@@ -34,7 +33,7 @@ def build(config) -> Stage:
     model = CounterConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
     network = counter(model)
     packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    optimiser = optimiser_of(config, packing)
     validation = with_captions(config, base.representation)
 
     def init(key: jax.Array) -> TrainState:

@@ -13,7 +13,7 @@ import scjax
 from experiments.anchors import fit_anchors
 from experiments.reporting import Reporter
 from experiments.start import denoiser_base, model_at, started
-from experiments.state import Stage, TrainState, initial, pipeline_config, training_step
+from experiments.state import Stage, TrainState, initial, optimiser_of, pipeline_config, training_step
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
@@ -22,7 +22,6 @@ from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.times import Times
@@ -68,7 +67,7 @@ def build(config) -> Stage:
     if model.hints:  # what reads the autoencoder's latents is fitted once
         kept |= {path for path in flatten(shapes) if path[0] == "anchors"}
     packing = Packing.of(shapes, kept)
-    optimiser = adamw(**config.optimiser.to_dict(), steps=config.steps)
+    optimiser = optimiser_of(config, packing)
     schedule = cosine_schedule()
     loss = config.loss
     times = Times(draw=loss.times, continuous=loss.continuous_times)

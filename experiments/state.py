@@ -16,6 +16,8 @@ from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import Example, PipelineConfig
 from scjax.devices import AXIS, scene_mesh
 from scjax.diffusion.ema import update_ema
+from scjax.diffusion.muon import muon
+from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing, Vectors, trained
 from scjax.model import Model
 from scjax.nn.functional import Params
@@ -57,6 +59,21 @@ class Stage(NamedTuple):
     texts: TextStore | None = None
     images: bool = False
     prepare: Callable[[TrainState], TrainState] = lambda state: state
+
+
+def optimiser_of(config, packing: Packing) -> optax.GradientTransformation:
+    """What ``config.optimiser`` describes, over ``config.steps``.
+
+    Raises:
+      ValueError: unknown kind, or a schedule that ends before its warm-up does.
+    """
+    options = config.optimiser.to_dict()
+    kind = options.pop("kind")
+    if kind == "adamw":
+        return adamw(**options, steps=config.steps)
+    if kind == "muon":
+        return muon(packing, **options, steps=config.steps)
+    raise ValueError(f'--config.optimiser.kind must be "adamw" or "muon", not {kind!r}')
 
 
 def initial(params: Params, packing: Packing, optimiser: optax.GradientTransformation) -> TrainState:

@@ -52,6 +52,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "workers": 1,
     }
     config.optimiser = {
+        "kind": "adamw",  # or "muon" (scjax/diffusion/muon.py)
         "learning_rate": learning_rate,
         "warmup": 1000 if official else min(500, steps // 10),
         "schedule": "linear",  # to zero at the last step
@@ -71,6 +72,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         ),
         "balanced_links": not official,
         "official_lane_count": official,
+        # Agents and lanes of a scene that weighs 1: in the total, coordinates of crowded scenes then weigh more, and
+        # every element the same. (): every scene the same.
+        "typical_counts": (),
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 10, 1)

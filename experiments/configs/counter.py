@@ -35,6 +35,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "workers": 1,
     }
     config.optimiser = {
+        "kind": "adamw",  # or "muon"
         "learning_rate": 1e-3, "warmup": 100, "schedule": "linear", "weight_decay": 1e-3, "clip": 10.0
     }  # fmt: skip
     config.domain_dropout = 0.3  # share of examples without a domain

@@ -68,6 +68,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "workers": 1,
     }
     config.optimiser = {
+        "kind": "adamw",  # or "muon" (scjax/diffusion/muon.py)
         "learning_rate": learning_rate,
         "warmup": 500,
         "schedule": "constant" if official else "linear",  # linear: to zero at the last step

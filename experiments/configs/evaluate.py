@@ -94,6 +94,7 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.seed = 0
     config.steps = 0  # diffusion steps; 0: all of training
     config.guidance = 0.0  # 0: the model's own
+    config.temperature = (0.0, 0.0)  # of agents and of lanes; 0: the model's own
     config.consensus = 1  # samples of a condition, for AP_consensus and diversity
     # Degrees to either side of a camera, and metres that it is ahead of the ego's centre, in whose view agents are
     # compared: (50.0, 0.0) as in the paper's loss, or a camera's own (scjax.metrics.placement.camera); 0: everywhere.

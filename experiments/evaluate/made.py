@@ -17,6 +17,7 @@ from experiments.evaluate.sources import BUCKET, Npz, Source, digest, row_text
 from scjax.condition import Condition
 from scjax.data.pipeline import clip_counts
 from scjax.model import Model
+from scjax.models.nodes import Nodes
 from scjax.sampling import reconstruct, sample_many
 from scjax.scene import Scene, empty, stack
 from scjax.scene_io import save_npz
@@ -32,11 +33,14 @@ Ask = Callable[[Scene, int], Condition]
 
 @dataclasses.dataclass(frozen=True)
 class Sampling:
-    """How scenes are drawn: seed, diffusion steps (None: all of training) and guidance weight (None: the model's)."""
+    """How scenes are drawn: seed, diffusion steps (None: all of training); guidance weight, temperature of agents and
+    of lanes, and whether samples are steered (None: as the model has it)."""
 
     seed: int = 0
     steps: int | None = None
     guidance: float | None = None
+    temperature: tuple[float, float] | None = None
+    steering: bool | None = None
 
 
 class Pending(Exception):
@@ -64,11 +68,15 @@ def sampled(
 ) -> Made:  # fmt: skip
     """One sample for every row of the reference, in files of a folder that is named by ``folder`` and its content."""
     key = jax.random.key(how.seed)
+    temperature = how.temperature and Nodes(agents=how.temperature[0], lanes=how.temperature[1])
 
     def make(part: Sequence[int], number: int) -> list[Scene]:
         conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
         part_key = jax.random.fold_in(key, number)
-        return sample_many(part_key, conditions, model=model, steps=how.steps, guidance=how.guidance)
+        return sample_many(
+            part_key, conditions, model=model, steps=how.steps, guidance=how.guidance, temperature=temperature,
+            steering=how.steering,
+        )  # fmt: skip
 
     name = digest("sampled", weights_hash(model), reference.fingerprint, row_text(rows), title, str(how))
     return _in_files(folder, name, rows, reference, make, title, shard)

@@ -22,6 +22,7 @@ DECODED, DRAWN = "decoded", "drawn"
 REQUESTS = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of, "prompt": prompt_of}
 OTHER = "other prompt"
 ASKED = (*REQUESTS, "prompt+counts", f"{OTHER}+counts")
+WAYS = {"": None, "steered": True, "unsteered": False}
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
@@ -39,6 +40,7 @@ class RowText:
     NAME=model:FOLDER#prompt    made from a caption of each reference; prompt+counts: at its numbers of lanes and agents
     NAME=model:FOLDER#other prompt+counts   from the caption of a reference of another location, at each one's numbers
     NAME=model:FOLDER#drawn     made without any request; they answer no reference
+    NAME=model:FOLDER#counts?steered, or ?unsteered, with any request: whatever the model has by default
     NAME=model:FOLDER#decoded   each reference as the autoencoder decodes it
     NAME                        a baseline: a rule of retrieval in the bank, C1, C2, C3, random on lanes, copy
 
@@ -46,12 +48,14 @@ class RowText:
       place: the source, or the model's folder; "" for a baseline.
       how: the rule of retrieval, what the model is asked, or the baseline.
       of_model: whether a model makes it.
+      steering: whether its samples are steered; None: as the model has it.
     """
 
     name: str
     place: str
     how: str
     of_model: bool = False
+    steering: bool | None = None
 
     @classmethod
     def parse(cls, text: str) -> RowText:
@@ -64,10 +68,15 @@ class RowText:
         if not spec.startswith("model:"):
             place, _, rule = spec.partition("?")
             return cls(name, place, rule)
-        folder, _, asked = spec.removeprefix("model:").partition("#")
+        folder, _, request = spec.removeprefix("model:").partition("#")
+        asked, _, way = request.partition("?")
         if asked not in (*ASKED, DECODED):
             raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
-        return cls(name, folder, asked, of_model=True)
+        if way not in WAYS:
+            raise ValueError(f"row {name!r}: behind the ?, write steered or unsteered, not {way!r}")
+        if way and asked == DECODED:
+            raise ValueError(f"row {name!r}: decoded scenes are not sampled, so that there is nothing to steer")
+        return cls(name, folder, asked, of_model=True, steering=WAYS[way])
 
     @property
     def answers(self) -> bool:
@@ -180,7 +189,7 @@ class Rows:
             made = decoded(model, place, self.reference, self.rows, row.name, self.shard)
             made.decoded_by = row.place
             return made
-        how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw)
+        how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw, steering=row.steering)
         title = f"{row.name} ({row.how})"
         return sampled(model, place, self.reference, self.rows, self._ask(model, row.how), how, title, self.shard)
 

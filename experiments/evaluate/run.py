@@ -33,9 +33,16 @@ def evaluate(config, workdir: Path) -> Path | None:
     bank = open_source(config.bank) if config.bank else None
     if not reference.clusters:
         raise ValueError(f"{config.reference} holds no scenes")
+    if any(config.temperature) and not all(config.temperature):
+        raise ValueError(
+            f"--config.temperature must be two numbers above 0, of agents and of lanes, not {config.temperature}"
+        )
     builder = Rows(
         reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
-        Sampling(config.seed, config.steps or None, config.guidance or None), consensus=max(config.consensus, 1),
+        Sampling(
+            config.seed, config.steps or None, config.guidance or None,
+            tuple(config.temperature) if all(config.temperature) else None,
+        ), consensus=max(config.consensus, 1),
         wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts, shard=tuple(config.shard),
     )  # fmt: skip
     texts = [named(text, config) for text in (*config.rows, *config.more) if text]

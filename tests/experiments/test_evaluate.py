@@ -20,6 +20,7 @@ from experiments.evaluate.rows import BASELINES, Rows
 from experiments.evaluate.sources import Chosen, EvaluationTiles, Npz, open_source
 from scjax.metrics.measure import distribution_values, match_values, measure
 from scjax.metrics.tally import Tally
+from scjax.models.nodes import Nodes
 from scjax.representation import scjax
 from scjax.scene import stack
 from scjax.scene_io import save_npz
@@ -203,14 +204,16 @@ def stand_in(monkeypatch):
     """A model that answers with a road of the asked number of agents, and an autoencoder that keeps all."""
     asked = []
 
-    def sample_many(key, conditions, *, model, steps, guidance):
+    def sample_many(key, conditions, *, model, steps, guidance, temperature, steering):
         asked.extend(conditions)
+        model.ways.append((temperature, steering))
         return [
             scene([agent(6.0 * k, 0, 0, 5) for k in range(one.num_agents or 2)], [lane((-30, 0), (30, 0))])
             for one in conditions
         ]
 
     model = types.SimpleNamespace(domains=(), representation=scjax(), autoencoder={"w": np.ones(3)}, denoiser={})
+    model.ways = []  # (temperature, steering) of every call
     monkeypatch.setattr(rows_module, "load", lambda folder: model)
     monkeypatch.setattr(made, "sample_many", sample_many)
     monkeypatch.setattr(made, "reconstruct", lambda model, scenes: list(scenes))
@@ -232,6 +235,15 @@ def test_a_report_of_a_model(worlds, tmp_path, stand_in):
     asked.seed = 1
     program.evaluate(asked, tmp_path / "out")
     assert len(stand_in) == 80
+
+
+def test_how_a_row_is_sampled(worlds, tmp_path, stand_in):
+    rows = ("own=model:m#counts", "led=model:m#counts?steered", "free=model:m#drawn?unsteered")
+    program.evaluate(config(worlds, rows=rows, novelty=0), tmp_path / "out")
+    ways = rows_module.load("m").ways
+    assert ways == [(None, None), (None, True), (None, False)]
+    program.evaluate(config(worlds, rows=rows[:1], novelty=0, temperature=(0.75, 0.5)), tmp_path / "out")
+    assert ways[3:] == [(Nodes(agents=0.75, lanes=0.5), None)]  # other scenes than before
 
 
 def test_shards_share_the_making(worlds, tmp_path, stand_in, monkeypatch):
@@ -333,6 +345,9 @@ def test_what_a_condition_adds(worlds, tmp_path):
             {"rows": ("made=model:m#luck",)},
             r"behind the #: counts, lanes, drawn, prompt, prompt\+counts, other prompt\+counts, decoded",
         ),
+        ({"rows": ("made=model:m#counts?luck",)}, "behind the \\?, write steered or unsteered, not 'luck'"),
+        ({"rows": ("made=model:m#decoded?steered",)}, "nothing to steer"),
+        ({"rows": ("copy",), "temperature": (0.5, 0.0)}, "two numbers above 0"),
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),
         ({"rows": ("copy",), "gains": ("copy",)}, "gain 'copy': write two rows"),

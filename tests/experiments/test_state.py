@@ -3,10 +3,11 @@
 import chex
 import jax
 import jax.numpy as jnp
+import ml_collections
 import numpy as np
 import pytest
 
-from experiments.state import initial, training_step
+from experiments.state import initial, optimiser_of, training_step
 from scjax.diffusion.optimiser import adamw
 from scjax.diffusion.packing import Packing
 
@@ -17,10 +18,14 @@ def objective(params, batch, key):
     return jnp.square(miss).mean(), {"largest": jnp.abs(miss).max()}
 
 
-def run(devices, steps=3, **options):
-    optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
+def config(kind):
+    return ml_collections.ConfigDict({"optimiser": {"kind": kind, "learning_rate": 1e-2, "warmup": 1}, "steps": 10})
+
+
+def run(devices, steps=3, kind="adamw", **options):
     params = {"kernel": jnp.linspace(-1.0, 1.0, 6).reshape(3, 2)}
     packing = Packing.of(params)
+    optimiser = optimiser_of(config(kind), packing)
     step = training_step(objective, packing, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
     state = initial(params, packing, optimiser)
     batch = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
@@ -30,9 +35,10 @@ def run(devices, steps=3, **options):
 
 
 @pytest.mark.skipif(len(jax.devices()) < 2, reason="this machine shows JAX one device")
-def test_devices_share_a_batch():
-    alone, metrics = run(jax.devices()[:1])
-    shared, shared_metrics = run(jax.devices()[:2])
+@pytest.mark.parametrize("kind", ["adamw", "muon"])
+def test_devices_share_a_batch(kind):
+    alone, metrics = run(jax.devices()[:1], kind=kind)
+    shared, shared_metrics = run(jax.devices()[:2], kind=kind)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), alone, shared)
     assert alone.step == shared.step == 3
     for name in ("loss", "gradient_norm"):
@@ -52,6 +58,11 @@ def test_a_share_in_parts_is_the_same_step(at_once):
     parts, parts_metrics = run(jax.devices()[:1], at_once=at_once)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), whole, parts)
     np.testing.assert_allclose(metrics["gradient_norm"], parts_metrics["gradient_norm"], rtol=1e-5)
+
+
+def test_an_unknown_optimiser_is_named():
+    with pytest.raises(ValueError, match='must be "adamw" or "muon", not \'adam\''):
+        optimiser_of(config("adam"), Packing.of({"kernel": jnp.ones((3, 2))}))
 
 
 def test_every_shape_of_a_batch_is_traced_once():

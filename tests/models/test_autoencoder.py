@@ -313,6 +313,24 @@ def test_lane_count_counts_where_it_should():
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
 
 
+def test_with_typical_counts_every_element_weighs_the_same(reference):
+    """Coordinates weigh by how many there are over the typical number; classes and the rest stay as they are."""
+    posterior, decoded = reference[:2]
+    tokens = pair()[0]
+    weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_joints=5.0, lane_steps=7.0)
+    with jax.enable_x64(True):
+        plain = per_scene(decoded, posterior, tokens, weights)
+        shared = per_scene(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
+        by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_joints"] + 7 * plain["lane_steps"]
+        more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
+            tokens.lane_mask.sum(-1) / 2 - 1
+        ) * by_lanes
+        assert (np.abs(more) > 0.1).all()
+        np.testing.assert_allclose(shared["total"] - plain["total"], more, rtol=1e-9)
+        for name in plain.keys() - {"total"}:
+            np.testing.assert_array_equal(shared[name], plain[name])
+
+
 def test_joint_error_counts_only_what_parts_linked_lanes():
     """Both ends of a joint moved alike cost nothing; one moved by (0.3, 0.1, 0) costs the mean of the three."""
     case = by_hand([[[0, 1], [2, 0]]], np.zeros((1, 2, 2, 6)))

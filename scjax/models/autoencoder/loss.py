@@ -1,6 +1,7 @@
 """The autoencoder's training loss and its reconstruction errors (official-spec §2.5).
 
-Every term is a mean over the elements of one scene; the loss is the mean over scenes. Values that the source did not
+Every term is a mean over the elements of one scene; the loss is the mean over scenes, or, with ``typical_counts``, one
+in which elements of crowded scenes weigh as much as those of others. Values that the source did not
 record (known flags False) and padding count nowhere; where everything is known the terms are the official ones.
 """
 
@@ -48,6 +49,7 @@ def loss(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
+    typical_counts: tuple[float, float] | None = None,
 ) -> tuple[Float[AnyArray, ""], dict[str, Float[AnyArray, ""]]]:
     """The mean total over scenes, and the mean of every term for the log.
 
@@ -56,8 +58,13 @@ def loss(
         otherwise it counts in PARTITIONED ones only.
       balanced_links: mean over the link classes present in a scene of each class's mean cross-entropy, instead of the
         mean over all pairs, nearly all of which are unrelated.
+      typical_counts: (agents, lanes). Where given, the terms of a scene's coordinates, ``agent_states`` and those of
+        lanes, weigh in the total by its number of agents or lanes over this one: every element the same, where means
+        over scenes hardly count one of a crowd.
     """
-    options = {"official_lane_count": official_lane_count, "balanced_links": balanced_links}
+    options = {
+        "official_lane_count": official_lane_count, "balanced_links": balanced_links, "typical_counts": typical_counts
+    }  # fmt: skip
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     terms = per_scene(decoded, posterior, tokens, weights, **options)
     counted = _counted(tokens, official_lane_count)
@@ -77,6 +84,7 @@ def per_scene(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
+    typical_counts: tuple[float, float] | None = None,
 ) -> dict[str, Float[AnyArray, " b"]]:
     """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
@@ -110,7 +118,13 @@ def per_scene(
         if weights.lane_steps
         else jnp.zeros_like(count_entropy),
     }
-    total = sum(getattr(weights, name) * term for name, term in terms.items())
+    shares = {}
+    if typical_counts is not None:
+        of_agents, of_lanes = (
+            mask.sum(-1) / n for mask, n in zip((agent_mask, lane_mask), typical_counts, strict=True)
+        )
+        shares = {"agent_states": of_agents, **dict.fromkeys(("lane_points", "lane_joints", "lane_steps"), of_lanes)}
+    total = sum(getattr(weights, name) * shares.get(name, 1.0) * term for name, term in terms.items())
     return terms | {"total": jnp.asarray(total)}
 
 
