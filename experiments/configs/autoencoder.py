@@ -52,7 +52,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "workers": 1,
     }
     config.optimiser = {
-        "kind": "adamw",  # or "muon": a third of the steps, each dearer (experiments/results/real_small)
+        "kind": "adamw",  # or "muon": fewer steps, each somewhat dearer (experiments/results/real_small)
         "learning_rate": learning_rate,
         "warmup": 1000 if official else min(500, steps // 10),
         "schedule": "linear",  # to zero at the last step
