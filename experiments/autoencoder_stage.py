@@ -33,7 +33,6 @@ def build(config) -> Stage:
     network = autoencoder(model)
     options = config.loss.to_dict()
     weights = LossWeights(**options.pop("weights"))
-    options["typical_counts"] = tuple(options["typical_counts"]) or None
     packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
     optimiser = optimiser_of(config, packing)
     manifest = load_manifest(config.records)

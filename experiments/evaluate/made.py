@@ -39,7 +39,7 @@ class Sampling:
     seed: int = 0
     steps: int | None = None
     guidance: float | None = None
-    temperature: tuple[float, float] | None = None
+    temperature: Nodes | None = None
     steering: bool | None = None
 
 
@@ -68,17 +68,17 @@ def sampled(
 ) -> Made:  # fmt: skip
     """One sample for every row of the reference, in files of a folder that is named by ``folder`` and its content."""
     key = jax.random.key(how.seed)
-    temperature = how.temperature and Nodes(agents=how.temperature[0], lanes=how.temperature[1])
 
     def make(part: Sequence[int], number: int) -> list[Scene]:
         conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
         part_key = jax.random.fold_in(key, number)
         return sample_many(
-            part_key, conditions, model=model, steps=how.steps, guidance=how.guidance, temperature=temperature,
-            steering=how.steering,
+            part_key, conditions, model=model, steps=how.steps, guidance=how.guidance,
+            temperature=how.temperature, steering=how.steering,
         )  # fmt: skip
 
-    name = digest("sampled", weights_hash(model), reference.fingerprint, row_text(rows), title, str(how))
+    own = str((model.temperature, model.steering))  # not among the weights, and models differ by them alone
+    name = digest("sampled", weights_hash(model), own, reference.fingerprint, row_text(rows), title, str(how))
     return _in_files(folder, name, rows, reference, make, title, shard)
 
 

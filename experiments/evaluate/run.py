@@ -18,6 +18,7 @@ from experiments.evaluate.reconstruction import reconstruction_section
 from experiments.evaluate.rows import Rows
 from experiments.evaluate.sources import open_source
 from scjax.metrics.measured import Measured
+from scjax.models.nodes import Nodes
 
 SHOWN = 4  # rows that are drawn beside each other
 
@@ -37,12 +38,11 @@ def evaluate(config, workdir: Path) -> Path | None:
         raise ValueError(
             f"--config.temperature must be two numbers above 0, of agents and of lanes, not {config.temperature}"
         )
+    temperature = Nodes(agents=config.temperature[0], lanes=config.temperature[1]) if any(config.temperature) else None
     builder = Rows(
         reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
-        Sampling(
-            config.seed, config.steps or None, config.guidance or None,
-            tuple(config.temperature) if all(config.temperature) else None,
-        ), consensus=max(config.consensus, 1),
+        Sampling(config.seed, config.steps or None, config.guidance or None, temperature),
+        consensus=max(config.consensus, 1),
         wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts, shard=tuple(config.shard),
     )  # fmt: skip
     texts = [named(text, config) for text in (*config.rows, *config.more) if text]

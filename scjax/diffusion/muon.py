@@ -32,7 +32,8 @@ def muon(
 ) -> optax.GradientTransformation:
     """Clipping by global norm, then kernels move by their momentum with all its singular values made about equal.
 
-    Costs some 30 n^3 operations a step for each n x n kernel, whatever the batch: little beside the autoencoder's step.
+    Costs some 30 n^3 operations a step for each n x n kernel, whatever the batch: the
+    smaller the batch, the more they weigh.
 
     Args:
       packing: how parameters lie in the vectors that this is a transformation of.
@@ -59,9 +60,10 @@ def muon(
 
 def stacked(vector: Float[Array, " numbers"], shapes: list[tuple[int, ...]]) -> list[Float[Array, "_ _ _"]]:
     """Kernels of these shapes, one after another in a vector, as one stack for each shape: few, large products."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
     parts: dict[tuple[int, ...], list] = {}
-    for shape, end in zip(shapes, _ends(shapes), strict=True):
-        parts.setdefault(shape, []).append(vector[end - math.prod(shape) : end].reshape(shape))
+    for shape, part in zip(shapes, jnp.split(vector, ends[:-1]), strict=True):
+        parts.setdefault(shape, []).append(part.reshape(shape))
     return [jnp.stack(part) for part in parts.values()]
 
 
@@ -73,7 +75,3 @@ def unstacked(stacks: list[Float[Array, "_ _ _"]], shapes: list[tuple[int, ...]]
 
 def _with_kernels(groups: Any, change: Callable, shapes: list[tuple[int, ...]]) -> Vectors:
     return {name: change(group, shapes) if name == KERNEL else group for name, group in groups.items()}
-
-
-def _ends(shapes: list[tuple[int, ...]]) -> list[int]:
-    return np.cumsum([math.prod(shape) for shape in shapes]).tolist()

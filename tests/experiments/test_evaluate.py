@@ -18,6 +18,7 @@ from experiments.evaluate.population import Population, measured
 from experiments.evaluate.retrieval import RULES, Index, retrieve, tf_idf
 from experiments.evaluate.rows import BASELINES, Rows
 from experiments.evaluate.sources import Chosen, EvaluationTiles, Npz, open_source
+from scjax.diffusion.steering import Steering
 from scjax.metrics.measure import distribution_values, match_values, measure
 from scjax.metrics.tally import Tally
 from scjax.models.nodes import Nodes
@@ -213,6 +214,7 @@ def stand_in(monkeypatch):
         ]
 
     model = types.SimpleNamespace(domains=(), representation=scjax(), autoencoder={"w": np.ones(3)}, denoiser={})
+    model.temperature = model.steering = None
     model.ways = []  # (temperature, steering) of every call
     monkeypatch.setattr(rows_module, "load", lambda folder: model)
     monkeypatch.setattr(made, "sample_many", sample_many)
@@ -240,10 +242,15 @@ def test_a_report_of_a_model(worlds, tmp_path, stand_in):
 def test_how_a_row_is_sampled(worlds, tmp_path, stand_in):
     rows = ("own=model:m#counts", "led=model:m#counts?steered", "free=model:m#drawn?unsteered")
     program.evaluate(config(worlds, rows=rows, novelty=0), tmp_path / "out")
-    ways = rows_module.load("m").ways
+    model = rows_module.load("m")
+    ways = model.ways
     assert ways == [(None, None), (None, True), (None, False)]
     program.evaluate(config(worlds, rows=rows[:1], novelty=0, temperature=(0.75, 0.5)), tmp_path / "out")
     assert ways[3:] == [(Nodes(agents=0.75, lanes=0.5), None)]  # other scenes than before
+    model.steering = Steering()
+    for _ in range(2):
+        program.evaluate(config(worlds, rows=rows[:1], novelty=0), tmp_path / "out")
+    assert len(ways) == 5  # the same weights, led by default: others again, and these once
 
 
 def test_shards_share_the_making(worlds, tmp_path, stand_in, monkeypatch):

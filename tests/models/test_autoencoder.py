@@ -329,6 +329,9 @@ def test_with_typical_counts_every_element_weighs_the_same(reference):
         np.testing.assert_allclose(shared["total"] - plain["total"], more, rtol=1e-9)
         for name in plain.keys() - {"total"}:
             np.testing.assert_array_equal(shared[name], plain[name])
+    for wrong in ((8.0,), (8.0, 0.0)):
+        with pytest.raises(ValueError, match="typical_counts must be two numbers above 0"):
+            per_scene(decoded, posterior, tokens, typical_counts=wrong)
 
 
 def test_joint_error_counts_only_what_parts_linked_lanes():

@@ -49,7 +49,7 @@ def loss(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
-    typical_counts: tuple[float, float] | None = None,
+    typical_counts: tuple[float, ...] = (),
 ) -> tuple[Float[AnyArray, ""], dict[str, Float[AnyArray, ""]]]:
     """The mean total over scenes, and the mean of every term for the log.
 
@@ -61,6 +61,9 @@ def loss(
       typical_counts: (agents, lanes). Where given, the terms of a scene's coordinates, ``agent_states`` and those of
         lanes, weigh in the total by its number of agents or lanes over this one: every element the same, where means
         over scenes hardly count one of a crowd.
+
+    Raises:
+      ValueError: ``typical_counts`` that are not two numbers above 0.
     """
     options = {
         "official_lane_count": official_lane_count, "balanced_links": balanced_links, "typical_counts": typical_counts
@@ -84,7 +87,7 @@ def per_scene(
     *,
     official_lane_count: bool = True,
     balanced_links: bool = False,
-    typical_counts: tuple[float, float] | None = None,
+    typical_counts: tuple[float, ...] = (),
 ) -> dict[str, Float[AnyArray, " b"]]:
     """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
@@ -119,7 +122,11 @@ def per_scene(
         else jnp.zeros_like(count_entropy),
     }
     shares = {}
-    if typical_counts is not None:
+    if typical_counts:
+        if len(typical_counts) != 2 or min(typical_counts) <= 0:
+            raise ValueError(
+                f"typical_counts must be two numbers above 0, of agents and of lanes, or (), not {typical_counts}"
+            )
         of_agents, of_lanes = (
             mask.sum(-1) / n for mask, n in zip((agent_mask, lane_mask), typical_counts, strict=True)
         )
