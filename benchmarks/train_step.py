@@ -29,12 +29,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.train_step", description=__doc__)
     parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="autoencoder")
     parser.add_argument("--batch", type=int, default=16, help="scenes a step (default: 16)")
+    parser.add_argument("--scenes", type=int, help="scenes of the workload (default: 64, a batch at least)")
     parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
     parser.add_argument("--repeats", type=int, default=3, help="timed passes over the workload")
     parser.add_argument("--smoke", action="store_true", help="one small batch, to see that it runs")
     args = parser.parse_args(arguments)
     use_every_core()
-    scenes = args.batch if args.smoke else max(64, args.batch)
+    scenes = args.batch if args.smoke else args.scenes or max(64, args.batch)
+    if scenes % args.batch:
+        parser.error(f"--scenes {scenes} are no whole number of batches of {args.batch}")
     timed = step_of(args.kind, args.batch, scenes, args.compute)
 
     # The step of experiments.train itself, with its moving average and its use of every core.
@@ -59,7 +62,7 @@ def main(arguments: list[str] | None = None) -> None:
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
     row = {
-        "step": args.kind, "batch": args.batch, "compute": args.compute, "scenes/s": scenes / seconds,
+        "step": args.kind, "batch": args.batch, "scenes": scenes, "compute": args.compute, "scenes/s": scenes / seconds,
         "reference": reference or "-", "ratio": scenes / seconds / reference if reference else "-",
         "GFLOP/s": work, **{f"share of {name}": work / roof for name, roof in roofs.items()},
         "programs": len(programs), "compile s": first_pass - seconds, "peak GB": workload.peak_memory_gb(),

@@ -91,6 +91,7 @@ def parser() -> argparse.ArgumentParser:
     text = command("embed", "token features of captions", EMBED)
     text.add_argument("records", metavar="RECORDS", help="folder with captions")
     text.add_argument("--encoder", metavar="DIR", help="folder of a text encoder (BERT, T5 or UMT5, Hugging Face)")
+    text.add_argument("--split", choices=("train", "val"), help="only this one: val is enough to judge a model")
     said = command("caption", "facts and sentences for records", CAPTION)
     said.add_argument("records", metavar="RECORDS", help="folder made by the build command")
     said.add_argument("--workers", type=int, default=2, metavar="N",
@@ -179,7 +180,8 @@ def _embed(args: argparse.Namespace) -> int:
     from scjax.data.captions.embeddings import embed_captions
     from scjax.encoders.text import load_text_encoder
 
-    for split, count in embed_captions(args.records, load_text_encoder(args.encoder)).items():
+    splits = (args.split,) if args.split else ("train", "val")
+    for split, count in embed_captions(args.records, load_text_encoder(args.encoder), splits=splits).items():
         print(f"{split}: {count} different texts embedded")
     return 0
 

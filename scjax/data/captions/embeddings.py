@@ -68,8 +68,10 @@ class TextStore:
         return vars(self) | {"_tokens": None}
 
 
-def embed_captions(folder: str | Path, encoder: Encoder, *, progress: bool = True) -> dict[str, int]:
-    """Encodes the captions of every split that has any; returns the number of different texts of each.
+def embed_captions(
+    folder: str | Path, encoder: Encoder, *, splits: Sequence[str] = ("train", "val"), progress: bool = True
+) -> dict[str, int]:
+    """Encodes the captions of the splits that have any; returns the number of different texts of each.
 
     A split whose captions and encoder are unchanged is left as it is.
 
@@ -77,7 +79,7 @@ def embed_captions(folder: str | Path, encoder: Encoder, *, progress: bool = Tru
       ValueError: no split has captions.
     """
     folder, done = Path(folder), {}
-    for split in ("train", "val"):
+    for split in splits:
         if not captions_path(folder, split).is_file():
             continue
         try:

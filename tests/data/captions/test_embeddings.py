@@ -41,6 +41,16 @@ def test_what_is_embedded_already_is_left_alone(folder):
     assert again.calls == []
 
 
+def test_one_split_can_be_embedded_alone(folder, tmp_path):
+    for split in ("train", "val"):
+        path = captions_path(folder, split)
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert list(embed_captions(tmp_path, Words(), splits=("val",), progress=False)) == ["val"]
+    assert len(TextStore(tmp_path, "val")) == len(list(read_captions(tmp_path, "val")))
+    with pytest.raises(ValueError, match="is not there"):
+        TextStore(tmp_path, "train")
+
+
 def test_batches_carry_a_caption_of_their_scene(folder):
     store = TextStore(folder, "train")
     config = PipelineConfig(batch_size=4, buckets=((61, 100),), text_slots=40, jitter_position=0.0)
