@@ -21,7 +21,7 @@ Denoise = Callable[[Nodes, Real[Array, " b"]], Nodes]
 T = TypeVar("T")
 Interval = tuple[float | int, float | int]
 
-WEIGHT = 4.0
+WEIGHT = 2.0
 """Of conditional models, where nothing is said."""
 
 

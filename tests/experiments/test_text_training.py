@@ -13,16 +13,19 @@ import pytest
 import scjax
 from experiments import adherence, calibration, gallery
 from experiments.adherence import held_back_prompts, markdown, measure
+from experiments.denoiser_stage import held_back
 from experiments.ship import counted, ship
 from experiments.train import train
 from experiments.two_by_two import COLUMNS
 from experiments.two_by_two import markdown as markdown_two_by_two
 from experiments.two_by_two import measure as two_by_two
+from scjax import representation as presets
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build
 from scjax.data.captions.embeddings import embed_captions
 from scjax.data.captions.reading import Asked
 from scjax.data.captions.store import add_captions
+from scjax.data.pipeline import batch_of
 from scjax.data.sources import BuildOptions
 from scjax.data.synthetic.source import Worlds
 from scjax.nn.control.windowed import WindowedOptions
@@ -63,6 +66,16 @@ def text_model(folder):
     config.control, config.control_options.windowed.window = "windowed", 4
     train(config, folder / "text")
     return scjax.load(folder / "text" / "model")
+
+
+@pytest.mark.parametrize("condition", ["none", "text", "image"])
+def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
+    config = configured("denoiser", folder)
+    config.condition, config.batch.buckets = condition, ((2, 3), (4, 6))
+    examples = held_back(config, presets.scjax())
+    sizes = [(example.scene.agent_mask.shape[-1], example.scene.lane_mask.shape[-1]) for example in examples]
+    assert max(agents for agents, _ in sizes) == 4 and max(lanes for _, lanes in sizes) == 6
+    assert len(batch_of(examples, (4, 6)).scene.layout) == len(examples)
 
 
 def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
