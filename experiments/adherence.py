@@ -38,6 +38,7 @@ from scjax.data.captions.reading import Asked, met, read_prompt
 from scjax.data.captions.store import Caption, read_captions
 from scjax.data.captions.text import STYLES
 from scjax.data.shards import write_text
+from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.metrics.realism import realism
 from scjax.scene import Scene
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts at most (default %(default)s)")
     add("--each", type=int, metavar="N", help="only prompts of rare events, N of each at most (default: any prompt)")
-    add("--guidance", type=float, nargs="+", default=[4.0], dest="weights", metavar="W",
+    add("--guidance", type=float, nargs="+", default=[WEIGHT], dest="weights", metavar="W",
         help="weights (default %(default)s)")  # fmt: skip
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")

@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--samples", type=int, default=500, metavar="N", help="scenes a row at most (default: %(default)s)")
     add("--samplers", nargs="+", metavar="NAME", help=f"of {', '.join(SAMPLERS)} (default: all that fit the model)")
     add("--steps", type=int, nargs="+", default=list(STEPS), metavar="S", help="(default: %(default)s)")
-    add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: 4 with prompts, 1 without)")
+    add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: that of scjax.sample)")
     add("--compute", nargs="+", default=["float32"], choices=get_args(Compute), metavar="C",
         help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)")  # fmt: skip
     add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
