@@ -18,7 +18,13 @@ from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
 from scjax.data.pipeline import (
-    Bucket, Example, batch_of, captioned, pictured, training_batches, validation_scenes,
+    Bucket,
+    Example,
+    batch_of,
+    captioned,
+    pictured,
+    training_batches,
+    validation_scenes,
 )  # fmt: skip
 from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
