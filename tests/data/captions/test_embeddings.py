@@ -42,8 +42,7 @@ def test_what_is_embedded_already_is_left_alone(folder):
 
 
 def test_one_split_can_be_embedded_alone(folder, tmp_path):
-    for split in ("train", "val"):
-        path = captions_path(folder, split)
+    for path in (folder / "manifest.json", captions_path(folder, "train"), captions_path(folder, "val")):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     assert list(embed_captions(tmp_path, Words(), splits=("val",), progress=False)) == ["val"]
     assert len(TextStore(tmp_path, "val")) == len(list(read_captions(tmp_path, "val")))
