@@ -25,7 +25,7 @@ from scjax.data.pipeline import (
     pictured,
     training_batches,
     validation_scenes,
-)  # fmt: skip
+)
 from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
