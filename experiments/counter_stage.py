@@ -13,7 +13,7 @@ from experiments.denoiser_stage import with_captions
 from experiments.reporting import Reporter
 from experiments.state import Stage, TrainState, initial, optimiser_of, training_step
 from scjax.data.captions.embeddings import TextStore
-from scjax.data.pipeline import Example, batch_of
+from scjax.data.pipeline import Example, batch_of, validation_scenes
 from scjax.diffusion.packing import Packing
 from scjax.model import Model
 from scjax.models.counter import CounterConfig, counter, counter_loss
@@ -34,7 +34,8 @@ def build(config) -> Stage:
     network = counter(model)
     packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
     optimiser = optimiser_of(config, packing)
-    validation = with_captions(config, base.representation)
+    bucket = tuple(config.batch.buckets[-1])
+    validation = with_captions(config, validation_scenes(config.records, base.representation, bucket=bucket))
 
     def init(key: jax.Array) -> TrainState:
         return initial(network.init(key), packing, optimiser)
@@ -55,7 +56,7 @@ def build(config) -> Stage:
     def evaluate(state: TrainState) -> dict[str, float]:
         size, found, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
         for start in range(0, len(validation) - len(validation) % size or len(validation), size):
-            batch = batch_of(validation[start : start + size], config.batch.buckets[-1])
+            batch = batch_of(validation[start : start + size], bucket)
             found.append(jax.device_get(held_back(params, batch, jax.random.key(start))))
         return {name: float(np.mean([terms[name] for terms in found])) for name in found[0]}
 

@@ -17,15 +17,7 @@ from experiments.state import Stage, TrainState, initial, optimiser_of, pipeline
 from scjax.condition import Condition
 from scjax.data.build import load_manifest
 from scjax.data.captions.embeddings import TextStore
-from scjax.data.pipeline import (
-    Bucket,
-    Example,
-    batch_of,
-    captioned,
-    pictured,
-    training_batches,
-    validation_scenes,
-)
+from scjax.data.pipeline import Example, batch_of, captioned, pictured, training_batches, validation_scenes
 from scjax.data.stand_in import CLASSES, GRID
 from scjax.diffusion.collision import collision_penalty, noise_weight
 from scjax.diffusion.consistency import estimate_weight, joint_error, offset_error
@@ -46,7 +38,7 @@ from scjax.nn.functional import Params, flatten, unflatten
 from scjax.programs import decode
 from scjax.representation import Representation
 from scjax.sampling import sample_many
-from scjax.scene import AgentType, Layout
+from scjax.scene import AgentType, Layout, Scene
 from scjax.viz import grid
 
 _PICTURED = 8
@@ -79,7 +71,7 @@ def build(config) -> Stage:
     schedule = cosine_schedule()
     loss = config.loss
     times = Times(draw=loss.times, continuous=loss.continuous_times)
-    validation = held_back(config, representation)
+    validation = validation_examples(config, representation)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
@@ -213,23 +205,22 @@ def _texts(config) -> TextStore | None:
     return TextStore(config.records, "train") if config.condition == "text" else None
 
 
-def held_back(config, representation: Representation) -> list[Example]:
-    """Held-back scenes, cut to the largest bucket as training scenes are: centred ones, with the first caption of
-    each, or those ahead, with what stands in for their images."""
-    bucket = tuple(config.batch.buckets[-1])
-    if config.condition == "text":
-        return with_captions(config, representation, bucket)
+def validation_examples(config, representation: Representation) -> list[Example]:
+    """Held-back scenes of ``config.records``, cut to the largest bucket as training scenes are: centred ones, with
+    the first caption of each, or those ahead, with what stands in for their images."""
     layout = Layout.FORWARD if config.condition == "image" else Layout.CENTRED
-    scenes = validation_scenes(config.records, representation, layout=layout, bucket=bucket)
+    scenes = validation_scenes(config.records, representation, layout=layout, bucket=tuple(config.batch.buckets[-1]))
+    if config.condition == "text":
+        return with_captions(config, scenes)
     return [pictured(scene) if config.condition == "image" else Example(scene=scene) for scene in scenes]
 
 
-def with_captions(config, representation: Representation, bucket: Bucket = (61, 100)) -> list[Example]:
-    """Held-back scenes of ``config.records``, cut to ``bucket``, each with the first of its captions."""
+def with_captions(config, scenes: Sequence[Scene]) -> list[Example]:
+    """The held-back scenes of ``config.records``, in record order, each with the first of its captions."""
     store = TextStore(config.records, "val")
     return [
         captioned(scene, store.features(int(store.texts_of(row)[0])), config.batch.text_slots)
-        for row, scene in enumerate(validation_scenes(config.records, representation, bucket=bucket))
+        for row, scene in enumerate(scenes)
     ]
 
 

@@ -13,7 +13,7 @@ import pytest
 import scjax
 from experiments import adherence, calibration, gallery
 from experiments.adherence import held_back_prompts, markdown, measure
-from experiments.denoiser_stage import held_back
+from experiments.denoiser_stage import validation_examples
 from experiments.ship import counted, ship
 from experiments.train import train
 from experiments.two_by_two import COLUMNS
@@ -72,7 +72,7 @@ def text_model(folder):
 def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
     config = configured("denoiser", folder)
     config.condition, config.batch.buckets = condition, ((2, 3), (4, 6))
-    examples = held_back(config, presets.scjax())
+    examples = validation_examples(config, presets.scjax())
     sizes = [(example.scene.agent_mask.shape[-1], example.scene.lane_mask.shape[-1]) for example in examples]
     assert max(agents for agents, _ in sizes) == 4 and max(lanes for _, lanes in sizes) == 6
     assert len(batch_of(examples, (4, 6)).scene.layout) == len(examples)
