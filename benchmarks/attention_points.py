@@ -173,15 +173,14 @@ def measure(points: list[Point], out=sys.stdout) -> None:
         start = time.perf_counter()
         run = jax.jit(function).lower(*arguments).compile()
         compiled.append((run, arguments, time.perf_counter() - start))
-        for _ in range(WARM):
-            jax.block_until_ready(run(*arguments))
+        warm: list[float] = []
+        while len(warm) < WARM and sum(warm) < ENOUGH:
+            warm.append(_timed(run, arguments))
     seconds: list[list[float]] = [[] for _ in points]
     while any(not _enough(times) for times in seconds):
         for times, (run, arguments, _) in zip(seconds, compiled, strict=True):
             if not _enough(times):
-                start = time.perf_counter()
-                jax.block_until_ready(run(*arguments))
-                times.append(time.perf_counter() - start)
+                times.append(_timed(run, arguments))
     after = workload.rooflines()["float32"]
     steady = abs(after - before) <= _DRIFT * before
     for point, times, (run, _, compile_seconds) in zip(points, seconds, compiled, strict=True):
@@ -197,6 +196,12 @@ def measure(points: list[Point], out=sys.stdout) -> None:
             **workload.machine(),
         }  # fmt: skip
         print(json.dumps(row), file=out, flush=True)
+
+
+def _timed(run: Callable[..., Any], arguments: tuple) -> float:
+    start = time.perf_counter()
+    jax.block_until_ready(run(*arguments))
+    return time.perf_counter() - start
 
 
 def _enough(times: list[float]) -> bool:

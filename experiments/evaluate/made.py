@@ -7,6 +7,7 @@ import hashlib
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -14,10 +15,13 @@ from tqdm import tqdm
 
 from experiments.evaluate.captions import caption_of
 from experiments.evaluate.sources import BUCKET, Npz, Source, digest, row_text
+from scjax.cli.output import CANDIDATES, TRIES
+from scjax.cli.scenes import make as pick
 from scjax.condition import Condition
 from scjax.data.pipeline import clip_counts
 from scjax.model import Model
 from scjax.models.nodes import Nodes
+from scjax.prompts import with_tokens
 from scjax.sampling import reconstruct, sample_many
 from scjax.scene import Scene, empty, stack
 from scjax.scene_io import save_npz
@@ -34,13 +38,15 @@ Ask = Callable[[Scene, int], Condition]
 @dataclasses.dataclass(frozen=True)
 class Sampling:
     """How scenes are drawn: seed, diffusion steps (None: all of training); guidance weight, temperature of agents and
-    of lanes, and whether samples are steered (None: as the model has it)."""
+    of lanes, and whether samples are steered (None: as the model has it); whether the best of several candidates,
+    tidied, is taken, as ``scjax generate`` does."""
 
     seed: int = 0
     steps: int | None = None
     guidance: float | None = None
     temperature: Nodes | None = None
     steering: bool | None = None
+    picked: bool = False
 
 
 class Pending(Exception):
@@ -72,10 +78,14 @@ def sampled(
     def make(part: Sequence[int], number: int) -> list[Scene]:
         conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
         part_key = jax.random.fold_in(key, number)
-        return sample_many(
-            part_key, conditions, model=model, steps=how.steps, guidance=how.guidance,
-            temperature=how.temperature, steering=how.steering,
-        )  # fmt: skip
+        options: dict[str, Any] = {
+            "steps": how.steps, "guidance": how.guidance, "temperature": how.temperature, "steering": how.steering,
+        }  # fmt: skip
+        if not how.picked:
+            return sample_many(part_key, conditions, model=model, **options)
+        prompts = [condition.prompt or "" for condition in conditions]
+        told = with_tokens(conditions, model)
+        return pick(part_key, prompts, told, model=model, pick=CANDIDATES, tries=TRIES, **options)
 
     own = str((model.temperature, model.steering))  # not among the weights, and models differ by them alone
     name = digest("sampled", weights_hash(model), own, reference.fingerprint, row_text(rows), title, str(how))

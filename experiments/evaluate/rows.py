@@ -22,7 +22,7 @@ DECODED, DRAWN = "decoded", "drawn"
 REQUESTS = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of, "prompt": prompt_of}
 OTHER = "other prompt"
 ASKED = (*REQUESTS, "prompt+counts", f"{OTHER}+counts")
-WAYS = {"": None, "steered": True, "unsteered": False}
+WAYS = ("steered", "unsteered", "picked")
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
@@ -41,6 +41,7 @@ class RowText:
     NAME=model:FOLDER#other prompt+counts   from the caption of a reference of another location, at each one's numbers
     NAME=model:FOLDER#drawn     made without any request; they answer no reference
     NAME=model:FOLDER#counts?steered, or ?unsteered, with any request: whatever the model has by default
+    NAME=model:FOLDER#prompt?picked, also #prompt+counts: the best of several, tidied, as scjax generate hands out
     NAME=model:FOLDER#decoded   each reference as the autoencoder decodes it
     NAME                        a baseline: a rule of retrieval in the bank, C1, C2, C3, random on lanes, copy
 
@@ -48,14 +49,14 @@ class RowText:
       place: the source, or the model's folder; "" for a baseline.
       how: the rule of retrieval, what the model is asked, or the baseline.
       of_model: whether a model makes it.
-      steering: whether its samples are steered; None: as the model has it.
+      way: one of ``WAYS`` to sample; "": as the model does by default.
     """
 
     name: str
     place: str
     how: str
     of_model: bool = False
-    steering: bool | None = None
+    way: str = ""
 
     @classmethod
     def parse(cls, text: str) -> RowText:
@@ -72,11 +73,18 @@ class RowText:
         asked, _, way = request.partition("?")
         if asked not in (*ASKED, DECODED):
             raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
-        if way not in WAYS:
-            raise ValueError(f"row {name!r}: behind the ?, write steered or unsteered, not {way!r}")
+        if way not in ("", *WAYS):
+            raise ValueError(f"row {name!r}: behind the ?, write {', '.join(WAYS[:-1])} or {WAYS[-1]}, not {way!r}")
         if way and asked == DECODED:
             raise ValueError(f"row {name!r}: decoded scenes are not sampled, so that there is nothing to steer")
-        return cls(name, folder, asked, of_model=True, steering=WAYS[way])
+        if way == "picked" and "prompt" not in asked:
+            raise ValueError(f"row {name!r}: scenes are picked by what their prompt asks for, and {asked} is none")
+        return cls(name, folder, asked, of_model=True, way=way)
+
+    @property
+    def steering(self) -> bool | None:
+        """Whether its samples are steered; None: as the model has it."""
+        return {"steered": True, "unsteered": False}.get(self.way)
 
     @property
     def answers(self) -> bool:
@@ -189,7 +197,10 @@ class Rows:
             made = decoded(model, place, self.reference, self.rows, row.name, self.shard)
             made.decoded_by = row.place
             return made
-        how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw, steering=row.steering)
+        how = dataclasses.replace(
+            self.sampling, seed=self.sampling.seed + draw, steering=row.steering,
+            picked=row.way == "picked",
+        )  # fmt: skip
         title = f"{row.name} ({row.how})"
         return sampled(model, place, self.reference, self.rows, self._ask(model, row.how), how, title, self.shard)
 

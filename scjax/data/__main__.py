@@ -84,6 +84,10 @@ def parser() -> argparse.ArgumentParser:
     world.add_argument("--ordinary", type=float, default=1.0, metavar="SHARE",
                        help="share of scenes without an event, a roundabout, a bend or a yellow light that is kept; "
                             "less makes those frequent (default %(default)g: all)")  # fmt: skip
+    world.add_argument("--events", nargs="+", default=[], metavar="EVENT",
+                       help='stage one of these, as "double parking", in every world that has a place for it; told '
+                            "twice it comes twice as often, and an unknown one is answered with all that there are "
+                            "(default: any, in some worlds)")  # fmt: skip
     world.add_argument("--workers", type=int, default=2, metavar="N",
                        help="worker processes; 0: work in this one (default %(default)s)")  # fmt: skip
     world.add_argument("--split-percent", type=float, default=5.0, metavar="P",
@@ -170,7 +174,9 @@ def _synthetic(args: argparse.Namespace) -> int:
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
     options = BuildOptions(split_percent=args.split_percent, files_per_shard=64)
-    manifest = build(Worlds(args.seed, args.worlds, args.ordinary), args.out, options, workers=args.workers)
+    manifest = build(
+        Worlds(args.seed, args.worlds, args.ordinary, tuple(args.events)), args.out, options, workers=args.workers
+    )
     for split, entry in manifest["splits"].items():
         print(f"{split}: {entry['records']} records of {entry['scenes']} worlds")
     return 0

@@ -1,5 +1,6 @@
 """An evaluation from config to report over small worlds and a stand-in for the model; stopped, sharded, and misused."""
 
+import dataclasses
 import json
 import pickle
 import subprocess
@@ -253,6 +254,25 @@ def test_how_a_row_is_sampled(worlds, tmp_path, stand_in):
     assert len(ways) == 5  # the same weights, led by default: others again, and these once
 
 
+def test_the_best_of_several_is_taken_as_on_the_command_line(worlds, tmp_path, stand_in, monkeypatch):
+    picked = []
+
+    def pick(key, prompts, told, *, model, pick, tries, **options):
+        picked.append((prompts, [one.prompt for one in told], [one.num_lanes for one in told], pick, tries))
+        return made.sample_many(key, told, model=model, **options)
+
+    monkeypatch.setattr(made, "pick", pick)
+    monkeypatch.setattr(
+        made, "with_tokens", lambda conditions, model: [dataclasses.replace(c, prompt=None) for c in conditions]
+    )
+    rows = ("plain=model:m#prompt+counts", "best=model:m#prompt+counts?picked", "drawn=model:m#prompt?picked")
+    program.evaluate(config(worlds, rows=rows, novelty=0), tmp_path / "out")
+    assert len(stand_in) == 48
+    (prompts, told, lanes, *numbers), (_, _, free, *_) = picked
+    assert all(prompts) and set(told) == {None} and numbers == [8, 4]
+    assert lanes == [one.num_lanes for one in stand_in[:16]] and set(free) == {None}
+
+
 def test_shards_share_the_making(worlds, tmp_path, stand_in, monkeypatch):
     monkeypatch.setattr(made, "PART", 8)
     rows = ("samples=model:m#counts", "copy")
@@ -352,8 +372,9 @@ def test_what_a_condition_adds(worlds, tmp_path):
             {"rows": ("made=model:m#luck",)},
             r"behind the #: counts, lanes, drawn, prompt, prompt\+counts, other prompt\+counts, decoded",
         ),
-        ({"rows": ("made=model:m#counts?luck",)}, "behind the \\?, write steered or unsteered, not 'luck'"),
+        ({"rows": ("made=model:m#counts?luck",)}, "behind the \\?, write steered, unsteered or picked, not 'luck'"),
         ({"rows": ("made=model:m#decoded?steered",)}, "nothing to steer"),
+        ({"rows": ("made=model:m#counts?picked",)}, "picked by what their prompt asks for, and counts is none"),
         ({"rows": ("copy",), "temperature": (0.5, 0.0)}, "two numbers above 0"),
         ({"rows": ("made=npz:HERE?inorder",), "samples": 3}, "row 'made': 16 scenes but 3 references"),
         ({"rows": ("chance",), "bank": ""}, "name one with --config.bank"),

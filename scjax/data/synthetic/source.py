@@ -5,12 +5,15 @@ from __future__ import annotations
 import collections
 import dataclasses
 import hashlib
+from typing import cast
 
 import numpy as np
 
+from scjax.data.captions.events import Event
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.sources import BuildOptions, Loaded, Scanned
 from scjax.data.synthetic import domains
+from scjax.data.synthetic.events import EVENTS
 from scjax.data.synthetic.labels import Label, label
 from scjax.data.synthetic.world import VERSION, make_world, object_of, raw_scene
 from scjax.data.tiles import pose_of
@@ -25,18 +28,23 @@ class Worlds:
     Attributes:
       ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept; a world's third and further
         scenes of the same event count as ordinary. Less than 1 gives a training set in which rare things are frequent.
+      events: of which every world with a place for it shows one; one told twice is drawn twice as often. None: any
+        event in some worlds.
 
     Raises:
-      ValueError: if ``count`` is less than 1, ``seed`` negative or ``ordinary`` no share.
+      ValueError: if ``count`` is less than 1, ``seed`` negative, ``ordinary`` no share, or an event is unknown.
     """
 
     seed: int
     count: int
     ordinary: float = 1.0
+    events: tuple[str, ...] = ()
 
     def __post_init__(self):
         if not 0 <= self.ordinary <= 1:
             raise ValueError(f"ordinary is {self.ordinary}: give a share from 0 to 1")
+        if unknown := set(self.events) - set(EVENTS):
+            raise ValueError(f"unknown event {min(unknown)!r}: choose of {', '.join(EVENTS)}")
         if self.count < 1 or self.seed < 0:
             raise ValueError(
                 f"count is {self.count} and seed {self.seed}: give at least one world, a seed of 0 or more"
@@ -50,7 +58,7 @@ class Worlds:
         """Domain of the world, without making it."""
         seed, k = (int(part) for part in name.split("/"))
         domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
-        kept = f"{self.ordinary:g} {_SAME_EVENT}"
+        kept = " ".join([f"{self.ordinary:g} {_SAME_EVENT}", *self.events])
         digest = hashlib.sha256(f"synthetic world {VERSION} {name} {kept}".encode()).hexdigest()
         return Scanned(name, digest, domain, name)
 
@@ -58,7 +66,7 @@ class Worlds:
         """Makes the world; the options do not matter to it."""
         del options, dense
         seed, k = (int(part) for part in item.file.split("/"))
-        world = make_world(seed, k)
+        world = make_world(seed, k, cast(tuple[Event, ...], self.events))
         raw = raw_scene(world)
         graph = build_graph(raw)
         index = index_segments(graph)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -57,8 +58,11 @@ class World:
     egos: tuple[Ego, ...]
 
 
-def make_world(seed: int, k: int) -> World:
+def make_world(seed: int, k: int, kinds: Sequence[events.Event] = ()) -> World:
     """World ``k`` of ``seed``.
+
+    Args:
+      kinds: events of which one is staged, if the world has a place for it; none: any or none, as domains have it.
 
     Raises:
       ValueError: if one of the numbers is negative.
@@ -72,8 +76,9 @@ def make_world(seed: int, k: int) -> World:
     timings = [Timing.drawn(junction, rng) for junction in net.junctions if junction.phases]
     shown = bool(timings) and rng.random() < 0.8  # at times the lights are not recorded
     staged = None
-    if rng.random() < domains.EVENTS:
-        staged = events.stage(events.EVENTS[rng.integers(len(events.EVENTS))], net, tracks, rng)
+    if rng.random() < (1.0 if kinds else domains.EVENTS):
+        chosen = kinds or events.EVENTS
+        staged = events.stage(chosen[rng.integers(len(chosen))], net, tracks, rng)
     fleet = fill(tracks, domain.density(net, tracks, rng), lambda n: actors.vehicle_sizes(n, rng), rng)
     if staged is not None:
         fleet = events.obstruct(staged, net, tracks, fleet, rng)
