@@ -51,9 +51,12 @@ def worse(row: Row, reference: Row) -> list[str] | None:
 
 
 def verdict(rows: Sequence[Row], reference: Row) -> str:
-    """The setting with the fewest evaluations that worsens nothing, or the one that worsens least."""
-    others = [(row, worse(row, reference)) for row in rows if row is not reference]
+    """The setting with the fewest evaluations that worsens nothing, or the one that worsens least; and how many metrics
+    the reference worsens from other noise."""
+    others = [(row, worse(row, reference)) for row in rows if row is not reference and not row.get("again")]
     judged = [(row, bad) for row, bad in others if bad is not None]
+    anew = [len(worse(row, reference) or []) for row in rows if row.get("again")]
+    chance = f" By chance alone {reference['name']} is worse in {', '.join(map(str, anew))}." if anew else ""
     if not judged:
         return "Nothing to compare: intervals need held-back scenes of two locations or more, and a second setting."
     row, bad = min(judged, key=lambda pair: (bool(pair[1]), len(pair[1]), pair[0]["evaluations"], pair[0]["seconds"]))
@@ -62,11 +65,10 @@ def verdict(rows: Sequence[Row], reference: Row) -> str:
         f"against {reference['evaluations']} and {reference['seconds']:.3g} s"
     )
     if not bad:
-        return f"Fewest steps inside the intervals of {reference['name']}: {row['name']} ({cost})."
+        return f"Fewest steps inside the intervals of {reference['name']}: {row['name']} ({cost}).{chance}"
     titles = ", ".join(METRICS[name][0] for name in bad)
-    return (
-        f"Nothing is inside the intervals of {reference['name']}; nearest is {row['name']} ({cost}), worse in {titles}."
-    )
+    nothing = f"Nothing is inside the intervals of {reference['name']}; nearest is {row['name']} ({cost})"
+    return f"{nothing}, worse in {titles}.{chance}"
 
 
 def markdown(rows: Sequence[Row], reference: Row) -> str:
@@ -88,7 +90,7 @@ def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
     FigureCanvasAgg(figure)
     panels = figure.subplots(lines, _COLUMNS, squeeze=False).ravel()
     series: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda row: row["evaluations"]):
+    for row in sorted((row for row in rows if not row.get("again")), key=lambda row: row["evaluations"]):
         series.setdefault(row["series"], []).append(row)
     for name, each in series.items():
         x = [row["evaluations"] for row in each]

@@ -6,7 +6,8 @@ Scenes are made for held-back records, at their numbers of lanes and agents and,
 their captions; every row from the same keys. OUT gets a file a row (the same command goes on where it was stopped),
 sweep.json, sweep.md and sweep.png. Printed is the setting with the fewest evaluations of the network none of whose
 metrics is worse than the interval of the reference: 100 steps of ddpm (of heun for a rectified flow), under the first
-guidance weight and in the first precision.
+guidance weight and in the first precision. --again makes the reference anew from other noise: what is worse there is
+worse by chance.
 """
 
 from __future__ import annotations
@@ -77,10 +78,12 @@ class Setting(NamedTuple):
     steps: int
     guidance: float
     compute: Compute
+    again: int = 0  # another draw of the noise
 
     def ending(self, weights: bool, computes: bool) -> str:
         """Of the row's name: the weight and the precision where there are several."""
-        return (f", guidance {self.guidance:g}" if weights else "") + (f", {self.compute}" if computes else "")
+        told = (f", guidance {self.guidance:g}" if weights else "") + (f", {self.compute}" if computes else "")
+        return told + (f", again {self.again}" if self.again else "")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -95,6 +98,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: that of scjax.sample)")
     add("--compute", nargs="+", default=["float32"], choices=get_args(Compute), metavar="C",
         help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)")  # fmt: skip
+    add(
+        "--again", type=int, default=0, metavar="N", help="the reference N times more, from other noise (default: none)"
+    )
     add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
     args = parser.parse_args(arguments)
     try:
@@ -118,7 +124,8 @@ def sweep(args) -> str:
     weights = args.guidance or [1.0 if model.denoiser_config.condition is None else WEIGHT]
     reference = Setting(REFERENCE[prediction], 100, weights[0], args.compute[0])
     combined = itertools.product(args.compute, weights, names, sorted(args.steps))
-    settings = dict.fromkeys([reference, *(Setting(n, s, w, c) for c, w, n, s in combined)])
+    anew = [reference._replace(again=k) for k in range(1, args.again + 1)]
+    settings = dict.fromkeys([reference, *anew, *(Setting(n, s, w, c) for c, w, n, s in combined)])
     requests = requests_of(model, args.records, args.samples, args.seed)
     real = measure(requests.references, requests.clusters).tally
     args.out.mkdir(parents=True, exist_ok=True)
@@ -180,6 +187,7 @@ def measured(
     how: dict[str, Any] = setting._asdict()
     assert model.denoiser_config is not None
     config = dataclasses.replace(model.denoiser_config, compute=how.pop("compute"))
+    again = how.pop("again")
     model = dataclasses.replace(model, denoiser_config=config)
     programs = {  # what decides which program makes a scene: its bucket and the slots of its text
         (bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
@@ -192,8 +200,10 @@ def measured(
     for start in range(0, len(requests.conditions), CALL):
         part = requests.conditions[start : start + CALL]
         part = part * 2 if len(part) == 1 else part
+        key = jax.random.fold_in(jax.random.key(seed), start)
+        key = jax.random.fold_in(key, again) if again else key
         begin = time.perf_counter()
-        made = scjax.sample_many(jax.random.fold_in(jax.random.key(seed), start), part, model=model, **how)
+        made = scjax.sample_many(key, part, model=model, **how)
         seconds += time.perf_counter() - begin
         scenes += made[: len(requests.conditions) - start]
         bar.update(len(scenes) - start)

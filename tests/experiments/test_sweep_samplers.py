@@ -70,6 +70,13 @@ def test_precisions_are_compared_with_the_first(folder, capsys):
     assert values[0] != values[1]  # the network really computed otherwise
 
 
+def test_the_reference_is_made_anew_from_other_noise(folder, capsys):
+    run(folder, "--guidance", "4", "--again", "1")
+    first, anew, few = json.loads((folder / "out" / "sweep.json").read_text())["rows"]
+    assert (first["name"], anew["name"], few["name"]) == ("ddpm 100", "ddpm 100, again 1", "dpm++ 3")
+    assert first["metrics"] != anew["metrics"] and "By chance alone ddpm 100 is worse in " in capsys.readouterr().out
+
+
 def test_mistakes_are_told(folder):
     with pytest.raises(SystemExit, match=r"'heun' .*choose one of ddpm, ddim, dpm"):
         run(folder, "--samplers", "heun")
@@ -109,6 +116,8 @@ def test_the_verdict_takes_the_cheapest_of_those_inside(tmp_path):
     assert verdict(every, reference).startswith("Fewest steps inside the intervals of ddpm 100: dpm++ 6 (6 evaluations")
     assert "dpm++ 4 (4" in (told := verdict([reference, four], reference)) and "what the prompt asks for" in told
     assert verdict([reference], reference).startswith("Nothing to compare")
+    anew = [{**four, "name": "ddpm 100, again 1", "again": 1}, {**six, "name": "ddpm 100, again 2", "again": 2}]
+    assert verdict([*every, *anew], reference).endswith("s). By chance alone ddpm 100 is worse in 1, 0.")
     assert "| dpm++ 4 | 4 | 1 | what the prompt asks for |" in markdown(every, reference)
     figure = draw(every, reference, tmp_path / "sweep.png")
     assert len([panel for panel in figure.axes if panel.get_title()]) == len(METRICS) + 1
