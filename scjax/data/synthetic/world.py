@@ -78,7 +78,7 @@ def make_world(seed: int, k: int, kinds: Sequence[events.Event] = ()) -> World:
     staged = None
     if rng.random() < (1.0 if kinds else domains.EVENTS):
         chosen = kinds or events.EVENTS
-        staged = events.stage(chosen[rng.integers(len(chosen))], net, tracks, rng)
+        staged = events.stage(chosen[int(rng.integers(len(chosen)))], net, tracks, rng)
     fleet = fill(tracks, domain.density(net, tracks, rng), lambda n: actors.vehicle_sizes(n, rng), rng)
     if staged is not None:
         fleet = events.obstruct(staged, net, tracks, fleet, rng)
