@@ -98,9 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: that of scjax.sample)")
     add("--compute", nargs="+", default=["float32"], choices=get_args(Compute), metavar="C",
         help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)")  # fmt: skip
-    add(
-        "--again", type=int, default=0, metavar="N", help="the reference N times more, from other noise (default: none)"
-    )
+    add("--again", type=int, default=0, metavar="N", help="rows of the reference from other noise (default: none)")
     add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
     args = parser.parse_args(arguments)
     try:

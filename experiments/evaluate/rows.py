@@ -22,7 +22,8 @@ DECODED, DRAWN = "decoded", "drawn"
 REQUESTS = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of, "prompt": prompt_of}
 OTHER = "other prompt"
 ASKED = (*REQUESTS, "prompt+counts", f"{OTHER}+counts")
-WAYS = ("steered", "unsteered", "picked")
+WAYS = {"steered": {"steering": True}, "unsteered": {"steering": False}, "picked": {"picked": True}}
+"""What a row may say behind the ?, as fields of ``Sampling``."""
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")
 _UNDER = "other scene, same counts"  # of which the ladder is made
@@ -73,18 +74,14 @@ class RowText:
         asked, _, way = request.partition("?")
         if asked not in (*ASKED, DECODED):
             raise ValueError(f"row {name!r}: write what is asked behind the #: {', '.join((*ASKED, DECODED))}")
-        if way not in ("", *WAYS):
-            raise ValueError(f"row {name!r}: behind the ?, write {', '.join(WAYS[:-1])} or {WAYS[-1]}, not {way!r}")
+        if way and way not in WAYS:
+            *others, last = WAYS
+            raise ValueError(f"row {name!r}: behind the ?, write {', '.join(others)} or {last}, not {way!r}")
         if way and asked == DECODED:
             raise ValueError(f"row {name!r}: decoded scenes are not sampled, so that there is nothing to steer")
         if way == "picked" and "prompt" not in asked:
             raise ValueError(f"row {name!r}: scenes are picked by what their prompt asks for, and {asked} is none")
         return cls(name, folder, asked, of_model=True, way=way)
-
-    @property
-    def steering(self) -> bool | None:
-        """Whether its samples are steered; None: as the model has it."""
-        return {"steered": True, "unsteered": False}.get(self.way)
 
     @property
     def answers(self) -> bool:
@@ -197,10 +194,7 @@ class Rows:
             made = decoded(model, place, self.reference, self.rows, row.name, self.shard)
             made.decoded_by = row.place
             return made
-        how = dataclasses.replace(
-            self.sampling, seed=self.sampling.seed + draw, steering=row.steering,
-            picked=row.way == "picked",
-        )  # fmt: skip
+        how = dataclasses.replace(self.sampling, seed=self.sampling.seed + draw, **WAYS.get(row.way, {}))
         title = f"{row.name} ({row.how})"
         return sampled(model, place, self.reference, self.rows, self._ask(model, row.how), how, title, self.shard)
 

@@ -10,6 +10,7 @@ from jaxtyping import Array
 from scjax.condition import Condition
 from scjax.diffusion.samplers import Sampler
 from scjax.model import Model
+from scjax.models.nodes import Nodes
 from scjax.prompts import Shortcomings, shortcomings
 from scjax.sampling import GROUP, sample_many, with_counts
 from scjax.scene import Scene
@@ -28,7 +29,7 @@ def make(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | None = None,
-    temperature: float | None = None,
+    temperature: float | Nodes | None = None,
     steering: bool | None = None,
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.

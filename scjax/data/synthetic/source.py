@@ -28,7 +28,7 @@ class Worlds:
     Attributes:
       ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept; a world's third and further
         scenes of the same event count as ordinary. Less than 1 gives a training set in which rare things are frequent.
-      events: of which every world with a place for it shows one; one told twice is drawn twice as often. None: any
+      events: of which every world with a place for it shows one; one told twice is drawn twice as often. Empty: any
         event in some worlds.
 
     Raises:
@@ -58,8 +58,8 @@ class Worlds:
         """Domain of the world, without making it."""
         seed, k = (int(part) for part in name.split("/"))
         domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
-        kept = " ".join([f"{self.ordinary:g} {_SAME_EVENT}", *self.events])
-        digest = hashlib.sha256(f"synthetic world {VERSION} {name} {kept}".encode()).hexdigest()
+        options = " ".join([f"{self.ordinary:g} {_SAME_EVENT}", *self.events])
+        digest = hashlib.sha256(f"synthetic world {VERSION} {name} {options}".encode()).hexdigest()
         return Scanned(name, digest, domain, name)
 
     def load(self, item: Scanned, options: BuildOptions, dense: bool) -> Loaded:
