@@ -78,17 +78,13 @@ class Tally:
         Drawing makes two sides differ more than they do, so that distances would be too large: the percentile interval
         is moved by that bias, and distances are kept from going below 0. NaN with fewer than two clusters on a side.
         """
-        centre = table(self.total, real.total)
-        if min(len(self.clusters), len(real.clusters)) < 2:
+        centre, drawn = table(self.total, real.total), self.drawn(real, table, draws=draws, seed=seed)
+        if not drawn:
             return dict.fromkeys(centre, (float("nan"), float("nan")))
-        rng = np.random.default_rng(seed)
-        sides = [side._weighted(rng, draws) for side in (self, real)]
-        drawn = [table(*pair) for pair in zip(*sides, strict=True)]
         tails = [(1 - level) / 2, (1 + level) / 2]
         found = {}
         for name, value in centre.items():
-            column = np.array([row[name] for row in drawn])
-            column = column[np.isfinite(column)]
+            column = drawn[name][np.isfinite(drawn[name])]
             if not len(column) or not np.isfinite(value):
                 found[name] = (float("nan"), float("nan"))
                 continue
@@ -96,6 +92,21 @@ class Tally:
             low, high = np.quantile(column, tails) - bias
             found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
         return found
+
+    def drawn(
+        self, real: Tally, table: Table, *, draws: int = DRAWS, seed: int = 0
+    ) -> dict[str, Float64[np.ndarray, " draws"]]:
+        """The values in every draw of ``intervals``; empty with fewer than two clusters on a side.
+
+        Tallies of the same clusters in the same order draw the same ones from the same seed, so that differences of
+        their values are paired.
+        """
+        if min(len(self.clusters), len(real.clusters)) < 2:
+            return {}
+        rng = np.random.default_rng(seed)
+        sides = [side._weighted(rng, draws) for side in (self, real)]
+        rows = [table(*pair) for pair in zip(*sides, strict=True)]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def floor(
         self, table: Table, *, scenes: int | None = None, splits: int = DRAWS, seed: int = 0

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 import scjax
@@ -84,26 +85,39 @@ def test_mistakes_are_told(folder):
         run(folder, "--model=nowhere")
 
 
-def rows():
-    """A reference with intervals 0.8..1.2 about 1, and a twin of 10 evaluations."""
+def rows(spread=0.1):
+    """A reference of 1 in everything, and a twin of 10 evaluations; draws of locations about them, noise apart."""
+    rng = np.random.default_rng(0)
     metrics = {name: {"value": 1.0, "low": 0.8, "high": 1.2} for name in METRICS}
     reference = {"name": "ddpm 100", "series": "ddpm", "evaluations": 100, "seconds": 1.0, "metrics": metrics}
+    reference["drawn"] = {name: 1 + 5 * spread * rng.normal(size=300) for name in METRICS}  # what locations differ by
     few = {**copy.deepcopy(reference), "name": "dpm++ 10", "series": "dpm++", "evaluations": 10}
+    for column in few["drawn"].values():
+        column += spread * rng.normal(size=300)
     return reference, few
 
 
-def test_worse_is_beyond_the_bad_end_of_the_interval():
+def test_worse_is_what_chance_does_not_explain():
     reference, few = rows()
-    assert worse(few, reference) == []
-    few["metrics"]["open_joints"]["value"] = few["metrics"]["off_heading"]["value"] = 1.3
-    few["metrics"]["vehicles_on_lane"]["value"] = 1.3  # more is better
-    few["metrics"]["joint_gap_m"]["value"] = 0.1  # less is better
-    assert worse(few, reference) == ["open_joints", "off_heading"]
+    assert worse(few, reference) == [] == worse(reference, reference)
+    for name, off in (("open_joints", 0.4), ("off_heading", 0.2), ("vehicles_on_lane", 0.4), ("joint_gap_m", -0.4)):
+        few["metrics"][name]["value"] += off  # of vehicles on a lane more is better, of gaps less
+    assert worse(few, reference) == ["open_joints"]  # two deviations are chance where sixteen are looked at
     few["metrics"]["vehicles_on_lane"]["value"] = float("nan")
     assert "vehicles_on_lane" in (worse(few, reference) or [])
-    for bounds in reference["metrics"].values():
-        bounds["low"] = bounds["high"] = float("nan")
-    assert worse(few, reference) is None
+    still = {**copy.deepcopy(reference), "metrics": few["metrics"]}
+    assert "off_heading" in (worse(still, reference) or [])  # it does not vary at all
+    assert worse({**few, "drawn": {}}, reference) is None
+
+
+def test_chance_finds_something_in_one_sweep_of_twenty():
+    rng, found = np.random.default_rng(1), 0
+    for _ in range(200):
+        reference, few = rows()
+        for name in METRICS:
+            few["metrics"][name]["value"] += 0.1 * rng.normal()
+        found += bool(worse(few, reference))
+    assert 2 <= found <= 20
 
 
 def test_the_verdict_takes_the_cheapest_of_those_inside(tmp_path):
@@ -111,9 +125,9 @@ def test_the_verdict_takes_the_cheapest_of_those_inside(tmp_path):
     six, four = copy.deepcopy(ten), copy.deepcopy(ten)
     six |= {"name": "dpm++ 6", "evaluations": 6}
     four |= {"name": "dpm++ 4", "evaluations": 4}
-    four["metrics"]["prompt"]["value"] = 0.5
+    four["metrics"]["prompt"]["value"] = 0.2
     every = [reference, ten, six, four]
-    assert verdict(every, reference).startswith("Fewest steps inside the intervals of ddpm 100: dpm++ 6 (6 evaluations")
+    assert verdict(every, reference).startswith("Fewest steps that are not told from ddpm 100: dpm++ 6 (6 evaluations")
     assert "dpm++ 4 (4" in (told := verdict([reference, four], reference)) and "what the prompt asks for" in told
     assert verdict([reference], reference).startswith("Nothing to compare")
     anew = [{**four, "name": "ddpm 100, again 1", "again": 1}, {**six, "name": "ddpm 100, again 2", "again": 2}]
