@@ -5,9 +5,9 @@
 Scenes are made for held-back records, at their numbers of lanes and agents and, where the model reads text, for one of
 their captions; every row from the same keys. OUT gets a file a row (the same command goes on where it was stopped),
 sweep.json, sweep.md and sweep.png. Printed is the setting with the fewest evaluations of the network that can't be
-told from the reference by being worse in any of 16 metrics, at 95 % for all of them together: 100 steps of ddpm (of heun
-for a rectified flow), under the first guidance weight and in the first precision. --again makes the reference anew from
-other noise: what is worse there is worse by chance.
+told to be worse than the reference in any of 16 metrics, at 95 % for all of them together: 100 steps of ddpm (of heun
+for a rectified flow), under the first guidance weight and in the first precision. --again makes the reference anew
+from other noise: what is worse there is worse by chance.
 """
 
 from __future__ import annotations
