@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from scjax.data.backwards import backwards
 from scjax.data.records import RECORD_FORMAT, encode, make_record, sample_scene, simplified, write_shard
 from scjax.data.sources import BuildOptions, Scanned, Source
 from scjax.data.statistics import SceneStatistics
@@ -81,22 +82,26 @@ def _records_of(
         return []
     raw, lanes, domain = loaded.raw, simplified(loaded.graph), shard.domains.index(loaded.raw.domain)
     encoded, rows, cleaned = [], [], Counter()
+    twice = shard.dense and shard.options.backwards
     for rank, pose in enumerate(loaded.poses):
         record, counts = make_record(raw, lanes, loaded.index, pose, domain)
         if loaded.keep_parked:
             off_road = np.zeros_like(record.context.off_road)
             record = dataclasses.replace(record, context=dataclasses.replace(record.context, off_road=off_road))
-        scene = sample_scene(record)
-        if not len(scene.lanes):
+        if not len(sample_scene(record).lanes):
             continue
-        statistics.add(scene)
         cleaned.update(counts)
-        flags = (int(pose.is_recorder), int(rank < loaded.num_standard))
-        rows.append([raw.scene_id, raw.cluster, domain, pose.step, pose.object, *flags, len(scene.lanes),
-                     len(scene.agents)])  # fmt: skip
-        encoded.append(encode(record))
-        if loaded.labels:
-            report["labels"].append(loaded.labels[rank])
+        turned = dataclasses.replace(record, context=backwards(record.context))
+        for one in (record, turned) if twice else (record,):
+            scene = sample_scene(one)
+            statistics.add(scene)
+            # A count table of the scenes that were has no use for the others.
+            flags = (int(pose.is_recorder), int(rank < loaded.num_standard and one is record))
+            rows.append([raw.scene_id, raw.cluster, domain, pose.step, pose.object, *flags, len(scene.lanes),
+                         len(scene.agents)])  # fmt: skip
+            encoded.append(encode(one))
+            if loaded.labels:
+                report["labels"].append(loaded.labels[rank])
     report["rows"] += rows
     report["cleaned"].update(cleaned)
     report["scenes"] += 1

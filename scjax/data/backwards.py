@@ -1,0 +1,42 @@
+"""A scene seen in a mirror with time running backwards: another road on which traffic keeps to the same side.
+
+A mirror alone turns right-hand traffic into left-hand traffic; turning every lane and agent round as well turns it
+back. What lies ahead of the ego then lies behind it, and forks are merges. Where recordings are few this doubles the
+roads that a network sees. It is no scene that was: queues stand behind the junction.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from scjax.data.crop import Context
+
+
+def backwards(context: Context) -> Context:
+    """``context`` with x mirrored and lanes, links and headings turned round; doing it twice gives it back.
+
+    A lane on the left stays on the left, speeds and signals stay as they are.
+    """
+    starts, ends = context.offsets[:-1], context.offsets[1:]
+    turned = np.repeat(starts + ends - 1, ends - starts) - np.arange(len(context.points))  # last point first, each lane
+    length = _lengths(context)
+    spans = np.empty_like(context.spans)
+    for side in (0, 1):
+        own, whole = slice(2 * side, 2 * side + 2), length[context.beside[:, side]]
+        spans[:, own] = whole[:, None] - context.spans[:, own][:, ::-1]
+    return dataclasses.replace(
+        context,
+        points=context.points[turned] * np.float32([-1, 1, 1]),
+        edges=context.edges[:, ::-1],
+        spans=spans,
+        agents=context.agents * np.float32([-1, 1, 1, 1, 1, -1, 1, 1, 1]),  # x and the sine of the heading
+    )
+
+
+def _lengths(context: Context) -> np.ndarray:
+    """xy arc length of every lane [m]."""
+    steps = np.hypot(*np.diff(context.points[:, :2].astype(np.float64), axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    return along[context.offsets[1:] - 1] - along[context.offsets[:-1]]
