@@ -61,8 +61,8 @@ def parser() -> argparse.ArgumentParser:
     add("--limit", type=int, metavar="N", help="use only the first N files, to try things out")
     add("--files-per-shard", type=int, default=16, metavar="N", help="source files a shard (default %(default)s)")
     add("--backwards", action="store_true",
-        help="train records once more, mirrored and with traffic turned round: other roads, the same side of driving; "
-             "where recordings are few")  # fmt: skip
+        help="train records once more, mirrored and with traffic turned round, in domains of their own: other roads on "
+             "which one drives on the same side, where recordings are few")  # fmt: skip
     add("--no-resume", action="store_true", help="rebuild finished shards too")
     add("--strict", action="store_true", help="stop at the first file that cannot be used instead of skipping it")
     standard = build.add_argument_group(

@@ -2,7 +2,8 @@
 
 A mirror alone turns right-hand traffic into left-hand traffic; turning every lane and agent round as well turns it
 back. What lies ahead of the ego then lies behind it, and forks are merges. Where recordings are few this doubles the
-roads that a network sees. It is no scene that was: queues stand behind the junction.
+roads that a network sees. It is no scene that was (queues stand behind the junction), and so of a domain of its own,
+which a model is asked for by name alone.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ def backwards(context: Context) -> Context:
         spans=spans,
         agents=context.agents * np.float32([-1, 1, 1, 1, 1, -1, 1, 1, 1]),  # x and the sine of the heading
     )
+
+
+def backwards_of(domain: str) -> str:
+    """The domain of scenes of ``domain`` that are turned round."""
+    return f"{domain} backwards"
 
 
 def _lengths(context: Context) -> np.ndarray:

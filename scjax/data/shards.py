@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from scjax.data.backwards import backwards
-from scjax.data.records import RECORD_FORMAT, encode, make_record, sample_scene, simplified, write_shard
+from scjax.data.backwards import backwards, backwards_of
+from scjax.data.records import RECORD_FORMAT, Record, encode, make_record, sample_scene, simplified, write_shard
 from scjax.data.sources import BuildOptions, Scanned, Source
 from scjax.data.statistics import SceneStatistics
 
@@ -91,13 +91,11 @@ def _records_of(
         if not len(sample_scene(record).lanes):
             continue
         cleaned.update(counts)
-        turned = dataclasses.replace(record, context=backwards(record.context))
-        for one in (record, turned) if twice else (record,):
+        flags = (int(pose.is_recorder), int(rank < loaded.num_standard))
+        for one in (record, _turned(record, shard.domains)) if twice else (record,):
             scene = sample_scene(one)
             statistics.add(scene)
-            # A count table of the scenes that were has no use for the others.
-            flags = (int(pose.is_recorder), int(rank < loaded.num_standard and one is record))
-            rows.append([raw.scene_id, raw.cluster, domain, pose.step, pose.object, *flags, len(scene.lanes),
+            rows.append([raw.scene_id, raw.cluster, one.domain, pose.step, pose.object, *flags, len(scene.lanes),
                          len(scene.agents)])  # fmt: skip
             encoded.append(encode(one))
             if loaded.labels:
@@ -106,6 +104,12 @@ def _records_of(
     report["cleaned"].update(cleaned)
     report["scenes"] += 1
     return encoded
+
+
+def _turned(record: Record, domains: tuple[str, ...]) -> Record:
+    """The record backwards, in a domain of its own: its lanes are as good as any, its traffic is not."""
+    domain = domains.index(backwards_of(domains[record.domain]))
+    return dataclasses.replace(record, context=backwards(record.context), domain=domain)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -36,7 +36,7 @@ class BuildOptions:
       poses: the standard poses, those of the evaluation set; validation records are these alone.
       train_poses: denser poses that training records have on top.
       files_per_shard: source files a shard is made from.
-      backwards: training records once more, mirrored and turned round (``scjax.data.backwards``).
+      backwards: training records once more, mirrored and turned round (``scjax.data.backwards``), as other domains.
     """
 
     split_percent: float = 10.0
