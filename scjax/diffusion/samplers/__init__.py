@@ -32,8 +32,8 @@ STEPS: dict[Prediction, dict[str, int]] = {
     "velocity": {"ddpm": 25, "ddim": 50, "dpm++": 25},
     "flow": {"dpm++": 25, "euler": 50, "heun": 25},
 }
-"""By default. Ancestral sampling of the velocity: the fewest that 192 scenes of the model that ships cannot tell from 100
-(recorded in experiments/results/samplers); of the noise: all of training, as the release. The others were not
+"""By default. Ancestral sampling of the velocity: the fewest that 192 scenes of the model that ships cannot tell from
+100 (recorded in experiments/results/samplers); of the noise: all of training, as the release. The others were not
 chosen by measurement."""
 
 
