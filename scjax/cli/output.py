@@ -79,6 +79,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.parts: dict[str, float] = {}
+        self._times: dict[str, int] = {}
 
     @contextlib.contextmanager
     def part(self, name: str) -> Iterator[None]:
@@ -88,10 +89,15 @@ class Clock:
             yield
         finally:
             self.parts[name] = self.parts.get(name, 0.0) + time.perf_counter() - start
+            self._times[name] = self._times.get(name, 0) + 1
 
     def told(self) -> str:
-        """All parts in one line."""
-        return ", ".join(f"{name} {seconds:.1f} s" for name, seconds in self.parts.items())
+        """All parts in one line; of those that ran several times the mean."""
+        shares = ((name, seconds, self._times[name]) for name, seconds in self.parts.items())
+        return ", ".join(
+            f"{name} {seconds:.1f} s" if times == 1 else f"{times} {name} {seconds / times:.1f} s each"
+            for name, seconds, times in shares
+        )
 
 
 def say(text: str, quiet: bool = False) -> None:

@@ -29,10 +29,10 @@ def backwards(context: Context) -> Context:
         spans[:, own] = whole[:, None] - context.spans[:, own][:, ::-1]
     return dataclasses.replace(
         context,
-        points=context.points[turned] * np.float32([-1, 1, 1]),
+        points=context.points[turned] * np.array([-1, 1, 1], np.float32),
         edges=context.edges[:, ::-1],
         spans=spans,
-        agents=context.agents * np.float32([-1, 1, 1, 1, 1, -1, 1, 1, 1]),  # x and the sine of the heading
+        agents=context.agents * np.array([-1, 1, 1, 1, 1, -1, 1, 1, 1], np.float32),  # x and the sine of the heading
     )
 
 
