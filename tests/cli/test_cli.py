@@ -83,7 +83,7 @@ def test_sampler_guidance_and_temperature_change_the_scene(run, folder, tmp_path
         scenes.append(load_npz(out / f"{slug(PROMPT)}-0-0.npz"))
     assert not any(np.allclose(scenes[0].lanes, other.lanes, atol=1e-3) for other in scenes[1:])
     help = " ".join(run("generate", "--help")[1].split())
-    assert "[default: ddpm; rectified flow: heun]" in help and "ddpm 16" in help and "dpm++" in help
+    assert "[default: ddpm; rectified flow: heun]" in help and "ddpm 25" in help and "dpm++" in help
 
 
 def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder, tmp_path):
