@@ -77,9 +77,16 @@ def worse(row: Row, reference: Row, *, level: float = 0.95) -> list[str] | None:
 
 def verdict(rows: Sequence[Row], reference: Row) -> str:
     """The setting with the fewest evaluations that worsens nothing, or the one that worsens least; and how many metrics
-    the reference worsens from other noise."""
-    others = [(row, worse(row, reference)) for row in rows if row is not reference and not row.get("again")]
-    judged = [(row, bad) for row, bad in others if bad is not None]
+    the reference worsens from other noise.
+
+    A setting also answers for what its series worsens with more evaluations: of many settings one is inside by chance.
+    """
+    found = [(row, worse(row, reference)) for row in rows if row is not reference and not row.get("again")]
+    others = [(row, bad) for row, bad in found if bad is not None]
+    judged = [
+        (row, [name for name in METRICS if any(name in bad for more, bad in others if _onwards(more, row))])
+        for row, _ in others
+    ]
     anew = [len(worse(row, reference) or []) for row in rows if row.get("again")]
     chance = f" By chance alone {reference['name']} is worse in {', '.join(map(str, anew))}." if anew else ""
     if not judged:
@@ -94,6 +101,10 @@ def verdict(rows: Sequence[Row], reference: Row) -> str:
     titles = ", ".join(METRICS[name][0] for name in bad)
     nothing = f"All are told from {reference['name']}; nearest is {row['name']} ({cost})"
     return f"{nothing}, worse in {titles}.{chance}"
+
+
+def _onwards(row: Row, start: Row) -> bool:
+    return row["series"] == start["series"] and row["evaluations"] >= start["evaluations"]
 
 
 def markdown(rows: Sequence[Row], reference: Row) -> str:

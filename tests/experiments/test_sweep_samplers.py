@@ -128,6 +128,9 @@ def test_the_verdict_takes_the_cheapest_of_those_inside(tmp_path):
     four["metrics"]["prompt"]["value"] = 0.2
     every = [reference, ten, six, four]
     assert verdict(every, reference).startswith("Fewest steps that are not told from ddpm 100: dpm++ 6 (6 evaluations")
+    ten["metrics"]["prompt"]["value"] = 0.2
+    assert "All are told" in verdict(every, reference)  # six of a sampler that is worse with ten are inside by chance
+    ten["metrics"]["prompt"]["value"] = 1.0
     assert "dpm++ 4 (4" in (told := verdict([reference, four], reference)) and "what the prompt asks for" in told
     assert verdict([reference], reference).startswith("Nothing to compare")
     anew = [{**four, "name": "ddpm 100, again 1", "again": 1}, {**six, "name": "ddpm 100, again 2", "again": 2}]
