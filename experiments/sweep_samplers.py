@@ -42,7 +42,7 @@ from scjax.features import padded_length
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
 from scjax.metrics.pooling import Values
-from scjax.metrics.tally import Tally
+from scjax.metrics.tally import Tally, bounds
 from scjax.nn.precision import Compute
 from scjax.sampling import bucket_of
 from scjax.scene import Scene
@@ -212,10 +212,12 @@ def measured(
             hits = list(met(asked, parse(scene)).values())
             prompts.add({"also/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
         tally = Tally({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
-    values, bounds = _table(tally.total, real.total), tally.intervals(real, _table)
-    found = {name: {"value": values[name], "low": bounds[name][0], "high": bounds[name][1]} for name in values}
-    drawn = {name: [float(f"{x:.6g}") for x in column] for name, column in tally.drawn(real, _table).items()}
-    return {"seconds": seconds / len(scenes), "scenes": len(scenes), "metrics": found, "drawn": drawn}
+    values, drawn = _table(tally.total, real.total), tally.drawn(real, _table)
+    found = {
+        name: {"value": values[name], "low": low, "high": high} for name, (low, high) in bounds(values, drawn).items()
+    }
+    rounded = {name: [float(f"{x:.6g}") for x in column] for name, column in drawn.items()}
+    return {"seconds": seconds / len(scenes), "scenes": len(scenes), "metrics": found, "drawn": rounded}
 
 
 def _table(ours: Sums, theirs: Sums) -> Values:

@@ -12,6 +12,7 @@ import dataclasses
 
 import numpy as np
 
+from scjax.data import ragged
 from scjax.data.crop import Context
 
 
@@ -22,7 +23,7 @@ def backwards(context: Context) -> Context:
     """
     starts, ends = context.offsets[:-1], context.offsets[1:]
     turned = np.repeat(starts + ends - 1, ends - starts) - np.arange(len(context.points))  # last point first, each lane
-    length = _lengths(context)
+    length = ragged.arc_lengths(context.points, context.offsets)[ends - 1]
     spans = np.empty_like(context.spans)
     for side in (0, 1):
         own, whole = slice(2 * side, 2 * side + 2), length[context.beside[:, side]]
@@ -39,10 +40,3 @@ def backwards(context: Context) -> Context:
 def backwards_of(domain: str) -> str:
     """The domain of scenes of ``domain`` that are turned round."""
     return f"{domain} backwards"
-
-
-def _lengths(context: Context) -> np.ndarray:
-    """xy arc length of every lane [m]."""
-    steps = np.hypot(*np.diff(context.points[:, :2].astype(np.float64), axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    return along[context.offsets[1:] - 1] - along[context.offsets[:-1]]

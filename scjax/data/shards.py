@@ -88,12 +88,16 @@ def _records_of(
         if loaded.keep_parked:
             off_road = np.zeros_like(record.context.off_road)
             record = dataclasses.replace(record, context=dataclasses.replace(record.context, off_road=off_road))
-        if not len(sample_scene(record).lanes):
+        scene = sample_scene(record)
+        if not len(scene.lanes):
             continue
         cleaned.update(counts)
         flags = (int(pose.is_recorder), int(rank < loaded.num_standard))
-        for one in (record, _turned(record, shard.domains)) if twice else (record,):
-            scene = sample_scene(one)
+        made = [(record, scene)]
+        if twice:
+            turned = _turned(record, shard.domains)
+            made.append((turned, sample_scene(turned)))
+        for one, scene in made:
             statistics.add(scene)
             rows.append([raw.scene_id, raw.cluster, one.domain, pose.step, pose.object, *flags, len(scene.lanes),
                          len(scene.agents)])  # fmt: skip

@@ -79,19 +79,7 @@ class Tally:
         is moved by that bias, and distances are kept from going below 0. NaN with fewer than two clusters on a side.
         """
         centre, drawn = table(self.total, real.total), self.drawn(real, table, draws=draws, seed=seed)
-        if not drawn:
-            return dict.fromkeys(centre, (float("nan"), float("nan")))
-        tails = [(1 - level) / 2, (1 + level) / 2]
-        found = {}
-        for name, value in centre.items():
-            column = drawn[name][np.isfinite(drawn[name])]
-            if not len(column) or not np.isfinite(value):
-                found[name] = (float("nan"), float("nan"))
-                continue
-            bias = column.mean() - value if _is_distance(name) else 0.0
-            low, high = np.quantile(column, tails) - bias
-            found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
-        return found
+        return bounds(centre, drawn, level)
 
     def drawn(
         self, real: Tally, table: Table, *, draws: int = DRAWS, seed: int = 0
@@ -153,6 +141,24 @@ class Tally:
         number = len(self.clusters)
         weights = rng.multinomial(number, np.full(number, 1 / number), draws)
         return [self._split(row) for row in weights @ self._matrix()]
+
+
+def bounds(
+    centre: Values, drawn: Mapping[str, Float64[np.ndarray, " draws"]], level: float = 0.95
+) -> dict[str, tuple[float, float]]:
+    """``Tally.intervals`` of values whose draws are at hand; NaN without any."""
+    tails = [(1 - level) / 2, (1 + level) / 2]
+    found = {}
+    for name, value in centre.items():
+        column = drawn.get(name, np.zeros(0))
+        column = column[np.isfinite(column)]
+        if not len(column) or not np.isfinite(value):
+            found[name] = (float("nan"), float("nan"))
+            continue
+        bias = column.mean() - value if _is_distance(name) else 0.0
+        low, high = np.quantile(column, tails) - bias
+        found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
+    return found
 
 
 def group_of(index: int) -> str:

@@ -58,10 +58,8 @@ def test_only_training_records_are_doubled(tmp_path):
     )
     count = {name: [made["splits"][name]["records"] for made in (plain, both)] for name in ("train", "val")}
     assert count["train"][1] == 2 * count["train"][0] > 0 and count["val"][1] == count["val"][0] > 0
-    assert (
-        both["domains"] == ["womd", "womd backwards"]
-        and [row for row in both["counts"] if not row[0]] == plain["counts"]
-    )
+    assert both["domains"] == ["womd", "womd backwards"]
+    assert [row for row in both["counts"] if not row[0]] == plain["counts"]
     assert both["splits"]["val"]["clusters"] == plain["splits"]["val"]["clusters"]
     read = [records.decode(data) for data in records.source(tmp_path / "True", "train")]
     want = records.sample_scene(dataclasses.replace(read[0], context=backwards(read[0].context)), Layout.FORWARD)
