@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from scjax.devices import spread
-from scjax.diffusion import soundness
+from scjax.diffusion import soundness, staging
 from scjax.diffusion.estimator import estimator
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
@@ -34,18 +34,20 @@ _QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passe
 @functools.lru_cache(maxsize=32)
 def sampling_program(
     representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
-    guidance: Guidance | None, steering: Steering | None = None,
+    guidance: Guidance | None, steering: Steering | None = None, staged: Steering | None = None,
 ) -> Program:  # fmt: skip
     """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
 
-    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are.
+    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are, ``staged`` None does not ask
+    for events.
     """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
 
     def run(
-        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away
-    ) -> Scene:
+        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away,
+        events=None,
+    ) -> Scene:  # fmt: skip
         given = values = None
         if known is not None:
             tokens = representation.tokens(known)
@@ -70,8 +72,14 @@ def sampling_program(
 
             return energy
 
+        def energy_of_events(start: Nodes) -> Energy:
+            poses = staging.stage(scenes(start), events, made.agents)
+            return lambda latents: staging.energy(scenes(latents, through_pairs=False), poses).sum()
+
+        made = generated(masks, given)
+        if staged is not None:
+            denoise = steered(denoise, schedule.levels, config.prediction, energy_of_events, made, staged)
         if steering is not None:
-            made = generated(masks, given)
             denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,

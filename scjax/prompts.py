@@ -51,7 +51,12 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
             for tokens, text in (("tokens", cond.prompt), ("negative_tokens", cond.negative_prompt))
             if text is not None
         }
-        return dataclasses.replace(cond, prompt=None, negative_prompt=None, **changes) if changes else cond
+        if not changes:
+            return cond
+        events = cond.events
+        if events is None and cond.prompt is not None:
+            events = read_prompt(cond.prompt).events
+        return dataclasses.replace(cond, prompt=None, negative_prompt=None, events=events, **changes)
 
     return [told(cond) for cond in conditions]
 

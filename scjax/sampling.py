@@ -17,6 +17,7 @@ from scjax.data.ordering import arrange
 from scjax.devices import replicated
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
+from scjax.diffusion.staging import STAGING, told
 from scjax.diffusion.steering import Steering
 from scjax.features import check_readable, features_of, text_features
 from scjax.model import Model, load
@@ -108,22 +109,24 @@ def sample_many(
     # The weight is an argument of the program: every other weight is the same program.
     options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
     steps = STEPS[config.prediction][sampler.name] if steps is None else steps
-    program = sampling_program(
-        model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None
-    )
-    groups: dict[tuple[int, int], list[int]] = {}
+    groups: dict[tuple[tuple[int, int], bool], list[int]] = {}
     for i, request in enumerate(requests):
-        groups.setdefault(bucket_of(*request.counts), []).append(i)
+        groups.setdefault((bucket_of(*request.counts), bool(steering and request.cond.events)), []).append(i)
     results: dict[int, Scene] = {}
     size = 1 if len(requests) == 1 else GROUP
     weights = replicated((model.autoencoder, model.denoiser), size)  # once, not in every call of a program
-    for bucket, members in groups.items():
+    for (bucket, staged), members in groups.items():
+        program = sampling_program(
+            model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None,
+            STAGING if staged else None,
+        )  # fmt: skip
         for start in range(0, len(members), size):
             part = members[start : start + size]
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
+            events = (told([request.cond.events or () for request in chosen]),) if staged else ()
             batch = program(
                 *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.weight), temperature,
-                *_collate(chosen, bucket, config),
+                *_collate(chosen, bucket, config), *events,
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
                 results[i] = requests[i].finish(batch[row])
