@@ -176,7 +176,13 @@ def held_back_prompts(
         events.update(asked.events)
         left -= 1
         scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
-        yield Prompted(text, asked, scjax.Condition(tokens=tokens, events=asked.events), scene, captions[row].facts)
+        yield Prompted(
+            text,
+            asked,
+            scjax.Condition(tokens=tokens, events=asked.events, light=asked.signal),
+            scene,
+            captions[row].facts,
+        )
     if each is not None and not events:
         raise ValueError(
             f"--each: no held-back caption of {folder} names a rare event: make records with --ordinary 0.1"

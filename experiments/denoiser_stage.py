@@ -109,7 +109,7 @@ def build(config) -> Stage:
 
         def penalty(estimate: Nodes, level):
             latents = frozen.latents.denormalise(estimate)
-            made = decode(coder, coder_params, representation, latents, masks, scene.layout, scene.domain)
+            made, _ = decode(coder, coder_params, representation, latents, masks, scene.layout, scene.domain)
             total = jnp.zeros(len(scene.layout))
             if loss.collision:
                 total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Array
 
 from scjax.data.captions.events import Event
 from scjax.scene import Layout, Scene
+
+Light = Literal["green", "yellow", "red"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -25,6 +27,7 @@ class Condition:
       tokens: condition tokens [n, features] instead of a prompt.
       events: rare events that steering brings about (``scjax.diffusion.staging``); by default those that the prompt
         names, () for none.
+      light: state of the ego's light that steering brings about; by default the one that the prompt speaks of.
       token_mask: [n] True for real tokens; by default all.
       negative_tokens: tokens instead of a negative prompt, all of them real.
       image: features [channels, rows, columns] of what lies ahead, for a model trained on images; it needs ``depth``
@@ -41,6 +44,7 @@ class Condition:
     prompt: str | None = None
     negative_prompt: str | None = None
     events: tuple[Event, ...] | None = None
+    light: Light | None = None
     tokens: Array | np.ndarray | None = None
     token_mask: Array | np.ndarray | None = None
     negative_tokens: Array | np.ndarray | None = None
@@ -59,6 +63,8 @@ class Condition:
             raise ValueError(
                 f"Condition.events {sorted(unknown)} are unknown: choose among {', '.join(get_args(Event))}"
             )
+        if self.light not in (None, *get_args(Light)):
+            raise ValueError(f"Condition.light {self.light!r} is unknown: choose one of {', '.join(get_args(Light))}")
         if self.known is not None and self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "

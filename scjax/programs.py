@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from scjax.devices import spread
 from scjax.diffusion import soundness, staging
@@ -15,9 +16,10 @@ from scjax.diffusion.estimator import estimator
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
 from scjax.diffusion.samplers.loop import sample as sample_latents
-from scjax.diffusion.steering import Energy, Steering, steered
+from scjax.diffusion.steering import Energy, Steering, rounds_of, steered
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
+from scjax.models.autoencoder.outputs import Decoded
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes, generated
@@ -34,19 +36,19 @@ _QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passe
 @functools.lru_cache(maxsize=32)
 def sampling_program(
     representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
-    guidance: Guidance | None, steering: Steering | None = None, staged: Steering | None = None,
+    guidance: Guidance | None, steering: Steering | None = None,
 ) -> Program:  # fmt: skip
     """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
 
-    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are, ``staged`` None does not ask
-    for events.
+    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are.
     """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
+    lit = representation.lane_classes == "signal"
 
     def run(
         ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away,
-        events=None,
+        wanted,
     ) -> Scene:  # fmt: skip
         given = values = None
         if known is not None:
@@ -59,34 +61,37 @@ def sampling_program(
             features=features, away=away, guidance=guidance, weight=weight,
         )  # fmt: skip
 
-        def scenes(latents: Nodes, **options) -> Scene:
+        def decoded(latents: Nodes, **options) -> tuple[Scene, Decoded]:
             latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
             return decode(coder, ae, representation, latents, masks, layout, domain, **options)
 
-        def energy_around(start: Nodes) -> Energy:
-            links = scenes(start).links  # their head, over all pairs, would be most of a round
-
-            def energy(latents: Nodes):
-                decoded = scenes(latents, through_pairs=False).replace(links=links)
-                return soundness.energy(decoded).sum()
-
-            return energy
-
-        def energy_of_events(start: Nodes) -> Energy:
-            poses = staging.stage(scenes(start), events, made.agents)
-            return lambda latents: staging.energy(scenes(latents, through_pairs=False), poses).sum()
-
-        made = generated(masks, given)
-        if staged is not None:
-            denoise = steered(denoise, schedule.levels, config.prediction, energy_of_events, made, staged)
         if steering is not None:
-            denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
+            made = generated(masks, given)
+            sound = jnp.asarray(rounds_of(steering.rounds, steering.below, schedule.levels))
+            staged = jnp.asarray(rounds_of(staging.ROUNDS, staging.BELOW, schedule.levels))
+            rounds = jnp.where(staging.anything(wanted)[:, None], jnp.maximum(sound, staged)[None], sound[None])
+
+            def energy_around(start: Nodes, step: Int[Array, ""]) -> Energy:
+                found = decoded(start)[0]  # links: their head, over all pairs, would be most of a round
+                cues = staging.cues(found, wanted, made.agents)
+
+                def energy(latents: Nodes) -> Float[Array, ""]:
+                    scene, told = decoded(latents, through_pairs=False)
+                    scene = scene.replace(links=found.links)
+                    faults = jnp.where(sound[step] > 0, soundness.energy(scene), 0)
+                    return (faults + staging.energy(scene, told.lane_type_logits if lit else None, cues)).sum()
+
+                return energy
+
+            denoise = steered(
+                denoise, schedule.levels, config.prediction, energy_around, made, steering, rounds
+            )  # fmt: skip
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
             most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
-        return scenes(latents)
+        return decoded(latents)[0]
 
     return compiled(run, shared=6)
 
@@ -100,7 +105,7 @@ def reconstruction_program(representation: Representation, config: AutoencoderCo
         tokens: Tokens = representation.tokens(scenes)
         posterior = coder.apply(params, tokens, method="encode")
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)[0]
 
     return compiled(run, shared=1)
 
@@ -116,13 +121,14 @@ def compiled(run: Program, shared: int) -> Program:
 def decode(
     coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain,
     **options,
-) -> Scene:  # fmt: skip
-    """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
+) -> tuple[Scene, Decoded]:  # fmt: skip
+    """Latents [B, tokens, latent] -> scenes in metres [B], and what the decoder says; ``options`` are the decoder's."""
     decoded = coder.apply(params, latents, masks, method="decode", **options)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if representation.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
-    return representation.scene(
+    scene = representation.scene(
         decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
         decoded.link_logits, layout, domain,
     )  # fmt: skip
+    return scene, decoded

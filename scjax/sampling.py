@@ -17,7 +17,7 @@ from scjax.data.ordering import arrange
 from scjax.devices import replicated
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
-from scjax.diffusion.staging import STAGING, told
+from scjax.diffusion.staging import wanted
 from scjax.diffusion.steering import Steering
 from scjax.features import check_readable, features_of, text_features
 from scjax.model import Model, load
@@ -109,24 +109,22 @@ def sample_many(
     # The weight is an argument of the program: every other weight is the same program.
     options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
     steps = STEPS[config.prediction][sampler.name] if steps is None else steps
-    groups: dict[tuple[tuple[int, int], bool], list[int]] = {}
+    program = sampling_program(
+        model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None
+    )
+    groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
-        groups.setdefault((bucket_of(*request.counts), bool(steering and request.cond.events)), []).append(i)
+        groups.setdefault(bucket_of(*request.counts), []).append(i)
     results: dict[int, Scene] = {}
     size = 1 if len(requests) == 1 else GROUP
     weights = replicated((model.autoencoder, model.denoiser), size)  # once, not in every call of a program
-    for (bucket, staged), members in groups.items():
-        program = sampling_program(
-            model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None,
-            STAGING if staged else None,
-        )  # fmt: skip
+    for bucket, members in groups.items():
         for start in range(0, len(members), size):
             part = members[start : start + size]
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
-            events = (told([request.cond.events or () for request in chosen]),) if staged else ()
             batch = program(
                 *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.weight), temperature,
-                *_collate(chosen, bucket, config), *events,
+                *_collate(chosen, bucket, config), wanted([(r.cond.events or (), r.cond.light) for r in chosen]),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
                 results[i] = requests[i].finish(batch[row])
@@ -229,11 +227,11 @@ def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Requ
         raise ValueError(f"Condition.domain {domain} is outside 0..{len(model.domains) - 1} ({model.domains})")
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, 0xC0)))
     rng = np.random.default_rng(seed.astype(np.uint32))
-    asked = id(cond.tokens), domain, cond.layout
-    if asked not in tables:  # many scenes of one prompt are common
-        tables[asked] = _count_table(cond, domain, model)
+    told = id(cond.tokens), domain, cond.layout
+    if told not in tables:  # many scenes of one prompt are common
+        tables[told] = _count_table(cond, domain, model)
     domain, lanes, agents = draw_counts(
-        rng, tables[asked], cond.layout, domain=domain, num_lanes=cond.num_lanes,
+        rng, tables[told], cond.layout, domain=domain, num_lanes=cond.num_lanes,
         num_agents=cond.num_agents, least_lanes=least[1], least_agents=least[0],
     )  # fmt: skip
     return _Request(key, (agents, lanes), domain, cond, known)

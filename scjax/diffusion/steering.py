@@ -22,12 +22,14 @@ from scjax.diffusion.level import Level
 from scjax.diffusion.process import estimate_x0, output_for
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
+from scjax.scene import AnyArray
 
 Energy = Callable[[Nodes], Float[Array, ""]]
 """Normalised latents [B, tokens, latent] -> energy of the decoded scenes [m^2], summed over them."""
 
-EnergyAround = Callable[[Nodes], Energy]
-"""The energy of latents near the given ones; what has no gradient, which lanes are linked, may be taken from those."""
+EnergyAround = Callable[[Nodes, Int[Array, ""]], Energy]
+"""The energy, at a step of the schedule, of latents near the given ones: what has no gradient, which lanes are linked,
+may be taken from those."""
 
 _TOGETHER = 4  # gradient steps that gather momentum; one or two a step of a sampler do not
 
@@ -64,17 +66,23 @@ class Steering:
             raise ValueError(f"Steering.agents and .lanes must not be negative, not {self.agents}, {self.lanes}")
 
 
-def rounds_of(steering: Steering, levels: Level) -> Int[np.ndarray, " s"]:
-    """Gradient steps at every level of a sampler's schedule, index 0 the least noisy."""
-    quiet = max(int((np.asarray(levels.noise) <= steering.below).sum()), 1)
-    number = min(quiet, -(-steering.rounds // _TOGETHER))
+def rounds_of(number: int, below: float, levels: Level) -> Int[np.ndarray, " s"]:
+    """Gradient steps at every level of a sampler's schedule, index 0 the least noisy; as in ``Steering``."""
+    quiet = max(int((np.asarray(levels.noise) <= below).sum()), 1)
+    steps = min(quiet, -(-number // _TOGETHER))
     rounds = np.zeros(len(levels.noise), np.int32)
-    rounds[np.linspace(0, quiet - 1, number).round().astype(int)] = -(-steering.rounds // number)
+    rounds[np.linspace(0, quiet - 1, steps).round().astype(int)] = -(-number // steps)
     return rounds
 
 
 def steered(
-    denoise: Denoise, levels: Level, prediction: Prediction, energy: EnergyAround, made: Nodes, steering: Steering
+    denoise: Denoise,
+    levels: Level,
+    prediction: Prediction,
+    energy: EnergyAround,
+    made: Nodes,
+    steering: Steering,
+    rounds: Int[AnyArray, "b s"] | None = None,
 ) -> Denoise:
     """``denoise`` whose estimate of x_0 has descended ``energy``.
 
@@ -82,23 +90,28 @@ def steered(
       levels: of the sampler's schedule, the only ones at which it will be asked; all scenes at the same.
       energy: the one around an estimate is taken once, for all rounds of a step.
       made: True at the tokens that are generated [B, tokens] a kind; the others, clean in z, are not moved.
+      rounds: gradient steps of every scene at every level; None: those of ``steering``.
     """
-    rounds = jnp.asarray(rounds_of(steering, levels))
+    if rounds is None:
+        usual = rounds_of(steering.rounds, steering.below, levels)
+        rounds = jnp.broadcast_to(jnp.asarray(usual), (len(made.agents), len(usual)))
+    rounds = jnp.asarray(rounds)
     length = Nodes(agents=steering.agents, lanes=steering.lanes)
 
-    def descended(start: Nodes, number: Int[Array, ""]) -> Nodes:
-        slope = jax.grad(energy(start))
+    def descended(start: Nodes, step: Int[Array, ""]) -> Nodes:
+        slope, number = jax.grad(energy(start, step)), rounds[:, step]
 
-        def descend(_, carry: tuple[Nodes, Nodes]) -> tuple[Nodes, Nodes]:
+        def descend(k: Int[Array, ""], carry: tuple[Nodes, Nodes]) -> tuple[Nodes, Nodes]:
             x, way = carry
+            moved = jax.tree.map(lambda mask: (mask & (k < number)[:, None])[..., None], made)
             ahead = jax.tree.map(lambda x, w: x + steering.momentum * w, x, way)
             onward = jax.tree.map(
-                lambda w, g, mask, by: jnp.where(mask[..., None], steering.momentum * w - by * g, 0).astype(w.dtype),
-                way, slope(ahead), made, length,
+                lambda w, g, moved, by: jnp.where(moved, steering.momentum * w - by * g, 0).astype(w.dtype),
+                way, slope(ahead), moved, length,
             )  # fmt: skip
             return jax.tree.map(jnp.add, x, onward), onward
 
-        return jax.lax.fori_loop(0, number, descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
+        return jax.lax.fori_loop(0, number.max(), descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
 
     def denoise_steered(z: Nodes, t: Real[Array, " b"]) -> Nodes:
         output = denoise(z, t)
@@ -108,8 +121,8 @@ def steered(
             level = levels[jnp.broadcast_to(step, t.shape)]
             guess = estimate_x0(level, z, output, prediction)
             x0 = jax.tree.map(lambda x, clean, mask: jnp.where(mask[..., None], x, clean), guess, z, made)
-            return output_for(level, z, descended(x0, rounds[step]), prediction)
+            return output_for(level, z, descended(x0, step), prediction)
 
-        return jax.lax.cond(rounds[step] > 0, led, lambda: output)
+        return jax.lax.cond((rounds[:, step] > 0).any(), led, lambda: output)
 
     return denoise_steered
