@@ -4,9 +4,9 @@
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
-tidied candidates (chosen by the same rules, so no independent judgement); the model without prompts, and without the
-steering that it may have (scjax.diffusion.steering), at true counts; the training scene whose caption is nearest; and
-the record itself (what the rules miss: the ceiling). A second table tells how sound the scenes are; those of one
+tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without staging what a
+prompt names (scjax.diffusion.staging), and without steering at true counts; without prompts at true counts; the
+training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells how sound the scenes are; those of one
 candidate are judged as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
 rules with them is printed below.
 """
@@ -102,6 +102,8 @@ def measure(
     runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
     runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], None
     if model.steering is not None:
+        free = [dataclasses.replace(one, events=(), light=None) for one in told]
+        runs[f"prompt, guidance {weights[0]:g}, nothing staged"] = free, weights[0], None
         runs[f"prompt and true counts, guidance {weights[0]:g}, not steered"] = both, weights[0], False
     runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
     table: dict[str, Scores] = {}

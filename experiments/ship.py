@@ -39,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
     parser.add_argument("--counter", help="model folder whose counts are taken (default: the model's own)")
+    parser.add_argument("--sharpness", type=float, help="of the counts that are drawn (default: the counter's)")
     parser.add_argument("--steps", type=int, help="of the denoiser in all its trainings (default: of the last)")
     parser.add_argument("--steer", action="store_true", help="sampling steers by default (scjax.diffusion.steering)")
     args = parser.parse_args(arguments)
@@ -46,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         model = scjax.load(args.model)
         if args.counter:
             model = counted(model, scjax.load(args.counter))
+        if args.sharpness and model.counter_config is not None:
+            counts = dataclasses.replace(model.counter_config, sharpness=args.sharpness)
+            model = dataclasses.replace(model, counter_config=counts)
         if args.steps:
             model = dataclasses.replace(model, notes={**model.notes, "steps": args.steps})
         if args.steer:

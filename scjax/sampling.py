@@ -63,7 +63,8 @@ def sample(
       temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
         default the model's. Lower is tidier and less varied.
       steering: True leads what is sampled to closed joints, boxes that do not overlap and vehicles on lanes
-        (``scjax.diffusion.steering``), False does not; by default as the model has it.
+        (``scjax.diffusion.steering``), and to the events and the light of ``cond`` (``scjax.diffusion.staging``), False
+        does not; by default as the model has it.
 
     Raises:
       ValueError: no model, a model without denoiser, a condition that the model can't meet, a sampler that does not fit
@@ -245,9 +246,11 @@ def _count_table(cond: Condition, domain: int | None, model: Model) -> np.ndarra
     text = TextCondition(config.text_width)
     features = text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
     label = jnp.array([config.domains if domain is None else domain])
-    told = np.exp(np.asarray(_counter_program(config)(model.counter, features, label)[0], np.float64))
+    likely = np.asarray(_counter_program(config)(model.counter, features, label)[0], np.float64)
+    told = np.exp(config.sharpness * (likely - likely.max()))
+    table = np.broadcast_to(told / told.sum(), (1, len(Layout), *told.shape))
     shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
-    return (shares / shares.sum())[:, None, None, None] * np.broadcast_to(told, (1, len(Layout), *told.shape))
+    return (shares / shares.sum())[:, None, None, None] * table
 
 
 @functools.lru_cache(maxsize=4)

@@ -65,6 +65,13 @@ def test_each_text_is_encoded_once(model):
     assert told[0].prompt is None
 
 
+def test_events_and_the_light_are_read_off_the_prompt_unless_given(model):
+    text = "a jaywalker at a red light"
+    wanted = [Condition(prompt=text), Condition(prompt=text, events=(), light="green"), Condition(prompt="a road")]
+    told = with_tokens(wanted, model, Words())
+    assert [(cond.events, cond.light) for cond in told] == [(("jaywalker",), "red"), ((), "green"), ((), None)]
+
+
 def test_a_prompt_of_the_model_needs_no_encoder(model):
     (told,) = with_tokens([Condition(prompt="a road")], model)
     assert told.tokens.shape == (2, WIDTH)
@@ -123,6 +130,22 @@ def test_counts_follow_the_prompt(model):
     assert (made.num_lanes, made.num_agents) == (7, 3)
     made = draw(counting, Condition(prompt="a road", num_agents=5))  # what is given wins
     assert (made.num_lanes, made.num_agents) == (7, 5)
+
+
+def test_sharp_counts_keep_to_the_likely_numbers(model):
+    config = CounterConfig(text_width=WIDTH, domains=2, width=8, queries=1, heads=1, max_lanes=9, max_agents=5)
+    params = counter(config).init(jax.random.key(0))
+    for name in ("lanes", "agents"):
+        params[name]["kernel"] = np.zeros_like(params[name]["kernel"])
+        params[name]["bias"] = np.full(len(params[name]["bias"]), -50.0, np.float32)
+        params[name]["bias"][2:4] = 0.3, 0.0
+    drawn = {}
+    for sharpness in (1.0, 100.0):
+        sharp = dataclasses.replace(config, sharpness=sharpness)
+        counting = dataclasses.replace(model, counter=params, counter_config=sharp)
+        told = with_counts(jax.random.key(0), with_tokens([Condition(prompt="a road")] * 30, model), model=counting)
+        drawn[sharpness] = {cond.num_lanes for cond in told}
+    assert drawn == {1.0: {2, 3}, 100.0: {2}}
 
 
 def test_doubts_are_told():

@@ -30,7 +30,8 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
               "less varied. [default: the model's]")  # fmt: skip
 @click.option("--steer/--no-steer", "steering", default=None, help="Lead what is sampled to closed joints, boxes that "
-              "do not overlap and vehicles on lanes. [default: the model's]")  # fmt: skip
+              "do not overlap, vehicles on lanes, and the rare events and the light that the prompt names. "
+              "[default: the model's]")  # fmt: skip
 @click.option(
     "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
 )

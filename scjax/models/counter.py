@@ -26,7 +26,11 @@ _NEVER = -1e9  # logit of no lanes, and of no agents
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CounterConfig:
-    """Sizes: ``text_width`` of a token, ``width`` inside, ``queries`` that read the tokens with ``heads`` heads."""
+    """Sizes: ``text_width`` of a token, ``width`` inside, ``queries`` that read the tokens with ``heads`` heads.
+
+    ``sharpness`` is the power to which probabilities are raised when numbers are drawn: 1 draws them as they are
+    learnt, more keeps to the likely ones.
+    """
 
     text_width: int
     domains: int
@@ -35,11 +39,12 @@ class CounterConfig:
     heads: int = 4
     max_lanes: int = 100
     max_agents: int = 61
+    sharpness: float = 1.0
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
             if getattr(self, field.name) < 1:
-                raise ValueError(f"CounterConfig.{field.name} must be positive, not {getattr(self, field.name)}")
+                raise ValueError(f"CounterConfig.{field.name} must be at least 1, not {getattr(self, field.name)}")
         if self.width % self.heads:
             raise ValueError(f"CounterConfig.width {self.width} must be a multiple of heads {self.heads}")
 

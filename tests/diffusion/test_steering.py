@@ -18,7 +18,7 @@ SIZES = [(3, 4), (7, 9)]
 WANTED = 0.25
 
 
-def energy(_):
+def energy(*_):
     """Half the squared distance of all latents from ``WANTED``, wherever one is."""
     return lambda x: 0.5 * sum(jnp.square(leaf - WANTED).sum() for leaf in (x.agents, x.lanes))
 
@@ -30,18 +30,18 @@ def levels(case, steps):
 
 def test_rounds_are_spread_over_the_last_steps():
     schedule = levels("ddpm", 16)
-    rounds = rounds_of(Steering(rounds=18, below=0.35), schedule)
+    rounds = rounds_of(18, 0.35, schedule)
     assert rounds.tolist() == [6, 6, 6] + [0] * 13 and schedule.noise[2] < 0.35 < schedule.noise[3]
-    assert rounds_of(Steering(rounds=5, below=0.0), schedule).tolist() == [5] + [0] * 15
-    assert rounds_of(Steering(rounds=7, below=0.35), schedule)[:4].tolist() == [4, 0, 4, 0]
+    assert rounds_of(5, 0.0, schedule).tolist() == [5] + [0] * 15
+    assert rounds_of(7, 0.35, schedule)[:4].tolist() == [4, 0, 4, 0]
 
 
 def test_a_steered_step_has_enough_rounds_for_momentum():
     schedule = levels("ddpm", 100)
-    rounds = rounds_of(Steering(rounds=8, below=0.2), schedule)
+    rounds = rounds_of(8, 0.2, schedule)
     assert schedule.noise[11] < 0.2 < schedule.noise[12]
     assert rounds.nonzero()[0].tolist() == [0, 11] and set(rounds[[0, 11]]) == {4}
-    assert rounds_of(Steering(rounds=3, below=1.0), schedule).tolist() == [3] + [0] * 99
+    assert rounds_of(3, 1.0, schedule).tolist() == [3] + [0] * 99
 
 
 @pytest.mark.parametrize("case", [name for name in CASES if "dynamic" not in name])
@@ -63,7 +63,8 @@ def test_every_sampler_ends_where_its_estimate_was_led(case):
 def test_steps_without_rounds_are_left_alone():
     denoise, schedule, mask = normal(0.5, 0.4, "velocity"), levels("ddpm", 16), masks(SIZES)
     steering = Steering(below=0.35, agents=0.1, lanes=0.1)
-    led, rounds = steered(denoise, schedule, "velocity", energy, mask, steering), rounds_of(steering, schedule)
+    led = steered(denoise, schedule, "velocity", energy, mask, steering)
+    rounds = rounds_of(steering.rounds, steering.below, schedule)
     assert rounds.nonzero()[0].tolist() == [0, 2]
     z = Nodes(agents=jnp.ones((2, 7, 3)), lanes=jnp.ones((2, 9, 5)))
     for step in range(16):
@@ -79,7 +80,7 @@ def test_momentum_goes_on_from_round_to_round():
     options = {"rounds": 2, "below": 0.0, "momentum": 0.5, "agents": 0.1, "lanes": 0.1}
     led = steered(
         knowing(clean, "velocity"), levels("ddpm", 6), "velocity",
-        lambda _: lambda x: 0.5 * sum(jnp.square(leaf).sum() for leaf in (x.agents, x.lanes)), mask,
+        lambda *_: lambda x: 0.5 * sum(jnp.square(leaf).sum() for leaf in (x.agents, x.lanes)), mask,
         Steering(**options),
     )  # fmt: skip
     x, way = 1.0, 0.0
@@ -96,7 +97,7 @@ def test_the_energy_is_taken_around_the_estimate_of_every_step():
     clean = jax.tree.map(lambda m, width: jnp.ones((*m.shape, width)), mask, Nodes(agents=3, lanes=5))
     led = steered(
         knowing(clean, "velocity"), levels("ddpm", 6), "velocity",
-        lambda start: lambda x: jnp.square(x.lanes - start.lanes).sum(), mask, Steering(agents=0.5, lanes=0.2),
+        lambda start, step: lambda x: jnp.square(x.lanes - start.lanes).sum(), mask, Steering(agents=0.5, lanes=0.2),
     )  # fmt: skip
     np.testing.assert_allclose(drawn("ddpm", led, KEYS, mask, steps=6).lanes[mask.lanes], 1.0, atol=1e-4)
 
@@ -106,7 +107,7 @@ def test_given_tokens_are_seen_as_they_are_and_not_moved():
     mask = masks([(3, 4)])
     made = mask.replace(agents=mask.agents.at[:, 0].set(False))
 
-    def tie(_):
+    def tie(*_):
         return lambda x: 0.5 * jnp.square(x.agents[:, 1] - x.agents[:, 0]).sum()
 
     schedule = levels("ddpm", 16)
@@ -121,6 +122,23 @@ def test_given_tokens_are_seen_as_they_are_and_not_moved():
     np.testing.assert_allclose(x0[:, 0], 2.0, atol=1e-5)
     np.testing.assert_allclose(x0[:, 1], 2.0, atol=1e-2)
     np.testing.assert_allclose(x0[:, 2], 0.0, atol=1e-5)
+
+
+def test_every_scene_has_its_own_rounds():
+    """Beside a scene of more rounds, and of more steps, one of fewer is what it is by itself."""
+    denoise, schedule, steering = normal(0.5, 0.4, "velocity"), levels("ddpm", 8), Steering(agents=0.2, lanes=0.2)
+    few, many = np.zeros((2, 8), np.int32)
+    few[[0, 2]], many[[0, 1, 2, 5]] = 2, 5
+
+    def run(rows, rounds):
+        mask = jax.tree.map(lambda x: x[rows], masks(SIZES))
+        led = steered(denoise, schedule, "velocity", energy, mask, steering, np.stack(rounds))
+        return drawn("ddpm", led, KEYS[rows], mask, steps=8)
+
+    both = run(np.array([0, 1]), [few, many])
+    for row, own in enumerate([few, many]):
+        alone = run(np.array([row]), [own])
+        chex.assert_trees_all_close(jax.tree.map(lambda x, row=row: x[row : row + 1], both), alone, atol=1e-6)
 
 
 def test_a_scene_alone_equals_the_scene_in_a_batch():

@@ -40,6 +40,7 @@ _SIGNALS = (
     ("green", r"\bgreen (?:traffic )?(?:light|signal|path)|lanes green"),
     ("yellow", r"\b(?:yellow|amber) (?:traffic )?(?:light|signal)"),
 )
+_DENIED = r"\b(?:no|not|without|never|nobody|nothing)(?: an?| any| the)?(?: \w+)? $"
 _RELATION = (
     r"(?! (?:ahead|behind|in |on the (?:left|crossing|opposite)|oncoming|approaching|following|turning|parked|"
     r"crossing|from|beside|to the|off|lane))"
@@ -74,8 +75,8 @@ def read_prompt(text: str) -> Asked:
         vehicles=vehicles, exact=exact,
         pedestrians=_amount(plain, r"(?:pedestrians?|people|persons?)")[0],
         cyclists=_amount(plain, r"(?:cyclists?|bicycles?|bikes?)")[0],
-        signal=next((name for name, pattern in _SIGNALS if re.search(pattern, plain)), None),
-        events=tuple(name for name, pattern in _EVENTS if re.search(pattern, plain)),
+        signal=next((name for name, pattern in _SIGNALS if _wanted(pattern, plain)), None),
+        events=tuple(name for name, pattern in _EVENTS if _wanted(pattern, plain)),
     )  # fmt: skip
 
 
@@ -108,6 +109,11 @@ def met(asked: Asked, facts: Facts) -> dict[str, bool]:
     if asked.signal is not None:
         found["signal"] = facts.signals == asked.signal
     return found | {f"event: {event}": event in facts.events for event in asked.events}
+
+
+def _wanted(pattern: str, text: str) -> bool:
+    """Whether the text says ``pattern`` without denying it, as in "no" or "without any" before it."""
+    return any(not re.search(_DENIED, text[: found.start()]) for found in re.finditer(pattern, text))
 
 
 def _amount(text: str, nouns: str) -> tuple[tuple[int, int] | None, bool]:

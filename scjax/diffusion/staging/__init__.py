@@ -20,7 +20,7 @@ from scjax.condition import Light
 from scjax.data.captions.events import Event
 from scjax.diffusion.staging.acts import ACTS
 from scjax.diffusion.staging.lights import lanes_of_light
-from scjax.diffusion.staging.spots import Poses, chosen, cross, left_of, look, nobody
+from scjax.diffusion.staging.spots import Poses, cross, given_to, left_of, look, nobody
 from scjax.pytree import pytree
 from scjax.scene import AnyArray, Scene, Signal
 
@@ -62,7 +62,7 @@ def anything(wanted: Wanted) -> Bool[Array, " b"]:
     return jnp.asarray(wanted.events).any(1) | (jnp.asarray(wanted.light) != Signal.UNKNOWN)
 
 
-def cues(scene: Scene, wanted: Wanted, made: Bool[Array, "b agents"]) -> Cues:
+def cues(scene: Scene, wanted: Wanted, made: Bool[AnyArray, "b agents"]) -> Cues:
     """Cues that make each scene show what it is asked for; where there is no room for an event, nobody has a part.
 
     Args:
@@ -74,7 +74,9 @@ def cues(scene: Scene, wanted: Wanted, made: Bool[Array, "b agents"]) -> Cues:
 def energy(scene: Scene, signal_logits: Float[AnyArray, "b lanes 4"] | None, cues: Cues) -> Float[Array, " b"]:
     """Half the squared distance from the poses [m^2], directions, speeds and lights counted as metres; summed."""
     agents, poses = jnp.asarray(scene.agents), cues.poses
-    off = jnp.square(agents[..., :2] - poses.place).sum(-1)
+    to = agents[..., :2] - poses.place
+    apart = jnp.stack([(to * poses.ahead).sum(-1), cross(poses.ahead, to)], -1)
+    off = jnp.square(jax.nn.relu(jnp.abs(apart) - poses.room)).sum(-1)
     turned = jnp.square(agents[..., 4:6] - _nearer(poses.ahead, agents[..., 4:6])).sum(-1)
     pace = jax.nn.relu(poses.slowest - agents[..., 3]) + jax.nn.relu(agents[..., 3] - poses.fastest)
     away = _WIDE**2 * (jnp.sqrt(1 + off / _WIDE**2) - 1) + 0.5 * (_PULL * turned + _PACE * jnp.square(pace))
@@ -90,8 +92,7 @@ def _cues(scene: Scene, wanted: Wanted, made: Bool[Array, " agents"]) -> Cues:
     poses = nobody(stage.agents)
     for number, event in enumerate(EVENTS):
         found = ACTS[event](stage)
-        taken = found.meant & wanted.events[number] & ~poses.meant  # who has a part keeps it
-        poses = Poses(*(chosen(taken, new, old) for new, old in zip(found, poses, strict=True)))
+        poses = given_to(found.meant & wanted.events[number] & ~poses.meant, found, poses)  # who has a part keeps it
     lit = lanes_of_light(scene, stage)
     return Cues(poses, jnp.where(lit, wanted.light, Signal.UNKNOWN))
 

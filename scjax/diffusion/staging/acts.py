@@ -17,13 +17,12 @@ from scjax.diffusion.staging.spots import (
     Poses,
     Spot,
     Stage,
-    also,
     beside,
     best_two,
     blocked,
     change,
-    chosen,
     crowd,
+    given_to,
     least,
     left_of,
     pose,
@@ -47,7 +46,8 @@ def _jaywalker(stage: Stage) -> Poses:
     poses = pose(stage, spot, who, where, good, slowest=1.0, fastest=2.2)
     across = left_of(stage.ahead)[where]
     across = across * jnp.where((stage.agents[who, 4:6] * across).sum() < 0, -1.0, 1.0)
-    return poses._replace(ahead=chosen(poses.meant, across, poses.ahead))
+    walks = jnp.where(poses.meant[:, None], across, poses.ahead)
+    return poses._replace(ahead=walks, room=poses.room[:, ::-1])
 
 
 def _stopped(stage: Stage) -> Poses:
@@ -67,7 +67,8 @@ def _double_parking(stage: Stage) -> Poses:
     cost = change(stage, stage.vehicle, one) + crowd(stage, one) + twice(blocked(stage))[None] + stands
     who, whom, where, good = best_two(cost, change(stage, stage.vehicle, other) + stands)
     doubled = pose(stage, one, who, where, good, fastest=-0.3)
-    return also(doubled, pose(stage, other, whom, where, good, fastest=-0.3))
+    parked = pose(stage, other, whom, where, good, fastest=-0.3)
+    return given_to(parked.meant, parked, doubled)
 
 
 def _cut_in(stage: Stage) -> Poses:
@@ -84,7 +85,8 @@ def _cut_in(stage: Stage) -> Poses:
     cost = change(stage, stage.vehicle, one) + crowd(stage, one) + slow
     who, whom, where, good = best_two(cost, change(stage, stage.vehicle, other) + slow)
     cutting = pose(stage, one, who, where, good, slowest=4.0, fastest=15.0)
-    return also(cutting, pose(stage, other, whom, where, good, slowest=3.0, fastest=15.0))
+    follows = pose(stage, other, whom, where, good, slowest=3.0, fastest=15.0)
+    return given_to(follows.meant, follows, cutting)
 
 
 ACTS: dict[Event, Callable[[Stage], Poses]] = {

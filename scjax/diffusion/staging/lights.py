@@ -29,7 +29,7 @@ def lanes_of_light(scene: Scene, stage: Stage) -> Bool[Array, " lanes"]:
 def _ego_lane(stage: Stage) -> Bool[Array, " lanes"]:
     """As ``captions.ego_road.ego_lane``: near, along the ego, and rather straight."""
     points, ahead = (x.reshape(stage.lanes, -1, 2) for x in (stage.points, stage.ahead))
-    distance = jnp.square(points - stage.agents[0, :2]).sum(-1)
+    distance = jnp.square(points - stage.agents[:1, None, :2]).sum(-1)
     rows, nearest = jnp.arange(stage.lanes), distance.argmin(1)
     heading = ahead[rows, nearest] @ stage.agents[0, 4:6]
     bent = jnp.abs(cross(ahead[:, :-1], ahead[:, 1:])).sum(1)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from scjax.scene import AgentType, Link, Scene
 
 NEVER = 1e6  # m^2
-TURN = 50.0  # m^2 that half a turn costs, twice over
+TURN = 50.0  # m^2 that a quarter turn costs
 
 _CROWDED = 60.0  # m^2 that somebody else in the place costs
 _REACH = 21.0  # m from the ego within which events are staged
@@ -24,9 +24,11 @@ _AHEAD = 15.0  # m that are free before who stands
 
 
 class Poses(NamedTuple):
-    """Where agents shall be: place [m], direction, slowest and fastest speed [m/s]; and which agents are meant."""
+    """Where agents shall be: a rectangle's middle, half its length and width [m], its direction and theirs, slowest and
+    fastest speed [m/s]; and which agents are meant."""
 
     place: Float[Array, "*b n 2"]
+    room: Float[Array, "*b n 2"]
     ahead: Float[Array, "*b n 2"]
     slowest: Float[Array, "*b n"]
     fastest: Float[Array, "*b n"]
@@ -133,35 +135,31 @@ def best_two(one: Float[Array, "n q"], other: Float[Array, "n q"]) -> tuple[Arra
 def pose(
     stage: Stage, spot: Spot, who: Array, where: Array, good: Array, *, slowest: float = -1.0, fastest: float
 ) -> Poses:
-    """One agent in the nearest part of a place."""
-    place, ahead = spot.place[where], spot.ahead[where]
-    to, left = stage.agents[who, :2] - place, left_of(spot.ahead[where])
-    along, aside = jnp.clip((to * ahead).sum(), -spot.along, spot.along), (to * left).sum()
-    place = place + along * ahead + jnp.clip(aside, -spot.aside, spot.aside) * left
-    poses, meant = nobody(stage.agents), (jnp.arange(len(stage.agents)) == who) & good
-    values = place, ahead, jnp.float32(slowest), jnp.float32(fastest)
-    place, ahead, slow, fast = (chosen(meant, new, old) for new, old in zip(values, poses[:4], strict=True))
-    return Poses(place, ahead, slow, fast, meant)
+    """One agent in a place."""
+    meant = (jnp.arange(len(stage.agents)) == who) & good
+    room, speeds = jnp.array([spot.along, spot.aside]), jnp.array([slowest, fastest])
+    values = spot.place[where], room, spot.ahead[where], speeds[0], speeds[1]
+    old = nobody(stage.agents)
+    new = [jnp.broadcast_to(value, before.shape) for value, before in zip(values, old[:5], strict=True)]
+    return given_to(meant, Poses(*new, meant), old)
 
 
-def also(one: Poses, other: Poses) -> Poses:
-    """The parts of both; who has one in the second has that."""
-    poses = Poses(*(chosen(other.meant, new, old) for new, old in zip(other, one, strict=True)))
-    return poses._replace(meant=one.meant | other.meant)
+def given_to(meant: Bool[Array, " n"], new: Poses, old: Poses) -> Poses:
+    """The new parts for those who are meant, beside the old ones of the others."""
+    *parts, _ = (
+        jnp.where(meant.reshape(-1, *[1] * (before.ndim - 1)), after, before)
+        for after, before in zip(new, old, strict=True)
+    )
+    return Poses(*parts, meant=old.meant | meant)
 
 
 def nobody(agents: Float[Array, "n 9"]) -> Poses:
     """Nobody has a part."""
     none = jnp.zeros(len(agents))
-    return Poses(agents[:, :2], agents[:, 4:6], none, none, none > 0)
+    return Poses(agents[:, :2], jnp.zeros((len(agents), 2)), agents[:, 4:6], none, none, none > 0)
 
 
-def chosen(meant: Bool[Array, " n"], new: Array, old: Array) -> Array:
-    """``new`` for those who are meant, ``old`` for the others; any axes behind the first."""
-    return jnp.where(meant.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-
-
-def beside(stage: Stage, off: float) -> Float[Array, "2q 2"]:
+def beside(stage: Stage, off: float) -> Float[Array, "places 2"]:
     """Points so far to the right of all lanes, and then those to their left [m]."""
     return jnp.concatenate([stage.points - off * left_of(stage.ahead), stage.points + off * left_of(stage.ahead)])
 

@@ -18,6 +18,8 @@ PROMPTS = {
     "A wrong-way driver on a curved road": Asked("curve", events=("wrong-way driver",)),
     "two vehicles ahead in the ego lane": Asked(),
     "green traffic light, many cars": Asked(None, (6, 60), signal="green"),
+    "a straight road without any jaywalker, no red light": Asked("straight"),
+    "no wrong-way driver but a jaywalker and a red light": Asked(signal="red", events=("jaywalker",)),
     "somewhere": Asked(),
 }  # fmt: skip
 
