@@ -6,7 +6,8 @@ Prompts are captions of held-back records; what each asks for and what each scen
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
 tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without staging what a
 prompt names (scjax.diffusion.staging), and without steering at true counts; without prompts at true counts; the
-training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells how sound the scenes are; those of one
+training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling).
+A second table tells how sound the scenes are; those of one
 candidate are judged as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
 rules with them is printed below.
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from jaxtyping import Array
@@ -11,7 +11,7 @@ from jaxtyping import Array
 from scjax.data.captions.events import Event
 from scjax.scene import Layout, Scene
 
-Light = Literal["green", "yellow", "red"]
+LIGHTS = ("green", "yellow", "red")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,8 @@ class Condition:
     layout: Layout = Layout.CENTRED
     prompt: str | None = None
     negative_prompt: str | None = None
-    events: tuple[Event, ...] | None = None
-    light: Light | None = None
+    events: tuple[str, ...] | None = None
+    light: str | None = None
     tokens: Array | np.ndarray | None = None
     token_mask: Array | np.ndarray | None = None
     negative_tokens: Array | np.ndarray | None = None
@@ -63,8 +63,8 @@ class Condition:
             raise ValueError(
                 f"Condition.events {sorted(unknown)} are unknown: choose among {', '.join(get_args(Event))}"
             )
-        if self.light not in (None, *get_args(Light)):
-            raise ValueError(f"Condition.light {self.light!r} is unknown: choose one of {', '.join(get_args(Light))}")
+        if self.light not in (None, *LIGHTS):
+            raise ValueError(f"Condition.light {self.light!r} is unknown: choose one of {', '.join(LIGHTS)}")
         if self.known is not None and self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "

@@ -68,7 +68,7 @@ def sampling_program(
         if steering is not None:
             made = generated(masks, given)
             sound = jnp.asarray(rounds_of(steering.rounds, steering.below, schedule.levels))
-            staged = jnp.asarray(rounds_of(staging.ROUNDS, staging.BELOW, schedule.levels))
+            staged = jnp.asarray(rounds_of(staging.ROUNDS, staging.BELOW, schedule.levels)).at[0].set(staging.LAST)
             rounds = jnp.where(staging.anything(wanted)[:, None], jnp.maximum(sound, staged)[None], sound[None])
 
             def energy_around(start: Nodes, step: Int[Array, ""]) -> Energy:

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.condition import Light
 from scjax.data.captions.events import Event
 from scjax.diffusion.staging.acts import ACTS
 from scjax.diffusion.staging.lights import lanes_of_light
@@ -25,9 +24,10 @@ from scjax.pytree import pytree
 from scjax.scene import AnyArray, Scene, Signal
 
 EVENTS: tuple[Event, ...] = get_args(Event)
-LIGHTS: dict[Light, Signal] = {"green": Signal.GO, "yellow": Signal.CAUTION, "red": Signal.STOP}
-ROUNDS, BELOW = 32, 0.7
-"""Gradient steps, as ``Steering.rounds``, from a noise at which an agent can still turn round."""
+LIGHTS: dict[str, Signal] = {"green": Signal.GO, "yellow": Signal.CAUTION, "red": Signal.STOP}
+ROUNDS, BELOW, LAST = 32, 0.7, 16
+"""Gradient steps, as ``Steering.rounds``, from a noise at which an agent can still turn round; those of the last step,
+where a place is a matter of decimetres."""
 
 _PULL = 400.0  # m^2 of an agent's direction
 _PACE = 2.0  # s^2
@@ -50,7 +50,7 @@ class Cues(NamedTuple):
     signals: Int[Array, "b lanes"]
 
 
-def wanted(wishes: Sequence[tuple[Sequence[Event], Light | None]]) -> Wanted:
+def wanted(wishes: Sequence[tuple[Sequence[str], str | None]]) -> Wanted:
     """Events and the light of each scene."""
     events = np.array([[event in named for event in EVENTS] for named, _ in wishes], bool)
     lights = [Signal.UNKNOWN if light is None else LIGHTS[light] for _, light in wishes]
@@ -87,7 +87,7 @@ def energy(scene: Scene, signal_logits: Float[AnyArray, "b lanes 4"] | None, cue
     return total - _SHOWN * jnp.where(cues.signals != Signal.UNKNOWN, told, 0).sum(-1)
 
 
-def _cues(scene: Scene, wanted: Wanted, made: Bool[Array, " agents"]) -> Cues:
+def _cues(scene: Scene, wanted: Wanted, made: Bool[AnyArray, " agents"]) -> Cues:
     stage = look(scene, made)
     poses = nobody(stage.agents)
     for number, event in enumerate(EVENTS):

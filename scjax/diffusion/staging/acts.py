@@ -31,6 +31,7 @@ from scjax.diffusion.staging.spots import (
     twice,
 )
 
+_EDGE, _KERB = 0.8, 3.2  # m off the middle of a lane: who stands at its edge, and who is parked beside
 _LEAN = 0.18  # rad towards the lane into which one cuts
 
 
@@ -52,20 +53,20 @@ def _jaywalker(stage: Stage) -> Poses:
 
 def _stopped(stage: Stage) -> Poses:
     spot = Spot(stage.points, stage.ahead, stage.calm, along=2.0, aside=0.5)
-    cost = change(stage, stage.vehicle, spot) + crowd(stage, spot) + blocked(stage)[None]
+    cost = change(stage, stage.vehicle, spot) + crowd(stage, spot) + blocked(stage, spot)[None]
     who, where, good = least(cost + slow_down(stage))
     return pose(stage, spot, who, where, good, fastest=-0.3)
 
 
 def _double_parking(stage: Stage) -> Poses:
     """One stands at the edge of an outer lane, another beside it at the kerb."""
-    edge, kerb = (beside(stage, off) for off in (0.8, 3.4))  # both sides of every lane
-    free = ~((squares(kerb, stage.points) < 2.4**2) & stage.there[None]).any(1)
+    edge, kerb = beside(stage, _EDGE), beside(stage, _KERB)  # on both sides of every lane
+    free = ~((squares(kerb, stage.points) < 2.2**2) & stage.there[None]).any(1)
     ahead, calm = twice(stage.ahead), twice(stage.calm) & free
-    one, other = Spot(edge, ahead, calm, along=2.0, aside=0.15), Spot(kerb, ahead, calm, along=3.0, aside=0.4)
+    one, other = Spot(edge, ahead, calm, along=2.0, aside=0.1), Spot(kerb, ahead, calm, along=3.0, aside=0.3)
     stands = slow_down(stage)
-    cost = change(stage, stage.vehicle, one) + crowd(stage, one) + twice(blocked(stage))[None] + stands
-    who, whom, where, good = best_two(cost, change(stage, stage.vehicle, other) + stands)
+    cost = change(stage, stage.vehicle, one) + crowd(stage, one, along=5.0, aside=2.1) + blocked(stage, one)[None]
+    who, whom, where, good = best_two(cost + stands, change(stage, stage.vehicle, other) + stands)
     doubled = pose(stage, one, who, where, good, fastest=-0.3)
     parked = pose(stage, other, whom, where, good, fastest=-0.3)
     return given_to(parked.meant, parked, doubled)

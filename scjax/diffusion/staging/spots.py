@@ -11,12 +11,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from scjax.scene import AgentType, Link, Scene
+from scjax.scene import AgentType, AnyArray, Link, Scene
 
 NEVER = 1e6  # m^2
 TURN = 50.0  # m^2 that a quarter turn costs
 
 _CROWDED = 60.0  # m^2 that somebody else in the place costs
+_BLOCKED = 1000.0  # m^2 that somebody costs before whom none may be
 _REACH = 21.0  # m from the ego within which events are staged
 _JUNCTION = 19.5  # m from where lanes fork, merge or turn sharply
 _BEND = 1 / 40  # rad/m of a sharp turn
@@ -52,7 +53,7 @@ class Stage(NamedTuple):
     lanes: int
 
 
-def look(scene: Scene, made: Bool[Array, " n"]) -> Stage:
+def look(scene: Scene, made: Bool[AnyArray, " n"]) -> Stage:
     """The stage that one scene is; ``made``: agents that may be led."""
     agents, types = jnp.asarray(scene.agents), jnp.asarray(scene.agent_types)
     line = jnp.asarray(scene.lanes)[..., :2]
@@ -88,18 +89,16 @@ class Spot(NamedTuple):
 
 def change(stage: Stage, who: Bool[Array, " n"], spot: Spot, turn: float = TURN) -> Float[Array, "n q"]:
     """What it costs [m^2] to bring each of these agents to each place, and into the direction there."""
-    there = stage.agents[:, :2]
-    along, aside = (
-        there @ axis.T - (spot.place * axis).sum(-1)[None] for axis in (spot.ahead, left_of(spot.ahead))
-    )  # fmt: skip
-    off = jnp.square(jax.nn.relu(jnp.abs(along) - spot.along)) + jnp.square(jax.nn.relu(jnp.abs(aside) - spot.aside))
+    along, aside = _seen_from(spot, stage.agents)
+    off = jnp.square(jax.nn.relu(along - spot.along)) + jnp.square(jax.nn.relu(aside - spot.aside))
     turned = turn * (1 - stage.agents[:, 4:6] @ spot.ahead.T)
     return jnp.where(who[:, None] & spot.free[None], off + turned, NEVER)
 
 
-def crowd(stage: Stage, spot: Spot) -> Float[Array, "n q"]:
-    """What the others in a place cost."""
-    near = (squares(stage.agents[:, :2], spot.place) < 5.0**2) & stage.someone[:, None]
+def crowd(stage: Stage, spot: Spot, *, along: float = 5.0, aside: float = 5.0) -> Float[Array, "n q"]:
+    """What the others cost who are nearer to a place than that [m]."""
+    to = _seen_from(spot, stage.agents)
+    near = (to[0] < along) & (to[1] < aside) & stage.someone[:, None]
     return _CROWDED * (near.sum(0)[None] - near)
 
 
@@ -108,13 +107,13 @@ def slow_down(stage: Stage) -> Float[Array, "n 1"]:
     return 2 * jnp.clip(stage.agents[:, 3], 0, 5)[:, None]
 
 
-def blocked(stage: Stage) -> Float[Array, " q"]:
-    """What those cost who are in the lane before each point: whoever stands there would wait for them."""
-    along = stage.agents[:, :2] @ stage.ahead.T - (stage.points * stage.ahead).sum(-1)[None]
-    left = stage.agents[:, :2] @ left_of(stage.ahead).T - (stage.points * left_of(stage.ahead)).sum(-1)[None]
-    before = (along > 4.0) & (along < _AHEAD + 4.0) & (jnp.abs(left) < 2.2) & stage.someone[:, None]
-    view = jnp.abs(stage.points + _AHEAD * stage.ahead).max(-1) < 31.0
-    return jnp.where(view, _CROWDED * before.sum(0), NEVER)
+def blocked(stage: Stage, spot: Spot) -> Float[Array, " q"]:
+    """What those cost who are in the lane before each place: whoever stands there would wait for them."""
+    to = stage.agents[:, None, :2] - spot.place[None]
+    along, aside = (to * spot.ahead[None]).sum(-1), jnp.abs(cross(spot.ahead[None], to))
+    before = (along > 4.0) & (along < _AHEAD + 4.0) & (aside < 2.2) & stage.someone[:, None]
+    view = jnp.abs(spot.place + _AHEAD * spot.ahead).max(-1) < 31.0
+    return jnp.where(view, _BLOCKED * before.sum(0), NEVER)
 
 
 def least(cost: Float[Array, "n q"]) -> tuple[Array, Array, Array]:
@@ -139,18 +138,19 @@ def pose(
     meant = (jnp.arange(len(stage.agents)) == who) & good
     room, speeds = jnp.array([spot.along, spot.aside]), jnp.array([slowest, fastest])
     values = spot.place[where], room, spot.ahead[where], speeds[0], speeds[1]
-    old = nobody(stage.agents)
-    new = [jnp.broadcast_to(value, before.shape) for value, before in zip(values, old[:5], strict=True)]
-    return given_to(meant, Poses(*new, meant), old)
+    parts = [
+        jnp.broadcast_to(value, before.shape) for value, before in zip(values, nobody(stage.agents)[:5], strict=True)
+    ]
+    return given_to(meant, Poses(parts[0], parts[1], parts[2], parts[3], parts[4], meant), nobody(stage.agents))
 
 
 def given_to(meant: Bool[Array, " n"], new: Poses, old: Poses) -> Poses:
     """The new parts for those who are meant, beside the old ones of the others."""
-    *parts, _ = (
+    mixed = (
         jnp.where(meant.reshape(-1, *[1] * (before.ndim - 1)), after, before)
         for after, before in zip(new, old, strict=True)
     )
-    return Poses(*parts, meant=old.meant | meant)
+    return Poses(*mixed)._replace(meant=old.meant | meant)
 
 
 def nobody(agents: Float[Array, "n 9"]) -> Poses:
@@ -167,6 +167,15 @@ def beside(stage: Stage, off: float) -> Float[Array, "places 2"]:
 def twice(x: Array) -> Array:
     """For the points of ``beside``."""
     return jnp.concatenate([x, x])
+
+
+def _seen_from(spot: Spot, agents: Float[Array, "n 9"]) -> tuple[Float[Array, "n q"], Float[Array, "n q"]]:
+    """How far agents are before or behind places, and beside them [m]."""
+    along, aside = (
+        jnp.abs(agents[:, :2] @ axis.T - (spot.place * axis).sum(-1)[None])
+        for axis in (spot.ahead, left_of(spot.ahead))
+    )  # fmt: skip
+    return along, aside
 
 
 def left_of(ahead: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
