@@ -36,13 +36,13 @@ _LEAN = 0.18  # rad towards the lane into which one cuts
 
 
 def _wrong_way(stage: Stage) -> Poses:
-    spot = Spot(stage.points, -stage.ahead, stage.calm, along=2.0, aside=0.6)
+    spot = Spot(stage.points, -stage.ahead, stage.calm, along=1.2, aside=0.6)
     who, where, good = least(change(stage, stage.vehicle, spot) + crowd(stage, spot))
     return pose(stage, spot, who, where, good, slowest=4.0, fastest=12.0)
 
 
 def _jaywalker(stage: Stage) -> Poses:
-    spot = Spot(stage.points, stage.ahead, stage.calm, along=2.0, aside=1.0)
+    spot = Spot(stage.points, stage.ahead, stage.calm, along=1.2, aside=1.0)
     who, where, good = least(change(stage, stage.walker, spot, turn=0.0) + crowd(stage, spot))
     poses = pose(stage, spot, who, where, good, slowest=1.0, fastest=2.2)
     across = left_of(stage.ahead)[where]
@@ -52,7 +52,7 @@ def _jaywalker(stage: Stage) -> Poses:
 
 
 def _stopped(stage: Stage) -> Poses:
-    spot = Spot(stage.points, stage.ahead, stage.calm, along=2.0, aside=0.5)
+    spot = Spot(stage.points, stage.ahead, stage.calm, along=1.2, aside=0.5)
     cost = change(stage, stage.vehicle, spot) + crowd(stage, spot) + blocked(stage, spot)[None]
     who, where, good = least(cost + slow_down(stage))
     return pose(stage, spot, who, where, good, fastest=-0.3)
@@ -63,7 +63,7 @@ def _double_parking(stage: Stage) -> Poses:
     edge, kerb = beside(stage, _EDGE), beside(stage, _KERB)  # on both sides of every lane
     free = ~((squares(kerb, stage.points) < 2.2**2) & stage.there[None]).any(1)
     ahead, calm = twice(stage.ahead), twice(stage.calm) & free
-    one, other = Spot(edge, ahead, calm, along=2.0, aside=0.1), Spot(kerb, ahead, calm, along=3.0, aside=0.3)
+    one, other = Spot(edge, ahead, calm, along=1.2, aside=0.1), Spot(kerb, ahead, calm, along=3.0, aside=0.3)
     stands = slow_down(stage)
     cost = change(stage, stage.vehicle, one) + crowd(stage, one, along=5.0, aside=2.1) + blocked(stage, one)[None]
     who, whom, where, good = best_two(cost + stands, change(stage, stage.vehicle, other) + stands)
@@ -80,7 +80,7 @@ def _cut_in(stage: Stage) -> Poses:
     ahead, calm = twice(stage.ahead), twice(stage.calm) & lane.any(1)
     leaning = (ahead - _LEAN * side * left_of(ahead)) / np.hypot(1, _LEAN)
     behind = twice(stage.points - 11.0 * stage.ahead)
-    one = Spot(beside(stage, 1.3), leaning, calm, along=2.0, aside=0.4)
+    one = Spot(beside(stage, 1.3), leaning, calm, along=1.2, aside=0.4)
     other = Spot(behind, ahead, calm & (jnp.abs(behind).max(-1) < 29.0), along=3.0, aside=0.5)
     slow = 2 * jax.nn.relu(4.0 - stage.agents[:, 3])[:, None]
     cost = change(stage, stage.vehicle, one) + crowd(stage, one) + slow
