@@ -6,10 +6,9 @@ Prompts are captions of held-back records; what each asks for and what each scen
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
 tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without staging what a
 prompt names (scjax.diffusion.staging), and without steering at true counts; without prompts at true counts; the
-training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling).
-A second table tells how sound the scenes are; those of one
-candidate are judged as they were sampled and after ``scjax.tidy``. Where records have labels, the agreement of the
-rules with them is printed below.
+training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
+how sound the scenes are; those of one candidate are judged as they were sampled and after ``scjax.tidy``. Where records
+have labels, the agreement of the rules with them is printed below.
 """
 
 from __future__ import annotations
@@ -179,13 +178,8 @@ def held_back_prompts(
         events.update(asked.events)
         left -= 1
         scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
-        yield Prompted(
-            text,
-            asked,
-            scjax.Condition(tokens=tokens, events=asked.events, light=asked.signal),
-            scene,
-            captions[row].facts,
-        )
+        told = scjax.Condition(tokens=tokens, events=asked.events, light=asked.signal)
+        yield Prompted(text, asked, told, scene, captions[row].facts)
     if each is not None and not events:
         raise ValueError(
             f"--each: no held-back caption of {folder} names a rare event: make records with --ordinary 0.1"

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.data.captions.events import Event
+from scjax.data.captions.facts import LIGHTS
 from scjax.scene import Layout, Scene
-
-LIGHTS = ("green", "yellow", "red")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.data.captions.facts import parse
-from scjax.diffusion.staging import EVENTS, LIGHTS, Wanted, anything, cues, energy, wanted
+from scjax.data.captions.facts import LIGHTS, parse
+from scjax.diffusion.staging import EVENTS, Wanted, anything, cues, energy, wanted
 from scjax.scene import AgentType, Link, Scene, empty, pad, stack
 
 LANES = (0.0, 3.5, 7.0)  # m to the left of the ego; the last one leads the other way

@@ -32,6 +32,7 @@ Layout = Literal[
     "junction at the edge",
 ]  # fmt: skip
 
+LIGHTS: dict[str, Signal] = {"green": Signal.GO, "yellow": Signal.CAUTION, "red": Signal.STOP}
 _EDGE = 29.0  # metres from the ego beyond which an intersection is at the edge of view
 _ALONG = np.deg2rad(35.0)  # between the ego's road and an arm that continues it
 _PARKING = (20, 30.0, 3.0)  # lanes at least, longest lane [m], fastest vehicle [m/s] of a parking area
@@ -186,5 +187,5 @@ def _signals(road: Road, lane: int | None) -> str | None:
         return None
     ahead = [] if lane is None else [lane, *road.successors[lane]]
     states = {int(road.signal[k]) for k in ahead} - {int(Signal.UNKNOWN)}
-    names = {int(Signal.GO): "green", int(Signal.CAUTION): "yellow", int(Signal.STOP): "red"}
+    names = {int(state): name for name, state in LIGHTS.items()}
     return names[states.pop()] if len(states) == 1 else "other"

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.data.captions.events import Event
+from scjax.data.captions.facts import LIGHTS
 from scjax.diffusion.staging.acts import ACTS
 from scjax.diffusion.staging.lights import lanes_of_light
 from scjax.diffusion.staging.spots import Poses, cross, given_to, left_of, look, nobody
@@ -24,7 +25,6 @@ from scjax.pytree import pytree
 from scjax.scene import AnyArray, Scene, Signal
 
 EVENTS: tuple[Event, ...] = get_args(Event)
-LIGHTS: dict[str, Signal] = {"green": Signal.GO, "yellow": Signal.CAUTION, "red": Signal.STOP}
 ROUNDS, BELOW, LAST = 32, 0.7, 16
 """Gradient steps, as ``Steering.rounds``, from a noise at which an agent can still turn round; those of the last step,
 where a place is a matter of decimetres."""

@@ -137,20 +137,18 @@ def pose(
     """One agent in a place."""
     meant = (jnp.arange(len(stage.agents)) == who) & good
     room, speeds = jnp.array([spot.along, spot.aside]), jnp.array([slowest, fastest])
-    values = spot.place[where], room, spot.ahead[where], speeds[0], speeds[1]
-    parts = [
-        jnp.broadcast_to(value, before.shape) for value, before in zip(values, nobody(stage.agents)[:5], strict=True)
-    ]
-    return given_to(meant, Poses(parts[0], parts[1], parts[2], parts[3], parts[4], meant), nobody(stage.agents))
+    one = Poses(spot.place[where], room, spot.ahead[where], speeds[0], speeds[1], meant)
+    none = nobody(stage.agents)
+    return given_to(meant, jax.tree.map(lambda value, of_all: jnp.broadcast_to(value, of_all.shape), one, none), none)
 
 
 def given_to(meant: Bool[Array, " n"], new: Poses, old: Poses) -> Poses:
     """The new parts for those who are meant, beside the old ones of the others."""
-    mixed = (
-        jnp.where(meant.reshape(-1, *[1] * (before.ndim - 1)), after, before)
-        for after, before in zip(new, old, strict=True)
-    )
-    return Poses(*mixed)._replace(meant=old.meant | meant)
+
+    def mixed(after: Array, before: Array) -> Array:
+        return jnp.where(meant.reshape(-1, *[1] * (before.ndim - 1)), after, before)
+
+    return jax.tree.map(mixed, new, old)._replace(meant=old.meant | meant)
 
 
 def nobody(agents: Float[Array, "n 9"]) -> Poses:
