@@ -4,8 +4,8 @@
 
 Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
 (scjax.data.captions). Rows: the model at several guidance weights, also at true counts, or as the best of several
-tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without staging what a
-prompt names (scjax.diffusion.staging), and without steering at true counts; without prompts at true counts; the
+tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without steering at true
+counts; without prompts at true counts; the
 training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
 how sound the scenes are; those of one candidate are judged as they were sampled and after ``scjax.tidy``. Where records
 have labels, the agreement of the rules with them is printed below.
@@ -70,7 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--best", type=int, default=0, dest="candidates", metavar="K",
         help="a row of the best of K candidates a prompt (default: none)")  # fmt: skip
-    add("--tries", type=int, default=1, metavar="R", help="and one of R rounds of them at most (default: none)")
     add("--seed", type=int, default=0)
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
@@ -90,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def measure(
     *, model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None = None,
-    steps: int | None = None, candidates: int = 0, tries: int = 1, seed: int = 0, each: int | None = None,
+    steps: int | None = None, candidates: int = 0, seed: int = 0, each: int | None = None,
 ) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
@@ -102,8 +101,6 @@ def measure(
     runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
     runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], None
     if model.steering is not None:
-        free = [dataclasses.replace(one, events=(), light=None) for one in told]
-        runs[f"prompt, guidance {weights[0]:g}, nothing staged"] = free, weights[0], None
         runs[f"prompt and true counts, guidance {weights[0]:g}, not steered"] = both, weights[0], False
     runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
     table: dict[str, Scores] = {}
@@ -115,15 +112,14 @@ def measure(
         tidied = [scjax.tidy(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
             table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
-    for rounds in sorted({1, tries}) if candidates > 1 else ():  # as the command line
-        again = f" in up to {rounds} rounds" if rounds > 1 else ""
-        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied{again}"
+    if candidates > 1:  # as the command line
+        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied"
         made = []
         for start in tqdm(range(0, len(told), _CALL), title, disable=None):
             part = slice(start, start + _CALL)
             made += make(
                 jax.random.fold_in(jax.random.key(seed), start), prompts[part], told[part], model=model,
-                pick=candidates, tries=rounds, sampler=sampler, steps=steps, guidance=weights[0],
+                pick=candidates, sampler=sampler, steps=steps, guidance=weights[0],
             )  # fmt: skip
         table[title], sound[title] = scores(zip(asked, map(parse, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
@@ -178,7 +174,7 @@ def held_back_prompts(
         events.update(asked.events)
         left -= 1
         scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
-        told = scjax.Condition(tokens=tokens, events=asked.events, light=asked.signal)
+        told = scjax.Condition(tokens=tokens)
         yield Prompted(text, asked, told, scene, captions[row].facts)
     if each is not None and not events:
         raise ValueError(

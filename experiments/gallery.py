@@ -4,7 +4,7 @@
 
 FILE is a text with a prompt a line, or JSON (lists of texts, or of objects with a "prompt"). OUT receives a picture a
 prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule,
-and sums up at its head how much of what was asked for is there. With --pick 8 --tries 4 scenes are chosen and tidied as
+and sums up at its head how much of what was asked for is there. With --pick 8 scenes are chosen and tidied as
 by ``scjax generate``; by default they are as sampled.
 """
 
@@ -44,8 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--seed", type=int, default=0)
     add("--pick", type=int, default=1, metavar="K", help="candidates a scene, of which the best is tidied and kept; "
         "1: as sampled (default %(default)s)")  # fmt: skip
-    add("--tries", type=int, default=1, metavar="R", help="rounds of them, at most, for a prompt of which none shows "
-        "all (default %(default)s)")  # fmt: skip
     add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
     args = parser.parse_args(arguments)
     try:
@@ -68,7 +66,7 @@ def make(args: argparse.Namespace) -> None:
             (condition,) = with_tokens([plain], model)
         key = jax.random.fold_in(jax.random.key(args.seed), number)
         scenes = candidates(
-            key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick, tries=args.tries,
+            key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick,
             raw=args.pick == 1, steps=args.steps, guidance=args.guidance,
         )  # fmt: skip
         name = f"prompt-{number:02d}.png"
@@ -93,7 +91,6 @@ def make(args: argparse.Namespace) -> None:
             doubtful = ["warned about, in words that quote it"]
         lines += [*(f"- {one}" for one in doubtful), ""]
     how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
-    how += f", in up to {args.tries} rounds" if args.tries > 1 and args.pick > 1 else ""
     kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))
     made = f"{args.samples} scenes a prompt, {how}, seed {args.seed}, by `python -m experiments.gallery`."
     head = ["# Gallery", "", made, "", f"What prompts ask for and scenes show, by rule: {kept or 'nothing'}.", ""]

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import get_args
 
 import numpy as np
 from jaxtyping import Array
 
-from scjax.data.captions.events import Event
-from scjax.data.captions.facts import LIGHTS
 from scjax.scene import Layout, Scene
 
 
@@ -24,9 +21,6 @@ class Condition:
       prompt: what the scene shall show, for a model trained on text; its tokens come from the model's text encoder.
       negative_prompt: what it shall not show: guidance leads away from it instead of from no prompt at all.
       tokens: condition tokens [n, features] instead of a prompt.
-      events: rare events that steering brings about (``scjax.diffusion.staging``); by default those that the prompt
-        names, () for none.
-      light: state of the ego's light that steering brings about; by default the one that the prompt speaks of.
       token_mask: [n] True for real tokens; by default all.
       negative_tokens: tokens instead of a negative prompt, all of them real.
       image: features [channels, rows, columns] of what lies ahead, for a model trained on images; it needs ``depth``
@@ -42,8 +36,6 @@ class Condition:
     layout: Layout = Layout.CENTRED
     prompt: str | None = None
     negative_prompt: str | None = None
-    events: tuple[str, ...] | None = None
-    light: str | None = None
     tokens: Array | np.ndarray | None = None
     token_mask: Array | np.ndarray | None = None
     negative_tokens: Array | np.ndarray | None = None
@@ -58,12 +50,6 @@ class Condition:
                 raise ValueError(f"Condition.{name} must be a whole number of at least 1, not {value!r}")
         if self.layout not in tuple(Layout):
             raise ValueError(f"Condition.layout must be one of {[kind.name for kind in Layout]}, not {self.layout!r}")
-        if unknown := set(self.events or ()) - set(get_args(Event)):
-            raise ValueError(
-                f"Condition.events {sorted(unknown)} are unknown: choose among {', '.join(get_args(Event))}"
-            )
-        if self.light not in (None, *LIGHTS):
-            raise ValueError(f"Condition.light {self.light!r} is unknown: choose one of {', '.join(LIGHTS)}")
         if self.known is not None and self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "

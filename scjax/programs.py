@@ -8,18 +8,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from scjax.devices import spread
-from scjax.diffusion import soundness, staging
+from scjax.diffusion import soundness
 from scjax.diffusion.estimator import estimator
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
 from scjax.diffusion.samplers.loop import sample as sample_latents
-from scjax.diffusion.steering import Energy, Steering, rounds_of, steered
+from scjax.diffusion.steering import Energy, Steering, steered
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.autoencoder.outputs import Decoded
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.nodes import Nodes, generated
@@ -44,11 +43,9 @@ def sampling_program(
     """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
-    lit = representation.lane_classes == "signal"
 
     def run(
         ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away,
-        wanted,
     ) -> Scene:  # fmt: skip
         given = values = None
         if known is not None:
@@ -61,37 +58,29 @@ def sampling_program(
             features=features, away=away, guidance=guidance, weight=weight,
         )  # fmt: skip
 
-        def decoded(latents: Nodes, **options) -> tuple[Scene, Decoded]:
+        def decoded(latents: Nodes, **options) -> Scene:
             latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
             return decode(coder, ae, representation, latents, masks, layout, domain, **options)
 
         if steering is not None:
-            made = generated(masks, given)
-            sound = jnp.asarray(rounds_of(steering.rounds, steering.below, schedule.levels))
-            staged = jnp.asarray(rounds_of(staging.ROUNDS, staging.BELOW, schedule.levels)).at[0].set(staging.LAST)
-            rounds = jnp.where(staging.anything(wanted)[:, None], jnp.maximum(sound, staged)[None], sound[None])
 
-            def energy_around(start: Nodes, step: Int[Array, ""]) -> Energy:
-                found = decoded(start)[0]  # links: their head, over all pairs, would be most of a round
-                cues = staging.cues(found, wanted, made.agents)
+            def energy_around(start: Nodes) -> Energy:
+                links = decoded(start).links  # their head, over all pairs, would be most of a round
 
                 def energy(latents: Nodes) -> Float[Array, ""]:
-                    scene, told = decoded(latents, through_pairs=False)
-                    scene = scene.replace(links=found.links)
-                    faults = jnp.where(sound[step] > 0, soundness.energy(scene), 0)
-                    return (faults + staging.energy(scene, told.lane_type_logits if lit else None, cues)).sum()
+                    scene = decoded(latents, through_pairs=False).replace(links=links)
+                    return soundness.energy(scene).sum()
 
                 return energy
 
-            denoise = steered(
-                denoise, schedule.levels, config.prediction, energy_around, made, steering, rounds
-            )  # fmt: skip
+            made = generated(masks, given)
+            denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
         latents = sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
             widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
             most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
-        return decoded(latents)[0]
+        return decoded(latents)
 
     return compiled(run, shared=6)
 
@@ -105,7 +94,7 @@ def reconstruction_program(representation: Representation, config: AutoencoderCo
         tokens: Tokens = representation.tokens(scenes)
         posterior = coder.apply(params, tokens, method="encode")
         masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)[0]
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
 
     return compiled(run, shared=1)
 
@@ -121,14 +110,13 @@ def compiled(run: Program, shared: int) -> Program:
 def decode(
     coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain,
     **options,
-) -> tuple[Scene, Decoded]:  # fmt: skip
-    """Latents [B, tokens, latent] -> scenes in metres [B], and what the decoder says; ``options`` are the decoder's."""
+) -> Scene:  # fmt: skip
+    """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
     decoded = coder.apply(params, latents, masks, method="decode", **options)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if representation.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
-    scene = representation.scene(
+    return representation.scene(
         decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
         decoded.link_logits, layout, domain,
     )  # fmt: skip
-    return scene, decoded

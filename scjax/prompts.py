@@ -53,10 +53,6 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
         }
         if not changes:
             return cond
-        if cond.prompt is not None:
-            asked = read_prompt(cond.prompt)
-            changes |= {"events": asked.events if cond.events is None else cond.events}
-            changes |= {"light": cond.light or asked.signal}
         return dataclasses.replace(cond, prompt=None, negative_prompt=None, **changes)
 
     return [told(cond) for cond in conditions]

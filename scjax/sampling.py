@@ -17,7 +17,6 @@ from scjax.data.ordering import arrange
 from scjax.devices import replicated
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
-from scjax.diffusion.staging import wanted
 from scjax.diffusion.steering import Steering
 from scjax.features import check_readable, features_of, text_features
 from scjax.model import Model, load
@@ -63,8 +62,7 @@ def sample(
       temperature: scale of the noise, above 0: one for both kinds, or ``scjax.models.nodes.Nodes(agents=, lanes=)``; by
         default the model's. Lower is tidier and less varied.
       steering: True leads what is sampled to closed joints, boxes that do not overlap and vehicles on lanes
-        (``scjax.diffusion.steering``), and to the events and the light of ``cond`` (``scjax.diffusion.staging``), False
-        does not; by default as the model has it.
+        (``scjax.diffusion.steering``), False does not; by default as the model has it.
 
     Raises:
       ValueError: no model, a model without denoiser, a condition that the model can't meet, a sampler that does not fit
@@ -125,7 +123,7 @@ def sample_many(
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
             batch = program(
                 *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.weight), temperature,
-                *_collate(chosen, bucket, config), wanted([(r.cond.events or (), r.cond.light) for r in chosen]),
+                *_collate(chosen, bucket, config),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):
                 results[i] = requests[i].finish(batch[row])

@@ -65,13 +65,6 @@ def test_each_text_is_encoded_once(model):
     assert told[0].prompt is None
 
 
-def test_events_and_the_light_are_read_off_the_prompt_unless_given(model):
-    text = "a jaywalker at a red light"
-    wanted = [Condition(prompt=text), Condition(prompt=text, events=(), light="green"), Condition(prompt="a road")]
-    told = with_tokens(wanted, model, Words())
-    assert [(cond.events, cond.light) for cond in told] == [(("jaywalker",), "red"), ((), "green"), ((), None)]
-
-
 def test_a_prompt_of_the_model_needs_no_encoder(model):
     (told,) = with_tokens([Condition(prompt="a road")], model)
     assert told.tokens.shape == (2, WIDTH)

@@ -110,28 +110,6 @@ def test_steering_closes_joints_and_parts_boxes_but_moves_nothing_known(model):
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
 
-def test_what_is_staged_in_one_scene_leaves_the_others_alone(model):
-    plain = Condition(num_lanes=6, num_agents=8)
-    asked = dataclasses.replace(plain, events=("stopped vehicle in lane", "wrong-way driver"), light="red")
-
-    def made(*conditions, steering):
-        return scjax.sampling.sample_many(
-            jax.random.key(1), conditions, model=model, steps=STEPS, steering=steering
-        )  # fmt: skip
-
-    neither, one = made(plain, plain, steering=True), made(plain, asked, steering=True)
-    chex.assert_trees_all_equal(one[0].to_dict(), neither[0].to_dict())
-    assert not np.array_equal(one[1].agents, neither[1].agents)
-    off = made(plain, asked, steering=False)
-    chex.assert_trees_all_equal(off[1].to_dict(), made(plain, plain, steering=False)[1].to_dict())
-
-
-@pytest.mark.parametrize(("wrong", "named"), [({"events": ("meteor",)}, "jaywalker"), ({"light": "blue"}, "green")])
-def test_unknown_events_and_lights_are_answered_with_the_known_ones(wrong, named):
-    with pytest.raises(ValueError, match=f"unknown: choose .*{named}"):
-        Condition(**wrong)
-
-
 def test_steering_is_the_models_unless_told(model):
     condition = Condition(num_lanes=5, num_agents=3)
     plain, told = draw(model, condition), draw(model, condition, steering=True)

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from experiments.evaluate.captions import caption_of
 from experiments.evaluate.sources import BUCKET, Npz, Source, digest, row_text
-from scjax.cli.output import CANDIDATES, TRIES
+from scjax.cli.output import CANDIDATES
 from scjax.cli.scenes import make as pick
 from scjax.condition import Condition
 from scjax.data.pipeline import clip_counts
@@ -85,7 +85,7 @@ def sampled(
             return sample_many(part_key, conditions, model=model, **options)
         prompts = [condition.prompt or "" for condition in conditions]
         told = with_tokens(conditions, model)
-        return pick(part_key, prompts, told, model=model, pick=CANDIDATES, tries=TRIES, **options)
+        return pick(part_key, prompts, told, model=model, pick=CANDIDATES, **options)
 
     own = str((model.temperature, model.steering))  # not among the weights, and models differ by them alone
     name = digest("sampled", weights_hash(model), own, reference.fingerprint, row_text(rows), title, str(how))

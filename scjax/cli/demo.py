@@ -10,8 +10,6 @@ import click
 from scjax.cli.output import CANDIDATES, PICK_HELP, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.samplers import DEFAULT, STEPS
 
-_TRIES = 2  # fewer than generate: a later scene shall take about a second
-
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
     "a T-intersection with several vehicles",
@@ -28,13 +26,11 @@ PROMPTS = (
 @click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps. [default: "
               f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
-@click.option("--tries", default=_TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, "
-              "at most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
-def demo(seed, steps, pick, tries, raw, folder, model_folder, as_json) -> None:
+def demo(seed, steps, pick, raw, folder, model_folder, as_json) -> None:
     """Draws a scene for each of some prompts and saves them in one labelled picture, and each as npz."""
     out = writable_folder(folder)
     clock = Clock()
@@ -63,7 +59,7 @@ def demo(seed, steps, pick, tries, raw, folder, model_folder, as_json) -> None:
             first = "first scene of another size" if sizes else "first scene"
             with clock.part("later scenes" if size in sizes else f"{first} (with compiling)"):
                 sizes.add(size)
-                scenes += make(own, [prompt], [counted], model=model, pick=pick, tries=tries, raw=raw, steps=steps)
+                scenes += make(own, [prompt], [counted], model=model, pick=pick, raw=raw, steps=steps)
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]
         picture = out / f"scjax-demo-{seed}.png"

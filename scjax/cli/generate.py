@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, TRIES, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.guidance import WEIGHT
 from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
 
@@ -30,7 +30,7 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
               "less varied. [default: the model's]")  # fmt: skip
 @click.option("--steer/--no-steer", "steering", default=None, help="Lead what is sampled to closed joints, boxes that "
-              "do not overlap, vehicles on lanes, and the rare events and the light that the prompt names. "
+              "do not overlap, and vehicles on lanes. "
               "[default: the model's]")  # fmt: skip
 @click.option(
     "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
@@ -39,8 +39,6 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--negative", help="What the scene shall not show.")
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
-@click.option("--tries", default=TRIES, show_default=True, type=click.IntRange(1, 100), help="Rounds of candidates, at "
-              "most: a prompt that no candidate shows in full gets another one.")  # fmt: skip
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
 @click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
@@ -49,7 +47,7 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
     prompts, number, seed, sampler, steps, guidance, temperature, steering, agents, lanes, negative, domain, pick,
-    tries, raw, folder, formats, model_folder, as_json,
+    raw, folder, formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
@@ -58,7 +56,7 @@ def generate(
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
     scjax generate "a roundabout" --pick 32
 
-    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick, --tries). Numbers
+    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick). Numbers
     that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched
     once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
     """
@@ -92,7 +90,7 @@ def generate(
         repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
         scenes = make(
             jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
-            pick=pick, tries=tries, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
+            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
             steering=steering,
         )  # fmt: skip
     made = []

@@ -23,7 +23,6 @@ PICK_HELP = (
     "Candidates a scene: the one that shows most of the prompt, then the one with the fewest faults, is kept. They are "
     "made some at a time, and one without fault ends the search."
 )
-TRIES = 4  # rounds of them for a prompt that is hard
 _LONGEST = 48  # characters of a file name's text
 
 

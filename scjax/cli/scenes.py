@@ -24,7 +24,6 @@ def make(
     *,
     model: Model,
     pick: int = 1,
-    tries: int = 1,
     raw: bool = False,
     sampler: str | Sampler | None = None,
     steps: int | None = None,
@@ -34,9 +33,8 @@ def make(
 ) -> list[Scene]:
     """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
 
-    They are made some at a time, and one that shows everything and has no fault ends the search. A prompt of which none
-    shows everything gets as many again, ``tries`` times in all. Candidates of a scene have the same numbers of lanes
-    and agents, so that one program makes them.
+    They are made some at a time, and one that shows everything and has no fault ends the search. Candidates of a scene
+    have the same numbers of lanes and agents, so that one program makes them.
 
     Args:
       prompts: what the best candidate is judged by.
@@ -55,19 +53,14 @@ def make(
     told = with_counts(key, told, model=model)
     best: dict[int, tuple[Shortcomings, Scene]] = {}
     done = 0
-    while done < pick * tries:
-        rows = [row for row in range(len(prompts)) if row not in best or _wanting(best[row][0], done < pick)]
+    while done < pick:
+        rows = [row for row in range(len(prompts)) if row not in best or best[row][0][:2] > (0, 0)]
         if not rows:
             break
-        times = min(GROUP, pick - done % pick)
+        times = min(GROUP, pick - done)
         made = iter(sampled(jax.random.fold_in(key, done) if done else key, rows, times))
         for row in rows:
             judged = [(shortcomings(prompts[row], scene), scene) for scene in (next(made) for _ in range(times))]
             best[row] = min([*([best[row]] if row in best else []), *judged], key=lambda one: one[0])
         done += times
     return [best[row][1] for row in range(len(prompts))]
-
-
-def _wanting(found: Shortcomings, early: bool) -> bool:
-    """Whether more candidates are made: for what is asked for and not shown, and ``early`` for any fault."""
-    return found.missed > 0 or (early and found.faults > 0)

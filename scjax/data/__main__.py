@@ -60,9 +60,6 @@ def parser() -> argparse.ArgumentParser:
              "(default %(default)s)")  # fmt: skip
     add("--limit", type=int, metavar="N", help="use only the first N files, to try things out")
     add("--files-per-shard", type=int, default=16, metavar="N", help="source files a shard (default %(default)s)")
-    add("--backwards", action="store_true",
-        help="train records once more, mirrored and with traffic turned round, in domains of their own: other roads on "
-             "which one drives on the same side, where recordings are few")  # fmt: skip
     add("--no-resume", action="store_true", help="rebuild finished shards too")
     add("--strict", action="store_true", help="stop at the first file that cannot be used instead of skipping it")
     standard = build.add_argument_group(
@@ -153,7 +150,6 @@ def _build(args: argparse.Namespace) -> int:
             spacing=args.train_spacing, max_poses=args.train_max_poses,
             recorder_stride=args.train_recorder_stride, other_stride=args.train_other_stride,
         ),
-        backwards=args.backwards,
     )  # fmt: skip
     manifest = build(
         args.source, args.out, options, workers=args.workers, limit=args.limit, resume=not args.no_resume,

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from scjax.data.backwards import backwards_of
 from scjax.data.records import RECORD_FORMAT
 from scjax.data.shards import MANIFEST_FORMAT, Shard, build_shard, scan, write_text
 from scjax.data.sources import BuildOptions, Recordings, Scanned, Source
@@ -69,7 +68,6 @@ def build(
             first = next((item for item in scanned if item.reason), None)
             raise ValueError(_NONE.format(source, len(files), first and first.reason))
         domains = tuple(sorted({item.domain for item in usable}))
-        domains += tuple(map(backwards_of, domains)) if options.backwards else ()
         shards = _plan(usable, domains, options)
         _remove_stale(out, shards)
         tasks = [(source, str(out), shard, resume) for shard in shards]

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scjax.data.backwards import backwards, backwards_of
-from scjax.data.records import RECORD_FORMAT, Record, encode, make_record, sample_scene, simplified, write_shard
+from scjax.data.records import RECORD_FORMAT, encode, make_record, sample_scene, simplified, write_shard
 from scjax.data.sources import BuildOptions, Scanned, Source
 from scjax.data.statistics import SceneStatistics
 
@@ -82,7 +81,6 @@ def _records_of(
         return []
     raw, lanes, domain = loaded.raw, simplified(loaded.graph), shard.domains.index(loaded.raw.domain)
     encoded, rows, cleaned = [], [], Counter()
-    twice = shard.dense and shard.options.backwards
     for rank, pose in enumerate(loaded.poses):
         record, counts = make_record(raw, lanes, loaded.index, pose, domain)
         if loaded.keep_parked:
@@ -93,27 +91,16 @@ def _records_of(
             continue
         cleaned.update(counts)
         flags = (int(pose.is_recorder), int(rank < loaded.num_standard))
-        made = [(record, scene)]
-        if twice:
-            turned = _turned(record, shard.domains)
-            made.append((turned, sample_scene(turned)))
-        for one, scene in made:
-            statistics.add(scene)
-            rows.append([raw.scene_id, raw.cluster, one.domain, pose.step, pose.object, *flags, len(scene.lanes),
-                         len(scene.agents)])  # fmt: skip
-            encoded.append(encode(one))
-            if loaded.labels:
-                report["labels"].append(loaded.labels[rank])
+        statistics.add(scene)
+        size = len(scene.lanes), len(scene.agents)
+        rows.append([raw.scene_id, raw.cluster, record.domain, pose.step, pose.object, *flags, *size])
+        encoded.append(encode(record))
+        if loaded.labels:
+            report["labels"].append(loaded.labels[rank])
     report["rows"] += rows
     report["cleaned"].update(cleaned)
     report["scenes"] += 1
     return encoded
-
-
-def _turned(record: Record, domains: tuple[str, ...]) -> Record:
-    """The record backwards, in a domain of its own: its lanes are as good as any, its traffic is not."""
-    domain = domains.index(backwards_of(domains[record.domain]))
-    return dataclasses.replace(record, context=backwards(record.context), domain=domain)
 
 
 def write_text(path: Path, text: str) -> None:

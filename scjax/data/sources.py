@@ -36,14 +36,12 @@ class BuildOptions:
       poses: the standard poses, those of the evaluation set; validation records are these alone.
       train_poses: denser poses that training records have on top.
       files_per_shard: source files a shard is made from.
-      backwards: training records once more, mirrored and turned round (``scjax.data.backwards``), as other domains.
     """
 
     split_percent: float = 10.0
     poses: PoseOptions = PoseOptions()
     train_poses: PoseOptions = PoseOptions(spacing=4.0, max_poses=40, recorder_stride=5)
     files_per_shard: int = 16
-    backwards: bool = False
 
     def __post_init__(self):
         if not 0 <= self.split_percent < 100:

@@ -22,14 +22,12 @@ from scjax.diffusion.level import Level
 from scjax.diffusion.process import estimate_x0, output_for
 from scjax.models.denoiser.config import Prediction
 from scjax.models.nodes import Nodes
-from scjax.scene import AnyArray
 
 Energy = Callable[[Nodes], Float[Array, ""]]
 """Normalised latents [B, tokens, latent] -> energy of the decoded scenes [m^2], summed over them."""
 
-EnergyAround = Callable[[Nodes, Int[Array, ""]], Energy]
-"""The energy, at a step of the schedule, of latents near the given ones: what has no gradient, which lanes are linked,
-may be taken from those."""
+EnergyAround = Callable[[Nodes], Energy]
+"""The energy of latents near the given ones: what has no gradient, which lanes are linked, may be taken from those."""
 
 _TOGETHER = 4  # gradient steps that gather momentum; one or two a step of a sampler do not
 
@@ -82,7 +80,6 @@ def steered(
     energy: EnergyAround,
     made: Nodes,
     steering: Steering,
-    rounds: Int[AnyArray, "b s"] | None = None,
 ) -> Denoise:
     """``denoise`` whose estimate of x_0 has descended ``energy``.
 
@@ -90,28 +87,23 @@ def steered(
       levels: of the sampler's schedule, the only ones at which it will be asked; all scenes at the same.
       energy: the one around an estimate is taken once, for all rounds of a step.
       made: True at the tokens that are generated [B, tokens] a kind; the others, clean in z, are not moved.
-      rounds: gradient steps of every scene at every level; None: those of ``steering``.
     """
-    if rounds is None:
-        usual = rounds_of(steering.rounds, steering.below, levels)
-        rounds = jnp.broadcast_to(jnp.asarray(usual), (len(made.agents), len(usual)))
-    rounds = jnp.asarray(rounds)
+    rounds = jnp.asarray(rounds_of(steering.rounds, steering.below, levels))
     length = Nodes(agents=steering.agents, lanes=steering.lanes)
 
     def descended(start: Nodes, step: Int[Array, ""]) -> Nodes:
-        slope, number = jax.grad(energy(start, step)), rounds[:, step]
+        slope = jax.grad(energy(start))
 
         def descend(k: Int[Array, ""], carry: tuple[Nodes, Nodes]) -> tuple[Nodes, Nodes]:
             x, way = carry
-            moved = jax.tree.map(lambda mask: (mask & (k < number)[:, None])[..., None], made)
             ahead = jax.tree.map(lambda x, w: x + steering.momentum * w, x, way)
             onward = jax.tree.map(
-                lambda w, g, moved, by: jnp.where(moved, steering.momentum * w - by * g, 0).astype(w.dtype),
-                way, slope(ahead), moved, length,
+                lambda w, g, mask, by: jnp.where(mask[..., None], steering.momentum * w - by * g, 0).astype(w.dtype),
+                way, slope(ahead), made, length,
             )  # fmt: skip
             return jax.tree.map(jnp.add, x, onward), onward
 
-        return jax.lax.fori_loop(0, number.max(), descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
+        return jax.lax.fori_loop(0, rounds[step], descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
 
     def denoise_steered(z: Nodes, t: Real[Array, " b"]) -> Nodes:
         output = denoise(z, t)
@@ -123,6 +115,6 @@ def steered(
             x0 = jax.tree.map(lambda x, clean, mask: jnp.where(mask[..., None], x, clean), guess, z, made)
             return output_for(level, z, descended(x0, step), prediction)
 
-        return jax.lax.cond((rounds[:, step] > 0).any(), led, lambda: output)
+        return jax.lax.cond(rounds[step] > 0, led, lambda: output)
 
     return denoise_steered

@@ -93,7 +93,7 @@ def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder
         "raw": ["--raw", "--pick", 1],
         "tidied": ["--pick", 1],
         "three": ["--raw", "-n", 3, "--pick", 1],
-        "best": ["--raw", "--pick", 3, "--tries", 1],
+        "best": ["--raw", "--pick", 3],
     }.items():
         assert run("generate", PROMPT, *options, *words, "--out", tmp_path / name)[0] == 0
         kept[name] = [load_npz(path) for path in sorted((tmp_path / name).iterdir())]
@@ -106,12 +106,10 @@ def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder
     ("prompts", "lanes", "kept", "calls"),
     [
         (["aaa", "a"], [3, 2, 1, 2], [3, 1], [4]),  # both are shown at once
-        (["aaa", "a"], [3, 2, 2, 2, 1, 5], [3, 1], [4, 2]),  # only the second one gets more
-        (["aaa", "aaaa"], [5, 2, 2, 3, 1, 2, 4, 5], [1, 4], [4, 4]),  # the first one keeps the best of both rounds
-        (["aaa", "aaaa"], [1, 2, 2, 3, 5, 2, 5, 5], [1, 2], [4, 4]),  # two rounds at most
+        (["aaa", "aaaa"], [5, 2, 3, 4], [2, 4], [4]),  # the first one keeps the one with fewer faults
     ],
 )
-def test_prompts_that_no_candidate_shows_get_more_of_them(monkeypatch, folder, prompts, lanes, kept, calls):
+def test_best_of_keeps_the_candidate_that_shows_most(monkeypatch, folder, prompts, lanes, kept, calls):
     """A prompt asks for a lane a letter; fewer lanes are fewer faults."""
     left, asked = iter(lanes), []
 
@@ -124,9 +122,7 @@ def test_prompts_that_no_candidate_shows_get_more_of_them(monkeypatch, folder, p
     monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(
         int(len(scene.lanes) != len(prompt)), len(scene.lanes), 0.0
     ))  # fmt: skip
-    found = scenes.make(
-        jax.random.key(0), prompts, [scjax.Condition()] * 2, model=scjax.load(folder), pick=2, tries=2, raw=True
-    )
+    found = scenes.make(jax.random.key(0), prompts, [scjax.Condition()] * 2, model=scjax.load(folder), pick=2, raw=True)
     assert [len(scene.lanes) for scene in found] == kept and asked == calls and not list(left)
 
 
@@ -149,7 +145,7 @@ def test_a_candidate_without_fault_ends_the_search(monkeypatch, folder, faults, 
     monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
     monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(0, len(scene.lanes) - 1, 0.0))
     model, told = scjax.load(folder), [scjax.Condition()]
-    (found,) = scenes.make(jax.random.key(0), ["a"], told, model=model, pick=8, tries=2, raw=True)
+    (found,) = scenes.make(jax.random.key(0), ["a"], told, model=model, pick=8, raw=True)
     assert len(found.lanes) - 1 == kept and asked == calls and not list(left)
 
 

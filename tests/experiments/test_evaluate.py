@@ -257,8 +257,8 @@ def test_how_a_row_is_sampled(worlds, tmp_path, stand_in):
 def test_the_best_of_several_is_taken_as_on_the_command_line(worlds, tmp_path, stand_in, monkeypatch):
     picked = []
 
-    def pick(key, prompts, told, *, model, pick, tries, **options):
-        picked.append((prompts, [one.prompt for one in told], [one.num_lanes for one in told], pick, tries))
+    def pick(key, prompts, told, *, model, pick, **options):
+        picked.append((prompts, [one.prompt for one in told], [one.num_lanes for one in told], pick))
         return made.sample_many(key, told, model=model, **options)
 
     monkeypatch.setattr(made, "pick", pick)
@@ -269,7 +269,7 @@ def test_the_best_of_several_is_taken_as_on_the_command_line(worlds, tmp_path, s
     program.evaluate(config(worlds, rows=rows, novelty=0), tmp_path / "out")
     assert len(stand_in) == 48
     (prompts, told, lanes, *numbers), (_, _, free, *_) = picked
-    assert all(prompts) and set(told) == {None} and numbers == [8, 4]
+    assert all(prompts) and set(told) == {None} and numbers == [8]
     assert lanes == [one.num_lanes for one in stand_in[:16]] and set(free) == {None}
 
 
