@@ -117,7 +117,7 @@ def smoke() -> None:
         if not all(0.95 < r < 1.35 for r in ratio) or abs(slope - 1) > 0.25:
             faults.append(name)
     if faults:
-        sys.exit(f"benchmarks.attention: counts of {', '.join(faults)} are off: see benchmarks/control_flops.py")
+        sys.exit(f"benchmarks.attention: counts of {', '.join(faults)} are off: see scjax/nn/cross_attention/flops.py")
 
 
 def fit(x: Sequence[float], y: Sequence[float]) -> float:

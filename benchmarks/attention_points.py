@@ -6,7 +6,7 @@ Run by ``benchmarks.attention``, which pins the process and chooses XLA's thread
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from experiments.memory import keep_memory
+    from scjax.train.malloc import keep_memory
 
     keep_memory()
 
@@ -27,8 +27,8 @@ import numpy as np
 from flax import nnx
 
 from benchmarks import workload
-from benchmarks.control_flops import control_work
-from scjax.nn.control import ContextLayout, ControlOptions, build, named
+from scjax.nn.cross_attention import ContextLayout, ControlOptions, build, named
+from scjax.nn.cross_attention.flops import control_work
 from scjax.nn.functional import Functional, Params, functional
 
 WARM, LEAST, ENOUGH = 3, 20, 2.0  # runs before timing, timed runs at least, seconds after which fewer suffice

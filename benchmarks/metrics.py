@@ -2,7 +2,7 @@
 
 Every metric that needs no network (scjax.metrics.measure: both modes of the distributions, overlaps, matches, average
 precision, control) on tiles of the synthetic world, each moved and turned a little, against another such set, as
-experiments.evaluate measures them: read from npz files, part by part, in processes. The wanted time is 60 s on 2 cores
+scjax.evaluate measures them: read from npz files, part by part, in processes. The wanted time is 60 s on 2 cores
 and the wanted memory 2 GB. Bootstrap intervals and floors come apart.
 """
 
@@ -19,15 +19,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.workload import machine, peak_memory_gb
-from experiments.evaluate.population import PART, Population, measured
-from experiments.evaluate.sources import Npz
 from scjax.data import records
 from scjax.data.build import build
-from scjax.data.synthetic.source import Worlds
+from scjax.evaluate.population import PART, Population, measured
+from scjax.evaluate.sources import Npz
 from scjax.metrics import measure as metrics
 from scjax.metrics.tally import Tally
 from scjax.scene import Layout, stack
-from scjax.scene_io import save_npz
+from scjax.scene.io import save_npz
+from scjax.synthetic.source import Worlds
 
 
 def write_tiles(folder: Path, out: Path, seed: int, count: int) -> None:

@@ -26,7 +26,7 @@ from benchmarks import workload
 from benchmarks.sampler import REFERENCE as SAMPLING
 from benchmarks.sampler import asked, guided, useful
 from benchmarks.steps import REFERENCE, denoiser_config, step_of
-from scjax.devices import spread, use_every_core
+from scjax.nn.sharding import spread, use_every_core
 
 _ENOUGH = 0.1  # s of timed calls of one product
 _STEPS = 100

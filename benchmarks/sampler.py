@@ -16,18 +16,19 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from benchmarks import flops, workload
+from benchmarks import workload
 from benchmarks.steps import CONTEXT, denoiser_config, features
-from scjax.devices import spread, use_every_core
-from scjax.diffusion.estimator import MOST_AHEAD, estimator
+from scjax.diffusion.denoise_fn import MOST_AHEAD, estimator
 from scjax.diffusion.guidance import WEIGHT, Guidance
 from scjax.diffusion.samplers import sampler_of, schedule_of
 from scjax.diffusion.samplers.loop import sample
+from scjax.models import flops
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
 from scjax.nn.functional import Params
+from scjax.nn.sharding import spread, use_every_core
 from scjax.scene import Scene
+from scjax.scene.per_type import Nodes
 
 # Official PyTorch code at these sizes on such a machine (2 cores), seconds a scene by batch, float32.
 REFERENCE = {"unconditional": {1: 8.8, 8: 3.5}, "text": {1: 16.6, 8: 7.4}, "image": {1: 14.2, 8: 5.5}}

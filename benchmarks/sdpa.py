@@ -8,7 +8,7 @@ float32. Both take turns; the least times are compared, and the results agree to
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from experiments.memory import keep_memory
+    from scjax.train.malloc import keep_memory
 
     keep_memory()
 
@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks import workload
-from scjax.devices import spread, use_every_core
 from scjax.nn.attention import attend_heads
+from scjax.nn.sharding import spread, use_every_core
 
 SCENES, HEADS, QUERIES, KEYS, WIDTH = 32, 8, 161, 392, 32
 _ROUNDS = 20

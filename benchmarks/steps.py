@@ -9,18 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks import flops, workload
-from scjax import representation as presets
+from benchmarks import workload
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.schedule import cosine_schedule
+from scjax.models import codec as presets
+from scjax.models import flops
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.loss import loss
 from scjax.models.autoencoder.model import autoencoder, noise_like
 from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
 from scjax.nn.functional import Functional
+from scjax.scene.per_type import Nodes
 
 # Official PyTorch code at these sizes on such a machine (2 cores), scenes/s by batch, float32.
 REFERENCE = {

@@ -13,11 +13,11 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.workload import machine
-from experiments.adherence import agreement
-from scjax.data.captions.facts import parse
+from experiments.studies.prompt_adherence import agreement
+from scjax.data.readers.base import BuildOptions
 from scjax.data.records import make_record, sample_scene, simplified
-from scjax.data.sources import BuildOptions
-from scjax.data.synthetic.source import Worlds
+from scjax.language.facts import parse
+from scjax.synthetic.source import Worlds
 
 
 def main(arguments: list[str] | None = None) -> None:

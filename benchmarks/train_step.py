@@ -7,7 +7,7 @@ compile time apart, peak memory, and the ratio against the float32 PyTorch refer
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from experiments.memory import keep_memory
+    from scjax.train.malloc import keep_memory
 
     keep_memory()
 
@@ -19,10 +19,10 @@ import jax
 
 from benchmarks import workload
 from benchmarks.steps import REFERENCE, step_of
-from experiments.state import initial, training_step
-from scjax.devices import use_every_core
-from scjax.diffusion.optimiser import adamw
-from scjax.diffusion.packing import Packing
+from scjax.nn.sharding import use_every_core
+from scjax.train.flat_params import Packing
+from scjax.train.optimizer import adamw
+from scjax.train.step import initial, training_step
 
 
 def main(arguments: list[str] | None = None) -> None:

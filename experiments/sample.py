@@ -14,10 +14,10 @@ import jax
 import numpy as np
 
 import scjax
-from scjax.cli.start import start_jax
 from scjax.diffusion.samplers import SAMPLERS
+from scjax.nn.startup import start_jax
 from scjax.scene import Layout
-from scjax.scene_io import load_npz, save_json, save_npz
+from scjax.scene.io import load_npz, save_json, save_npz
 from scjax.viz import grid
 
 

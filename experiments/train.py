@@ -9,7 +9,7 @@ Ctrl-C and SIGTERM save first. At the end, WORKDIR/model holds the trained model
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from experiments.memory import keep_memory
+    from scjax.train.malloc import keep_memory
 
     keep_memory()
 
@@ -27,13 +27,15 @@ import numpy as np
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from experiments import autoencoder_stage, counter_stage, denoiser_stage
-from experiments.checkpoint import Checkpoints
-from experiments.reporting import Reporter
-from experiments.state import pipeline_config
-from scjax.cli.start import start_jax
-from scjax.data.pipeline import training_batches
-from scjax.model import save
+from scjax.data.loader import training_batches
+from scjax.generate.model import save
+from scjax.nn.startup import start_jax
+from scjax.train.checkpoint import Checkpoints
+from scjax.train.objectives import autoencoder as autoencoder_stage
+from scjax.train.objectives import counts as counter_stage
+from scjax.train.objectives import denoiser as denoiser_stage
+from scjax.train.reporter import Reporter
+from scjax.train.step import pipeline_config
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
 _WORKDIR = flags.DEFINE_string("workdir", None, "Folder of the run: checkpoints, metrics, pictures, the model.")

@@ -5,15 +5,15 @@ scenes = scjax.sample(jax.random.key(0), scjax.Condition(num_agents=12), model=m
 scjax.viz.grid(scenes, path="scenes.png")
 """
 
-from scjax.condition import Condition
 from scjax.diffusion.guidance import Guidance
-from scjax.model import Model, load, save
-from scjax.sampling import reconstruct, sample, sample_many
+from scjax.generate.conditions import Condition
+from scjax.generate.model import Model, load, save
+from scjax.generate.sample import reconstruct, sample, sample_many
 from scjax.scene import AgentType, Layout, Link, Scene, Signal, validate
-from scjax.tidy import tidy
+from scjax.scene.repair import repair
 
 __version__ = "0.1.0"
 __all__ = [
-    "AgentType", "Condition", "Guidance", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "sample",
-    "sample_many", "save", "tidy", "validate",
+    "AgentType", "Condition", "Guidance", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "repair", "sample",
+    "sample_many", "save", "validate",
 ]  # fmt: skip

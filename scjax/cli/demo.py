@@ -40,10 +40,10 @@ def demo(seed, steps, pick, raw, folder, model_folder, as_json) -> None:
         import jax
 
         import scjax
-        from scjax.cli.scenes import make
-        from scjax.cli.start import start_jax
-        from scjax.prompts import with_tokens
-        from scjax.sampling import bucket_of, with_counts
+        from scjax.generate.best_of import make
+        from scjax.generate.prompts import with_tokens
+        from scjax.generate.sample import bucket_of, with_counts
+        from scjax.nn.startup import start_jax
         from scjax.viz.grid import grid
 
         start_jax()

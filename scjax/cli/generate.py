@@ -56,7 +56,7 @@ def generate(
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
     scjax generate "a roundabout" --pick 32
 
-    Candidates are tidied as by scjax.tidy unless --raw, and the best of several is kept (--pick). Numbers
+    Candidates are tidied as by scjax.scene.repair unless --raw, and the best of several is kept (--pick). Numbers
     that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched
     once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
     """
@@ -66,10 +66,10 @@ def generate(
         import jax
 
         import scjax
-        from scjax.cli.scenes import make
-        from scjax.cli.start import start_jax
-        from scjax.data.captions.facts import parse
-        from scjax.prompts import doubts
+        from scjax.generate.best_of import make
+        from scjax.generate.prompts import doubts
+        from scjax.language.facts import parse
+        from scjax.nn.startup import start_jax
 
         start_jax()
         model = scjax.load(model_folder)
@@ -83,7 +83,7 @@ def generate(
         for warning in doubts(condition):
             say(f"scjax: warning: {warning}")
     with clock.part("text"):
-        from scjax.prompts import with_tokens
+        from scjax.generate.prompts import with_tokens
 
         told = with_tokens(conditions, model)
     with clock.part("scenes"):

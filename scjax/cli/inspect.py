@@ -14,7 +14,7 @@ def read_scenes(path: str | Path) -> list:
     Raises:
       ValueError: naming the file and what is wrong with it.
     """
-    from scjax import scene_io
+    from scjax.scene import io as scene_io
     from scjax.scene import unpadded
 
     path = Path(path)
@@ -39,8 +39,8 @@ def read_scenes(path: str | Path) -> list:
 @click.option("--json", "as_json", is_flag=True, help="Print facts and text as JSON.")
 def caption(file, style, seed, as_json) -> None:
     """Says what the scenes in FILE (.npz or .json) show, by rule."""
-    from scjax.data.captions.facts import parse
-    from scjax.data.captions.text import write
+    from scjax.language.captioner import write
+    from scjax.language.facts import parse
 
     found = []
     for scene in read_scenes(file):

@@ -53,7 +53,7 @@ def slug(text: str) -> str:
 
 def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[Format], title: str | None) -> list[Path]:
     """Writes one scene in every format; returns the files. Each appears whole or not at all."""
-    from scjax import scene_io
+    from scjax.scene import io as scene_io
 
     written = []
     for kind in formats:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from scjax.convert.official import convert_checkpoint
-from scjax.model import load, save
+from scjax.generate.model import load, save
 from scjax.nn.functional import count
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from scjax.convert.strict import SAME, TRANSPOSE, Path, Transform, convert, export
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
+from scjax.nn.state_dict import SAME, TRANSPOSE, Path, Transform, convert, export
 
 _Rules = dict[str, tuple[Path, Transform]]
 

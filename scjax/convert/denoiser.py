@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.convert.strict import DROP_FIRST, SAME, TRANSPOSE, Path, Rules, convert
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.control import CrossGlobalOptions
+from scjax.nn.cross_attention import CrossGlobalOptions
 from scjax.nn.functional import Params
+from scjax.nn.state_dict import DROP_FIRST, SAME, TRANSPOSE, Path, Rules, convert
 
 _EMBEDDER = {"linear1": ("linears", 0), "linear2": ("linears", 1), "transform_linear": ("skip",)}
 _EMBEDDER_NORMS = {"norm1": ("norms", 0), "norm2": ("norms", 1), "transform_norm": ("skip_norm",)}

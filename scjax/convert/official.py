@@ -12,17 +12,17 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from scjax import representation
 from scjax.convert.autoencoder import from_official
 from scjax.convert.denoiser import convert_denoiser
-from scjax.model import Model
+from scjax.generate.model import Model
+from scjax.models import codec as representation
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
-from scjax.models.nodes import Nodes
-from scjax.nn.control import CrossGlobalOptions
+from scjax.nn.cross_attention import CrossGlobalOptions
+from scjax.scene.per_type import Nodes
 
 State = dict[str, np.ndarray]
 

@@ -133,7 +133,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _build(args: argparse.Namespace) -> int:
     from scjax.data.build import build
-    from scjax.data.sources import BuildOptions, PoseOptions
+    from scjax.data.readers.base import BuildOptions, PoseOptions
 
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
@@ -168,8 +168,8 @@ def _build(args: argparse.Namespace) -> int:
 
 def _synthetic(args: argparse.Namespace) -> int:
     from scjax.data.build import build
-    from scjax.data.sources import BuildOptions
-    from scjax.data.synthetic.source import Worlds
+    from scjax.data.readers.base import BuildOptions
+    from scjax.synthetic.source import Worlds
 
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
@@ -183,7 +183,7 @@ def _synthetic(args: argparse.Namespace) -> int:
 
 
 def _embed(args: argparse.Namespace) -> int:
-    from scjax.data.captions.embeddings import embed_captions
+    from scjax.data.caption_features import embed_captions
     from scjax.encoders.text import load_text_encoder
 
     splits = (args.split,) if args.split else ("train", "val")
@@ -193,7 +193,7 @@ def _embed(args: argparse.Namespace) -> int:
 
 
 def _caption(args: argparse.Namespace) -> int:
-    from scjax.data.captions.store import add_captions
+    from scjax.data.captions import add_captions
 
     for split, count in add_captions(
         args.records, paraphrases=args.paraphrases, drop=args.drop, seed=args.seed, workers=args.workers

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from scjax.data.readers.base import BuildOptions, Recordings, Scanned, Source
 from scjax.data.records import RECORD_FORMAT
 from scjax.data.shards import MANIFEST_FORMAT, Shard, build_shard, scan, write_text
-from scjax.data.sources import BuildOptions, Recordings, Scanned, Source
 from scjax.data.statistics import SceneStatistics
 from scjax.data.workers import Mapper
 

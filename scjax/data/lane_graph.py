@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float64, Int
 from scipy.spatial import KDTree
 
-from scjax.chains import compact
-from scjax.data import neighbours
+from scjax.data import neighbors as neighbours
 from scjax.data.ragged import arc_lengths
-from scjax.data.scene_json import RawLane, RawScene
+from scjax.data.readers.scene_json import RawLane, RawScene
+from scjax.scene.lane_chains import compact
 
 DROPPED_SUBTYPES = ("bike_lane", "undefined")  # cars do not drive on them
 JOIN_DISTANCE = 0.05  # metres between an end and a start that are one point where topology is not given

@@ -21,7 +21,7 @@ from scjax.data import ragged
 from scjax.data.agents import clean
 from scjax.data.crop import WINDOWS, Context, crop, neighbour_pieces
 from scjax.data.lane_graph import LaneGraph, SegmentIndex
-from scjax.data.scene_json import RawScene
+from scjax.data.readers.scene_json import RawScene
 from scjax.data.tiles import Pose, agents_at, to_pose_frame
 from scjax.scene import Layout, Scene
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from scjax.data.readers.base import BuildOptions, Scanned, Source
 from scjax.data.records import RECORD_FORMAT, encode, make_record, sample_scene, simplified, write_shard
-from scjax.data.sources import BuildOptions, Scanned, Source
 from scjax.data.statistics import SceneStatistics
 
 MANIFEST_FORMAT = 1

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64, Int
 
 from scjax.data import ragged
 from scjax.data.lane_graph import LaneGraph, SegmentIndex, nearest_lane
-from scjax.data.scene_json import RawScene
+from scjax.data.readers.scene_json import RawScene
 from scjax.scene import MAX_AGENTS, MAX_LANES, POINTS_PER_LANE, TILE_SIZE, AgentType
 
 OFF_ROAD = 2.5  # metres from every centreline beyond which a vehicle is parked off the road

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from scjax.diffusion.level import Level, spaced
+from scjax.diffusion.noise_level import Level, spaced
 from scjax.diffusion.schedule import OFFICIAL_STEPS
-from scjax.pytree import pytree
+from scjax.scene.pytree import pytree
 
 
 @pytree

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 Denoise = Callable[[Nodes, Real[Array, " b"]], Nodes]
 T = TypeVar("T")

@@ -10,16 +10,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.level import Level
+from scjax.diffusion.noise_level import Level
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
-from scjax.diffusion.times import Times, draw_levels
+from scjax.diffusion.timestep_sampling import Times, draw_levels
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
-from scjax.nn.control import Aux
+from scjax.nn.cross_attention import Aux
 from scjax.nn.functional import Functional, Params
-from scjax.pytree import pytree
+from scjax.scene.per_type import Nodes
+from scjax.scene.pytree import pytree
 
 LANE_WEIGHT = 10.0
 

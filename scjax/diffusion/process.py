@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from scjax.diffusion.level import Level
+from scjax.diffusion.noise_level import Level
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 Scale = Float[Array | np.ndarray, " b"]
 

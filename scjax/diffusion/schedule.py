@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from scjax.diffusion.level import Level, spaced
-from scjax.pytree import pytree
+from scjax.diffusion.noise_level import Level, spaced
+from scjax.scene.pytree import pytree
 
 OFFICIAL_STEPS = 100
 

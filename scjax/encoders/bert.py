@@ -11,10 +11,10 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.convert.strict import SAME, TRANSPOSE, Rules
 from scjax.nn.attention import attend
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 from scjax.nn.layers import LayerNorm, Linear
+from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
 _STD = 0.02
 UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias")  # keys of weights never needed

@@ -16,10 +16,10 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.convert.strict import SAME, TRANSPOSE, Rules
 from scjax.nn.attention import merge_heads, split_heads
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear
+from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
 _STD = 0.02
 ALIASES = {"encoder.embed_tokens.weight": "shared.weight"}

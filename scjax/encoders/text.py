@@ -18,10 +18,10 @@ import safetensors.numpy
 from jaxtyping import Float
 from tokenizers import Tokenizer
 
-from scjax.convert.strict import convert
 from scjax.encoders import bert, t5
-from scjax.encoders.find import find_encoder
+from scjax.encoders.download import find_encoder
 from scjax.nn.functional import Params, functional
+from scjax.nn.state_dict import convert
 
 _STEP = 32  # tokens are padded to a multiple of this, so that few programs are compiled
 _GROUP = 16  # texts a call

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from scjax.metrics.boxes import overlaps
 from scjax.metrics.distances import frechet, histogram, jensen_shannon, mean_and_deviation, moments
 from scjax.metrics.lanes import nearest_segment, segments
 from scjax.metrics.lines import resampled
@@ -29,6 +28,7 @@ from scjax.metrics.topology import (
     route_length,
 )
 from scjax.scene import AgentType, Scene
+from scjax.scene.boxes import overlaps
 
 Sums = dict[str, np.ndarray]
 """Name -> what a scene, or many, adds up to: moments [3], histogram [bins] or (numerator, denominator) [2]."""

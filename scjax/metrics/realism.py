@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float64, Int
 
-from scjax.metrics.boxes import intersection_areas, overlaps
 from scjax.metrics.lanes import nearest_segment, segments
 from scjax.metrics.pooling import Ratios, Values, pool, singles, values
 from scjax.scene import AgentType, Link, Scene
+from scjax.scene.boxes import intersection_areas, overlaps
 
 ON_LANE = 1.5  # metres from the nearest centreline (metrics.md §2)
 OPEN_JOINT = 1.0  # metres

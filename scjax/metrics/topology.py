@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float64, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from scjax.chains import compact
 from scjax.metrics.lines import lengths, resampled
 from scjax.scene import POINTS_PER_LANE, Link, Scene
+from scjax.scene.lane_chains import compact
 
 Mode = Literal["compat", "strict"]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 
 @dataclasses.dataclass(frozen=True)

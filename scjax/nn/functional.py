@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from flax import nnx
 
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 
 Params = dict[str, Any]
 Path = tuple[str | int, ...]

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
-from scjax.nn.initial import Draws
-from scjax.nn.precision import Compute, matmul
+from scjax.nn.cpu.precision import Compute, matmul
+from scjax.nn.init import Draws
 
 EPS = 1e-5  # of the official model's layer norms
 

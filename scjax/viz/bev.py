@@ -17,7 +17,7 @@ from scjax.scene import TILE_SIZE, AgentType, Layout, Link, Scene, Signal
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from scjax.models.nodes import Nodes
+    from scjax.scene.per_type import Nodes
 
 PAPER, ROAD, GIVEN_ROAD, INK, GRID = "#fbfaf7", "#e9e8e4", "#d6dde4", "#3b4048", "#d9d7d0"
 EGO = "#cf3b3b"

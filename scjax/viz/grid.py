@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from scjax.models.nodes import Nodes
 from scjax.scene import Scene, Signal
+from scjax.scene.per_type import Nodes
 from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot
 
 _CELL = 2.6  # inches

@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.cli import main, scenes
+from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
+from scjax.generate import best_of as scenes
+from scjax.generate.prompts import Shortcomings, best
 from scjax.models.denoiser.config import TextCondition
-from scjax.prompts import Shortcomings, best
 from scjax.scene import empty
-from scjax.scene_io import load_json, load_npz, save_npz
-from tests.examples import example_batch
-from tests.test_prompts import Words
-from tests.worlds import tiny_model
+from scjax.scene.io import load_json, load_npz, save_npz
+from tests.factories.examples import example_batch
+from tests.factories.worlds import tiny_model
+from tests.generate.test_prompts import Words
 
 PROMPT = "a road with two cars"
 
@@ -39,7 +40,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("scjax.cli.start.start_jax", lambda: None)  # no cache folder, no other devices
+    monkeypatch.setattr("scjax.nn.startup.start_jax", lambda: None)  # no cache folder, no other devices
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> tuple[int, str, str]:
@@ -97,7 +98,7 @@ def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder
     }.items():
         assert run("generate", PROMPT, *options, *words, "--out", tmp_path / name)[0] == 0
         kept[name] = [load_npz(path) for path in sorted((tmp_path / name).iterdir())]
-    np.testing.assert_array_equal(kept["tidied"][0].lanes, scjax.tidy(kept["raw"][0]).lanes)
+    np.testing.assert_array_equal(kept["tidied"][0].lanes, scjax.repair(kept["raw"][0]).lanes)
     assert not np.array_equal(kept["tidied"][0].lanes, kept["raw"][0].lanes)
     np.testing.assert_array_equal(kept["best"][0].lanes, kept["three"][best(PROMPT, kept["three"])].lanes)
 

@@ -8,7 +8,7 @@ import safetensors.numpy
 
 from scjax.convert.__main__ import main
 from scjax.convert.official import convert_checkpoint, read_state
-from scjax.model import load
+from scjax.generate.model import load
 
 
 @pytest.fixture(scope="module")

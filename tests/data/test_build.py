@@ -7,9 +7,9 @@ from scjax.data import build as building
 from scjax.data import records, shards
 from scjax.data.__main__ import main
 from scjax.data.build import build, load_manifest, split_of
-from scjax.data.sources import BuildOptions, PoseOptions
+from scjax.data.readers.base import BuildOptions, PoseOptions
 from scjax.scene import validate
-from tests.data import raw_scenes
+from tests.factories import raw_scenes
 
 OPTIONS = BuildOptions(split_percent=30.0, files_per_shard=2)
 TRAIN = [f"town {k}" for k in range(20) if split_of("womd", f"town {k}", 30.0) == "train"]

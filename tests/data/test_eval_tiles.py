@@ -7,7 +7,7 @@ import pytest
 
 from scjax.data import records
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.scene_json import read_scene
+from scjax.data.readers.scene_json import read_scene
 from scjax.data.tiles import cut_tile, find_poses
 from scjax.scene import Link, validate
 

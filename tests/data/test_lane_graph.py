@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.chains import compact
 from scjax.data.lane_graph import build_graph, index_segments, lane_lengths, nearest_lane
-from scjax.data.scene_json import read_scene
+from scjax.data.readers.scene_json import read_scene
 from scjax.scene import Signal
-from tests.data import raw_scenes
+from scjax.scene.lane_chains import compact
+from tests.factories import raw_scenes
 
 
 def graph_of(tmp_path, **changes):

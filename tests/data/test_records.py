@@ -6,10 +6,10 @@ import pytest
 from scjax.data import records
 from scjax.data.agents import clean
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.scene_json import read_scene
+from scjax.data.readers.scene_json import read_scene
 from scjax.data.tiles import find_poses
 from scjax.scene import AgentType, Layout, Link, Signal, validate
-from tests.data import raw_scenes
+from tests.factories import raw_scenes
 
 
 def make(tmp_path, scene=None, pose=0):

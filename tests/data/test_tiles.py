@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.scene_json import read_scene
+from scjax.data.readers.scene_json import read_scene
 from scjax.data.tiles import agents_at, cut_tile, find_poses
 from scjax.scene import AgentType
-from tests.data import raw_scenes
+from tests.factories import raw_scenes
 
 
 def prepared(tmp_path, scene=None):

@@ -14,8 +14,8 @@ from scjax.diffusion.process import q_sample, target
 from scjax.diffusion.samplers import Euler, Heun
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.times import Times, draw_levels
-from scjax.models.nodes import Nodes
+from scjax.diffusion.timestep_sampling import Times, draw_levels
+from scjax.scene.per_type import Nodes
 
 SCHEDULE = cosine_schedule()
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scjax.diffusion.guidance import Guidance, guided, join, rescaled
-from scjax.models.nodes import Nodes
-from tests.diffusion.samplers.oracles import CASES, drawn, masks, normal
+from scjax.scene.per_type import Nodes
+from tests.factories.sampler_oracles import CASES, drawn, masks, normal
 
 
 def ones(batch, agents, lanes):

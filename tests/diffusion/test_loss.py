@@ -12,13 +12,13 @@ import pytest
 
 from scjax.diffusion.loss import LatentBatch, diffusion_loss, training_loss
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.times import Times
+from scjax.diffusion.timestep_sampling import Times
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
-from scjax.nn.control import CrossGlobalOptions
-from tests import golden
+from scjax.nn.cross_attention import CrossGlobalOptions
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 CONFIG = DenoiserConfig(
     lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,

@@ -12,7 +12,7 @@ from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.process import estimate_x0, q_sample, target
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 SCHEDULE = cosine_schedule()
 LEVELS = {

@@ -12,12 +12,12 @@ import pytest
 from scjax.convert.denoiser import convert_denoiser
 from scjax.diffusion.guidance import guided, join
 from scjax.diffusion.samplers import DDPM
+from scjax.diffusion.samplers.base import Problem
 from scjax.diffusion.samplers.loop import CLIP, TEMPERATURE, clamp
-from scjax.diffusion.samplers.problem import Problem
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
-from tests import golden
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 GUIDANCE = 4.0
 STEPS = 100

@@ -11,8 +11,8 @@ import pytest
 
 from scjax.diffusion.process import estimate_x0, posterior_mean, posterior_std, q_sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.models.nodes import Nodes
-from tests import golden
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 
 def test_schedule_parity(parity_dir):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from scjax.convert.denoiser import convert_denoiser, denoiser_rules
-from scjax.convert.strict import flatten, unflatten
 from scjax.diffusion.loss import diffusion_loss, noised
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
-from tests import golden
+from scjax.nn.state_dict import flatten, unflatten
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 TOLERANCE = 1e-5
 _GIVEN = ("agent_partition_mask", "lane_partition_mask")

@@ -10,10 +10,11 @@ import pytest
 import safetensors.numpy
 from tokenizers import Tokenizer, models, pre_tokenizers
 
-from scjax.convert.strict import export
-from scjax.encoders import bert, find, t5
+from scjax.encoders import bert, t5
+from scjax.encoders import download as find
 from scjax.encoders.text import _network, checked, load_text_encoder
 from scjax.nn.functional import count
+from scjax.nn.state_dict import export
 
 WORDS = ["[PAD]", "[UNK]", *"a road with two lanes and three cars that bend left".split()]
 CONFIG = bert.BertConfig(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.encoders.find import FILES, cache_folder
+from scjax.encoders.download import FILES, cache_folder
 from scjax.encoders.text import load_text_encoder
 
 torch = pytest.importorskip("torch", reason="the parity extra (torch, transformers) is not installed")

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from experiments.evaluate.corruption import LADDER, mixed
+from scjax.evaluate.corruption import LADDER, mixed
 from scjax.metrics.control import ControlFrame, ccs, csc, derangements, scene_pairs, spg
 from scjax.metrics.descriptors import LEVELS, Standard, describe
 from scjax.scene import pad, permute
-from tests.metrics.worlds import agent, crossing, eval_table, eval_tiles, scene
+from tests.factories.traffic import agent, crossing, eval_table, eval_tiles, scene
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from scjax.metrics.detection import average_precision, consensus, detections
 from scjax.metrics.placement import camera, cone, match
 from scjax.scene import AgentType
-from tests.metrics.worlds import agent, scene
+from tests.factories.traffic import agent, scene
 
 EGO = agent(0, 0)
 

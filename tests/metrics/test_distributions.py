@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import entropy
 
-from scjax.chains import compact
 from scjax.metrics.distances import frechet, histogram, jensen_shannon, mean_and_deviation, moments
 from scjax.metrics.distributions import GRAPH, VEHICLE, add, circles_touch, scene_sums, table
 from scjax.metrics.lines import lengths, resampled
 from scjax.scene import AgentType, permute
-from tests.metrics.worlds import agent, crossing, lane, scene
+from scjax.scene.lane_chains import compact
+from tests.factories.traffic import agent, crossing, lane, scene
 
 
 def traffic(seed, cars=8, lanes=9):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from scjax.metrics.boxes import intersection_areas, overlaps
 from scjax.metrics.control import ccs, csc, scene_pairs, spg
 from scjax.metrics.descriptors import LEVELS, Descriptor, Standard, describe
 from scjax.metrics.detection import average_precision, detections
@@ -16,7 +15,8 @@ from scjax.metrics.placement import match, summarise
 from scjax.metrics.pooling import pool
 from scjax.metrics.topology import compact_lanes, degrees, endpoint_gaps, key_points, reach_and_hops, route_length
 from scjax.scene import AgentType
-from tests.metrics.worlds import eval_table, eval_tiles
+from scjax.scene.boxes import intersection_areas, overlaps
+from tests.factories.traffic import eval_table, eval_tiles
 
 TOLERANCE = 1e-6
 

@@ -1,11 +1,10 @@
-"""Nearest segments and places along lanes, against closed forms and scjax.geometry."""
+"""Nearest segments and places along lanes, against closed forms and scjax.scene.geometry."""
 
 import numpy as np
 
-from scjax import geometry
 from scjax.metrics.lanes import lane_lengths, nearest_segment, places, segments
-from scjax.scene import pad
-from tests.metrics.worlds import agent, lane, scene
+from scjax.scene import geometry, pad
+from tests.factories.traffic import agent, lane, scene
 
 
 def test_distance_is_to_the_segment_not_to_its_points():

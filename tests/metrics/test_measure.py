@@ -18,8 +18,8 @@ from scjax.metrics.measured import Measured, merged
 from scjax.metrics.placement import placement
 from scjax.metrics.realism import realism
 from scjax.scene import Layout
+from tests.factories.traffic import agent, scene
 from tests.metrics.test_distributions import traffic
-from tests.metrics.worlds import agent, scene
 
 SCENES = [traffic(seed) for seed in range(12)]
 OTHERS = [traffic(seed) for seed in range(20, 32)]

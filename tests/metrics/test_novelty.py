@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from scjax import geometry
 from scjax.metrics.alignment import LARGEST_SHIFT, LARGEST_TURN, moved, register
 from scjax.metrics.novelty import DIRECTION, lane_distance, lane_points, nearest_tiles
-from scjax.scene import pad, permute
-from tests.metrics.worlds import agent, crossing, eval_tiles, lane, scene
+from scjax.scene import geometry, pad, permute
+from tests.factories.traffic import agent, crossing, eval_tiles, lane, scene
 
 EGO = [agent(0, 0)]
 

@@ -10,7 +10,7 @@ from scjax.metrics.placement import match, match_rate, placement, random_lane_al
 from scjax.metrics.pooling import pool
 from scjax.metrics.realism import lane_offsets
 from scjax.scene import AgentType, pad, permute, validate
-from tests.metrics.worlds import agent, crossing, eval_tiles, lane, scene
+from tests.factories.traffic import agent, crossing, eval_tiles, lane, scene
 
 EGO = agent(0, 0)
 

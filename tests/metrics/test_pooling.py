@@ -7,7 +7,7 @@ import pytest
 
 from scjax.metrics.pooling import intervals, pool, singles, values
 from scjax.scene import pad, stack
-from tests.metrics.worlds import agent, crossing, scene
+from tests.factories.traffic import agent, crossing, scene
 
 
 def test_pool_weights_scenes_by_their_denominators():

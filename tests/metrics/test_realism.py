@@ -8,7 +8,7 @@ import pytest
 from scjax.metrics.pooling import pool, values
 from scjax.metrics.realism import joint_gaps, lane_offsets, overlapping_pairs, realism, scene_realism
 from scjax.scene import AgentType, pad, stack
-from tests.metrics.worlds import agent, crossing, eval_tiles, lane, scene
+from tests.factories.traffic import agent, crossing, eval_tiles, lane, scene
 
 ROAD = [lane((-32, 0), (0, 0)), lane((0, 0), (32, 0))]
 

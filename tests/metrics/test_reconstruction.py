@@ -8,7 +8,7 @@ import pytest
 from scjax.metrics.pooling import pool, values
 from scjax.metrics.reconstruction import reconstruction, reconstruction_errors, summarise
 from scjax.scene import AgentType, Link, Signal, pad, permute
-from tests.metrics.worlds import agent, crossing, lane, scene
+from tests.factories.traffic import agent, crossing, lane, scene
 
 ERRORS = ("lane_point_m", "lane_z_m", "agent_centre_m", "agent_z_m", "heading_deg", "speed_mps", "length_m", "width_m",
           "height_m")  # fmt: skip

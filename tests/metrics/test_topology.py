@@ -7,7 +7,7 @@ import pytest
 
 from scjax.metrics.topology import compact_lanes, degrees, endpoint_gaps, key_points, reach_and_hops, route_length
 from scjax.scene import permute
-from tests.metrics.worlds import lane, scene
+from tests.factories.traffic import lane, scene
 
 MODES = ("compat", "strict")
 

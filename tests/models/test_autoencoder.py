@@ -11,11 +11,11 @@ from scjax.convert.autoencoder import unused_sizes
 from scjax.models.autoencoder import Decoded, Posterior, autoencoder, noise_like, reparameterise
 from scjax.models.autoencoder import config as presets
 from scjax.models.autoencoder.loss import LossWeights, errors, loss, per_scene
-from scjax.models.nodes import Nodes
+from scjax.models.codec import Tokens
 from scjax.nn.functional import count
-from scjax.representation import Tokens
 from scjax.scene import Layout
-from tests.models import parity_scenes as cases
+from scjax.scene.per_type import Nodes
+from tests.factories import parity_scenes as cases
 
 CONFIG = presets.tiny(decoder_blocks=1, edge_width=6, points=4, max_lanes=12)
 AGENTS, LANES = 4, 7

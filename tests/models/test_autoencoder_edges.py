@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.models.autoencoder import chunks
 from scjax.models.autoencoder.blocks import EdgeUpdate, GraphAttention
-from scjax.models.autoencoder.chunks import over_rows
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges, TypedEdges
+from scjax.nn.cpu import blockwise as chunks
+from scjax.nn.cpu.blockwise import over_rows
 from scjax.nn.functional import functional
 
 B, L, C, H = 2, 5, 6, 3

@@ -14,10 +14,10 @@ from scjax.models.autoencoder import autoencoder
 from scjax.models.autoencoder.blocks import GraphAttention
 from scjax.models.autoencoder.edges import DenseEdges
 from scjax.models.autoencoder.loss import loss, per_scene
-from scjax.models.nodes import Nodes
+from scjax.models.codec import Tokens
 from scjax.nn.functional import functional
-from scjax.representation import Tokens
-from tests.models import parity_scenes as cases
+from scjax.scene.per_type import Nodes
+from tests.factories import parity_scenes as cases
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from scjax.models.denoiser import config as configs
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
-from scjax.nn.control import CrossGlobalOptions
+from scjax.nn.cross_attention import CrossGlobalOptions
 from scjax.nn.functional import count
-from tests import golden
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 SMALLEST = {
     "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,

@@ -14,14 +14,14 @@ from scjax.diffusion.guidance import guided, join
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.model import _denoiser_config, _described
+from scjax.generate.model import _denoiser_config, _described
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.models.nodes import Nodes
-from scjax.nn.control import OPTIONS, named
+from scjax.nn.cross_attention import OPTIONS, named
 from scjax.nn.functional import flatten
-from tests import golden
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 CONDITIONS = {"text": TextCondition(width=4), "image": ImageCondition(channels=3, grid=(2, 2), patch=2)}
 SMALL = {

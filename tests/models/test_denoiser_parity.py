@@ -12,7 +12,7 @@ import pytest
 from scjax.convert.denoiser import convert_denoiser
 from scjax.models.denoiser.context import depth_cells
 from scjax.models.denoiser.model import denoiser
-from tests import golden
+from tests.factories import golden
 
 KINDS = ("uncond", "text", "image")
 BRANCHES = ("cond", "uncond")

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.data.ordering import order, partition
+from scjax.data.token_order import order, partition
 from scjax.models.denoiser.context import depth_cells, normalise_depth
 from scjax.models.denoiser.embed import image_table, position_table, time_code
 from scjax.models.latents import LatentStatistics, statistics
-from scjax.models.nodes import Nodes
-from tests import golden
+from scjax.scene.per_type import Nodes
+from tests.factories import golden
 
 
 @pytest.fixture(scope="module")

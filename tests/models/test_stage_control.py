@@ -11,13 +11,13 @@ import optax
 import pytest
 from flax import nnx
 
-from scjax.diffusion.ema import update_ema
-from scjax.diffusion.optimiser import adamw
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.stage import Stage
-from scjax.nn.control import ContextLayout, GatedOptions, named
+from scjax.nn.cross_attention import ContextLayout, GatedOptions, named
 from scjax.nn.functional import flatten, functional, unflatten
-from tests import golden
+from scjax.train.ema import update_ema
+from scjax.train.optimizer import adamw
+from tests.factories import golden
 
 WIDTH, HEADS, STEPS = 8, 2, 4
 IMAGE = ContextLayout(kind="image", grid=(2, 2), modalities=2)

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, together
 
 X = jax.random.normal(jax.random.key(1), (2, 5, 8))

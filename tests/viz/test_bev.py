@@ -13,10 +13,10 @@ import pytest
 from matplotlib.colors import to_hex
 
 from scjax import viz
-from scjax.models.nodes import Nodes
 from scjax.scene import AgentType, Layout, Link, Scene, Signal, empty
+from scjax.scene.per_type import Nodes
 from scjax.viz.bev import AGENT_COLOURS, EGO, GIVEN_ROAD, ROAD, SIGNAL_COLOURS
-from tests.examples import example_batch, example_scene
+from tests.factories.examples import example_batch, example_scene
 
 
 def _scene() -> Scene:

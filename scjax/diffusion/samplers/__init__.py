@@ -1,17 +1,17 @@
 """Samplers by name, what each fits, and which one is taken where nothing is said.
 
-The defaults have one place, here: ``DEFAULT`` and ``STEPS``. ``python -m experiments.sweep_samplers`` measures what
+The defaults have one place, here: ``DEFAULT`` and ``STEPS``. ``python -m experiments.studies.samplers`` measures what
 they should be for a model.
 """
 
 from __future__ import annotations
 
 from scjax.diffusion.flow import FlowSchedule, flow_schedule
-from scjax.diffusion.samplers.ancestral import DDPM
+from scjax.diffusion.samplers.base import Sampler
 from scjax.diffusion.samplers.ddim import DDIM
+from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.samplers.dpm_solver import DPMSolver
 from scjax.diffusion.samplers.flow import Euler, Heun
-from scjax.diffusion.samplers.problem import Sampler
 from scjax.diffusion.samplers.threshold import Threshold
 from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule, cosine_schedule, respaced
 from scjax.models.denoiser.config import Prediction

@@ -8,11 +8,11 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
+from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from scjax.diffusion.level import Level
-from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
+from scjax.diffusion.noise_level import Level
+from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 
 @dataclasses.dataclass(frozen=True)

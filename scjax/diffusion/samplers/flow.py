@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import jax
 
-from scjax.diffusion.samplers.problem import Problem, Sampler, Step, at
+from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,12 +15,12 @@ from jaxtyping import Array, Int
 
 from scjax.diffusion.flow import FlowSchedule
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.samplers.ancestral import DDPM
-from scjax.diffusion.samplers.problem import Problem, Sampler, Step
+from scjax.diffusion.samplers.base import Problem, Sampler, Step
+from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.samplers.threshold import BOUND
 from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.models.nodes import Nodes, generated
+from scjax.scene.per_type import Nodes, generated
 
 TEMPERATURE = Nodes(agents=1.0, lanes=0.75)
 """The release's."""

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 BOUND = 5.0  # latents are normalised: five standard deviations, as the release clips its states
 

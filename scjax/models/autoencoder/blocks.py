@@ -14,14 +14,14 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from scjax.models.autoencoder.chunks import over_rows
 from scjax.models.autoencoder.edges import DenseEdges, Edges, pair_rstd
-from scjax.models.nodes import Nodes
-from scjax.nn import tall
 from scjax.nn.attention import attend, split_heads, weights
-from scjax.nn.initial import Draws
+from scjax.nn.cpu import matmul as tall
+from scjax.nn.cpu.blockwise import over_rows
+from scjax.nn.cpu.precision import Compute, matmul
+from scjax.nn.init import Draws
 from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, centred
-from scjax.nn.precision import Compute, matmul
+from scjax.scene.per_type import Nodes
 
 Trace = dict[str, Any] | None
 

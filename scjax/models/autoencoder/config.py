@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from scjax.nn.precision import Compute, operands
+from scjax.nn.cpu.precision import Compute, operands
 
 # Columns that a source may not have recorded: z, length, width, height of an agent; z of a lane.
 _UNCERTAIN_AGENT_COLUMNS = (2, 6, 7, 8)

@@ -11,10 +11,10 @@ from scjax.models.autoencoder.blocks import FactorisedBlock, Trace, link_head, p
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges
 from scjax.models.autoencoder.outputs import Decoded
-from scjax.models.nodes import Nodes
-from scjax.nn.initial import Draws
+from scjax.nn.cpu.precision import matmul
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, ResidualMLP
-from scjax.nn.precision import matmul
+from scjax.scene.per_type import Nodes
 
 
 class Decoder(nnx.Module):

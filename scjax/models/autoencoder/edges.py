@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from scjax.nn import tall
+from scjax.nn.cpu import matmul as tall
 from scjax.nn.layers import EPS, centred
 
 

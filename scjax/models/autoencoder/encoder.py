@@ -11,10 +11,10 @@ from scjax.models.autoencoder.blocks import FactorisedBlock, GraphAttention, Tra
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, TypedEdges
 from scjax.models.autoencoder.outputs import Posterior
-from scjax.models.nodes import Nodes
-from scjax.nn.initial import Draws
+from scjax.models.codec import Tokens
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, ResidualMLP
-from scjax.representation import Tokens
+from scjax.scene.per_type import Nodes
 
 
 class Encoder(nnx.Module):

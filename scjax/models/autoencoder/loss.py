@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
-from scjax.representation import Tokens
+from scjax.models.codec import Tokens
 from scjax.scene import AnyArray, Layout, Link
 
 __all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]

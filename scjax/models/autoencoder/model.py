@@ -11,10 +11,10 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.decoder import Decoder
 from scjax.models.autoencoder.encoder import Encoder
 from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
-from scjax.models.nodes import Nodes
+from scjax.models.codec import Tokens
 from scjax.nn.functional import Functional, functional
-from scjax.nn.initial import Draws
-from scjax.representation import Tokens
+from scjax.nn.init import Draws
+from scjax.scene.per_type import Nodes
 
 
 class Autoencoder(nnx.Module):

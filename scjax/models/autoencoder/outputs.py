@@ -6,8 +6,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from scjax.models.nodes import Nodes
-from scjax.pytree import pytree
+from scjax.scene.per_type import Nodes
+from scjax.scene.pytree import pytree
 
 
 @pytree

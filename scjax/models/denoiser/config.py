@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal, get_args
 
-from scjax.nn.control import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
-from scjax.nn.precision import Compute, operands
+from scjax.nn.cpu.precision import Compute, operands
+from scjax.nn.cross_attention import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
 
 Prediction = Literal["noise", "velocity", "flow"]
 """What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
@@ -54,7 +54,7 @@ class DenoiserConfig:
       max_lanes, max_agents: largest numbers of tokens (sizes of the count tables and position tables).
       domains, layouts: the label table has a row for each pair (``domains * layout + domain``) and a last null row.
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
-      control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.control``).
+      control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.cross_attention``).
       given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
       waves: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
       hints: what lies near a token joins its embedding (``denoiser.hints``). Not in the release.
@@ -104,7 +104,7 @@ class DenoiserConfig:
         if not isinstance(self.control, ControlOptions):
             raise ValueError(
                 f"control must be the options of a mechanism, such as CrossGlobalOptions(), not {self.control!r}: "
-                "scjax.nn.control.named finds them by name"
+                "scjax.nn.cross_attention.named finds them by name"
             )
         if isinstance(self.control, GatedOptions) and not self.control.start and self.cross_adaln_init == "zero":
             raise ValueError(

@@ -16,10 +16,10 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.embed import image_table
-from scjax.models.nodes import Nodes
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, together
-from scjax.pytree import pytree
+from scjax.scene.per_type import Nodes
+from scjax.scene.pytree import pytree
 
 _STD = 0.02  # of tables and of the time and text MLPs
 _SPACING = 16  # zeros after each text token's features

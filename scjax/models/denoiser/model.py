@@ -11,18 +11,18 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from scjax.models.denoiser.anchors import POINTS, Anchors
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
-from scjax.models.denoiser.hints import Hints
+from scjax.models.denoiser.fourier_features import Waves
+from scjax.models.denoiser.position_head import POINTS, Anchors
+from scjax.models.denoiser.relative_geometry import Hints
 from scjax.models.denoiser.stage import Head, Stage
-from scjax.models.denoiser.waves import Waves
-from scjax.models.nodes import Nodes
-from scjax.nn.control import Aux, NoOptions
+from scjax.nn.cross_attention import Aux, NoOptions
 from scjax.nn.functional import Functional, functional
-from scjax.nn.initial import Draws
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, ResidualMLP
+from scjax.scene.per_type import Nodes
 
 _STD = 0.02  # of tables and of the time and text MLPs
 
@@ -211,7 +211,7 @@ class Denoiser(nnx.Module):
         """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
-          z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.ordering); padding may hold anything.
+          z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.token_order); padding may hold anything.
           t: timesteps 0..99; of a rectified flow also between them (``diffusion.flow``).
           label: ``config.domains * layout + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].

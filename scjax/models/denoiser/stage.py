@@ -13,11 +13,11 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
-from scjax.nn.control import Aux, ContextLayout, ControlOptions, NoOptions, build
-from scjax.nn.initial import Draws
+from scjax.nn.cpu.precision import Compute
+from scjax.nn.cross_attention import Aux, ContextLayout, ControlOptions, NoOptions, build
+from scjax.nn.init import Draws
 from scjax.nn.layers import Linear, standardise
-from scjax.nn.precision import Compute
-from scjax.pytree import pytree
+from scjax.scene.pytree import pytree
 
 _ZERO = 0.0  # standard deviation of what starts at zero (adaLN-Zero)
 

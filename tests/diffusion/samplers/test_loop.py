@@ -9,9 +9,9 @@ import pytest
 
 from scjax.diffusion.samplers.loop import CLIP, clamp, sample, scene_noise
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.models.nodes import Nodes
-from tests.diffusion.samplers.oracles import CASES, MOST, WIDTHS, drawn
-from tests.diffusion.samplers.oracles import masks as _masks
+from scjax.scene.per_type import Nodes
+from tests.factories.sampler_oracles import CASES, MOST, WIDTHS, drawn
+from tests.factories.sampler_oracles import masks as _masks
 
 KEYS = jax.random.split(jax.random.key(0), 6)
 SCHEDULE = cosine_schedule()

@@ -22,10 +22,10 @@ from scjax.diffusion.samplers import (
     sampler_of,
     schedule_of,
 )
+from scjax.diffusion.samplers.base import Problem
 from scjax.diffusion.samplers.loop import scene_noise
-from scjax.diffusion.samplers.problem import Problem
-from scjax.models.nodes import Nodes
-from tests.diffusion.samplers.oracles import (
+from scjax.scene.per_type import Nodes
+from tests.factories.sampler_oracles import (
     CASES,
     EVEN,
     MOST,

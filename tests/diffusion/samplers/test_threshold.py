@@ -9,7 +9,7 @@ import pytest
 
 from scjax.diffusion.samplers import Threshold
 from scjax.diffusion.samplers.threshold import thresholded
-from scjax.models.nodes import Nodes
+from scjax.scene.per_type import Nodes
 
 
 def both(x):

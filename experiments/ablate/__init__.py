@@ -1,1 +1,0 @@
-"""The ten conditioning mechanisms side by side: ``python -m experiments.ablate``."""

@@ -1,0 +1,131 @@
+"""Makes the model that comes with scjax out of a trained one.
+
+    python -m experiments.package_model --model=runs/text/model --counter=runs/counter/model --steer
+
+Weights become float16 in files of at most 15 MB and are multiplied in float32, the same on every machine; the demo's
+prompts get their token features, and of the training only what a user can use is kept: steps, sizes, the hash of the
+records. The model card (README.md) in the folder stays.
+Only models trained on the synthetic world may ship: the licences of recordings do not allow it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import scjax
+from experiments.studies.arguments import parser_of
+from scjax.cli.demo import PROMPTS
+from scjax.diffusion.energy_guidance import Steering
+from scjax.encoders.text import Encoder, load_text_encoder
+from scjax.generate.model import SHIPPED, Model
+from scjax.scene.per_type import Nodes
+from scjax.synthetic.domains import DOMAINS
+
+_FILE, _ALL = 15.0, 60.0  # megabytes at most
+_CARD = "README.md"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = parser_of("ship", __doc__)
+    parser.add_argument("--model", required=True, help="trained model folder with denoiser and counter")
+    parser.add_argument("--out", type=Path, default=SHIPPED, help="folder to replace (default: the package's own)")
+    parser.add_argument(
+        "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
+    )
+    parser.add_argument("--counter", help="model folder whose counts are taken (default: the model's own)")
+    parser.add_argument("--sharpness", type=float, help="of the counts that are drawn (default: the counter's)")
+    parser.add_argument("--steps", type=int, help="of the denoiser in all its trainings (default: of the last)")
+    parser.add_argument(
+        "--steer", action="store_true", help="sampling steers by default (scjax.diffusion.energy_guidance)"
+    )
+    args = parser.parse_args(arguments)
+    try:
+        model = scjax.load(args.model)
+        if args.counter:
+            model = counted(model, scjax.load(args.counter))
+        if args.sharpness and model.counter_config is not None:
+            counts = dataclasses.replace(model.counter_config, sharpness=args.sharpness)
+            model = dataclasses.replace(model, counter_config=counts)
+        if args.steps:
+            model = dataclasses.replace(model, notes={**model.notes, "steps": args.steps})
+        if args.steer:
+            model = dataclasses.replace(model, steering=Steering())
+        if args.temperature:
+            model = dataclasses.replace(model, temperature=Nodes(agents=args.temperature[0], lanes=args.temperature[1]))
+        files = ship(model, args.out)
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.package_model: {error}")
+    for name, size in files.items():
+        print(f"{size:6.2f} MB  {name}")
+
+
+def counted(model: Model, other: Model) -> Model:
+    """``model`` with the counts of another training, which must have read the same texts.
+
+    Raises:
+      ValueError: they read features of different text encoders.
+    """
+    if model.text_encoder != other.text_encoder:
+        raise ValueError(f"counts learnt from {other.text_encoder} features do not fit {model.text_encoder}")
+    notes = {**model.notes, "counter": other.notes.get("counter", {})}
+    return dataclasses.replace(model, counter=other.counter, counter_config=other.counter_config, notes=notes)
+
+
+def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, float]:
+    """Writes the folder and returns file name -> megabytes.
+
+    Args:
+      encoder: of the demo's prompts; by default the one that is found or fetched.
+
+    Raises:
+      ValueError: a part is missing, a domain is not of the synthetic world, or the files are too large.
+    """
+    for part in ("autoencoder", "denoiser", "counter"):
+        if getattr(model, part) is None:
+            raise ValueError(f"the model has no {part}: train that stage first")
+    foreign = set(model.domains) - {domain.name for domain in DOMAINS}
+    if foreign:
+        raise ValueError(f"the model was trained on {', '.join(sorted(foreign))}: only the synthetic world may ship")
+    encoder = encoder or load_text_encoder()
+    if encoder.name != model.text_encoder:
+        raise ValueError(f"the model was trained with {model.text_encoder}, but the encoder here is {encoder.name}")
+    prompts = {text: np.asarray(one.features) for text, one in zip(PROMPTS, encoder(PROMPTS), strict=True)}
+    card = (out / _CARD).read_text() if (out / _CARD).is_file() else None
+    assert model.denoiser_config is not None
+    network = dataclasses.replace(model.denoiser_config, compute="float32")
+    shipped = dataclasses.replace(model, denoiser_config=network, prompts=prompts, notes=public_notes(model.notes))
+    scjax.save(shipped, out, dtype="float16", largest=_FILE)
+    if card is not None:
+        (out / _CARD).write_text(card)
+    files = {path.name: path.stat().st_size / 1e6 for path in sorted(out.iterdir())}
+    if sum(files.values()) > _ALL:
+        raise ValueError(f"{out} has {sum(files.values()):.0f} MB, more than {_ALL:.0f}: train a smaller model")
+    return files
+
+
+def public_notes(notes: dict[str, Any]) -> dict[str, Any]:
+    """Of the notes of training: steps of every stage and the hash of the records, no folders of the machine.
+
+    Those of a model that ships already stay as they are.
+    """
+    if "licence" in notes:
+        return notes
+    stages = {"denoiser": notes, "autoencoder": notes.get("autoencoder", {}), "counter": notes.get("counter", {})}
+    batches = {name: stage["config"]["batch"] for name, stage in stages.items() if "config" in stage}
+    return {
+        "data": "the synthetic world of scjax, nothing else",
+        "licence": "Apache-2.0",
+        "records": notes.get("records", ""),
+        "steps": {name: stage["steps"] for name, stage in stages.items() if "steps" in stage},
+        "batch_size": {name: batch["batch_size"] for name, batch in batches.items()},
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The ten conditioning mechanisms side by side: ``python -m experiments.studies.ablation``."""

@@ -1,0 +1,97 @@
+"""What a condition tells a denoiser of the noise in held-back scenes.
+
+Samples vary so much that a condition's part shows only in many of them. The loss that the network is trained by, at
+equal noise, differs by nothing but the condition.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from scjax.data.token_order import arrange
+from scjax.diffusion.denoise_fn import estimator
+from scjax.diffusion.loss import diffusion_loss
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.diffusion.timestep_sampling import level_at
+from scjax.generate.conditions import Condition
+from scjax.generate.encode import features_of
+from scjax.generate.model import Model
+from scjax.generate.sample import bucket_of
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.codec import Representation
+from scjax.models.denoiser.config import DenoiserConfig
+from scjax.models.denoiser.model import denoiser
+from scjax.scene import Scene, stack
+from scjax.scene.per_type import Nodes
+
+TIMES = (12, 37, 62, 87)  # of 0..99: the middles of four equal parts
+_CALL = 16  # scenes a compiled call
+
+
+def denoising_losses(
+    model: Model, scenes: Sequence[Scene], conditions: Sequence[Condition], seed: int
+) -> Float[np.ndarray, " scenes"]:
+    """The training loss (official-spec §5.2) of every scene under its condition, a mean over ``TIMES``.
+
+    Equal seeds draw equal noise for the same place in the list, whatever the condition; nothing is given or dropped.
+
+    Raises:
+      ValueError: a scene has more elements than the largest bucket of ``scjax.sample``.
+    """
+    config, coder_config = model.denoiser_config, model.autoencoder_config
+    assert config is not None and coder_config is not None
+    run = _program(model.representation, coder_config, config)
+    # Of all at once, so that texts are padded to one length and one program serves.
+    features, _ = features_of(conditions, config.condition)
+    groups: dict[tuple[int, int], list[int]] = {}
+    for row, scene in enumerate(scenes):
+        groups.setdefault(bucket_of(int(scene.num_agents), int(scene.num_lanes)), []).append(row)
+    found = np.zeros(len(scenes))
+    for bucket, members in groups.items():
+        for start in range(0, len(members), _CALL):
+            part = members[start : start + _CALL]
+            rows = np.array(part + [part[0]] * (_CALL - len(part)))
+            batch = stack([arrange(scenes[row])[0] for row in rows], bucket)
+            keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
+            mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
+            losses = run(model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, batch, mine, keys)
+            found[part] = np.asarray(losses)[: len(part)]
+    return found
+
+
+@functools.lru_cache(maxsize=8)
+def _program(
+    representation: Representation, coder_config: AutoencoderConfig, config: DenoiserConfig
+) -> Callable[..., Array]:
+    coder, network, schedule = autoencoder(coder_config), denoiser(config), cosine_schedule()
+
+    @jax.jit
+    def run(coder_params, params, mean, std, scenes: Scene, features, keys):
+        tokens = representation.tokens(scenes)
+        clean = jax.tree.map(
+            lambda z, m, s: (z - m) / s, coder.apply(coder_params, tokens, method="encode").mean, mean, std
+        )
+        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        label = config.domains * tokens.layout + tokens.domain
+        denoise = estimator(network, config, params, label, masks, times=np.array(TIMES), features=features)
+
+        def drawn(key: Array, like: Nodes) -> Nodes:
+            kinds = Nodes(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
+            return jax.tree.map(lambda k, x: jax.random.normal(k, x.shape), kinds, like)
+
+        def at(time: int) -> Array:
+            noise = jax.vmap(drawn)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
+            level = level_at(jnp.full(label.shape, time), schedule, config.prediction)
+            none = jax.tree.map(jnp.zeros_like, masks)
+            return diffusion_loss(denoise, level, clean, noise, masks, none, prediction=config.prediction)[1]["total"]
+
+        return jnp.stack([at(time) for time in TIMES]).mean(0)
+
+    return run

@@ -1,0 +1,107 @@
+"""What every run of one kind is asked: held-back scenes' conditions at their counts, and another scene's instead."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from experiments.studies.prompt_adherence import a_prompt
+from scjax.camera.raycast import GRID, stand_in
+from scjax.data import records
+from scjax.data.caption_features import TextStore
+from scjax.data.captions import read_captions
+from scjax.evaluate.sources import BUCKET, Records, digest, row_text
+from scjax.generate.conditions import Condition
+from scjax.generate.model import Model
+from scjax.language.prompt_parser import Asked, read_prompt
+from scjax.metrics.control import derangements
+from scjax.scene import Layout, Scene
+
+_SEED = 0  # of captions and of the shuffle: all runs are asked the same
+
+
+@dataclasses.dataclass(frozen=True)
+class Requests:
+    """One request a held-back scene.
+
+    Attributes:
+      references, clusters: the scenes and their locations.
+      own: a scene's counts, domain and condition.
+      shuffled: the same counts and domain with the condition of a scene of another location: what a model that reads
+        its condition must do worse with, and a model that does not, exactly as well.
+      asked: what each scene's own prompt asks for; empty for images.
+      context: condition tokens in the mean.
+      fingerprint: changes with all of it.
+    """
+
+    references: list[Scene]
+    clusters: list[str]
+    own: list[Condition]
+    shuffled: list[Condition]
+    asked: list[Asked]
+    context: float
+    fingerprint: str
+
+
+def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[int, int] = BUCKET) -> Requests:
+    """Of evenly chosen held-back records.
+
+    Args:
+      kind: "text", of centred windows with a caption each, or "image", of forward ones with their stand-ins.
+      samples: records looked at; those with more elements than ``most`` are passed over.
+      model: whose types the scenes have.
+      most: (agents, lanes) that the trainings see at most.
+
+    Raises:
+      ValueError: there are no such records, or most are of one location.
+    """
+    source, layout = Records(folder, "val"), Layout.CENTRED if kind == "text" else Layout.FORWARD
+    places, tiles = source.clusters, records.source(folder, "val")
+    rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
+    looked_at = [
+        model.representation.select(records.sample_scene(records.decode(tiles[int(row)]), layout)) for row in rows
+    ]
+    fit = [scene.num_agents <= most[0] and scene.num_lanes <= most[1] for scene in looked_at]
+    rows, scenes = rows[fit], list(itertools.compress(looked_at, fit))
+    if not scenes:
+        raise ValueError(f"{folder}: none of {len(fit)} held-back records has at most {most} agents and lanes")
+    asked: list[Asked] = []
+    told, context = "", 2.0 * GRID[0] * GRID[1]
+    if kind == "text":
+        captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
+        rng = np.random.default_rng(_SEED)
+        prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
+        asked, told = [read_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
+        context = float(np.mean([len(tokens) for _, tokens in prompts]))
+        features = [{"tokens": tokens} for _, tokens in prompts]
+    else:
+        features = [stand_in(scene)._asdict() for scene in scenes]
+    clusters = [places[row] for row in rows]
+    other = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
+    domains = [source.domains[int(scene.domain)] for scene in scenes]
+    counts = [
+        {"num_lanes": max(int(scene.num_lanes), 1), "num_agents": int(scene.num_agents), "domain": domain,
+         "layout": layout}
+        for scene, domain in zip(scenes, domains, strict=True)
+    ]  # fmt: skip
+    own = [Condition(**count, **given) for count, given in zip(counts, features, strict=True)]
+    shuffled = [Condition(**count, **features[row]) for count, row in zip(counts, other, strict=True)]
+    fingerprint = digest(kind, source.fingerprint, row_text(rows), row_text(other), told)
+    return Requests(scenes, clusters, own, shuffled, asked, context, fingerprint)
+
+
+def padded(conditions: Sequence[Condition], slots: int) -> list[Condition]:
+    """Conditions whose texts have so many tokens, those added masked; unchanged with 0."""
+    if not slots:
+        return list(conditions)
+    made = []
+    for cond in conditions:
+        assert cond.tokens is not None
+        real = np.asarray(cond.tokens)[:slots]
+        tokens = np.zeros((slots, real.shape[1]), np.float32)
+        tokens[: len(real)] = real
+        made.append(dataclasses.replace(cond, tokens=tokens, token_mask=np.arange(slots) < len(real)))
+    return made

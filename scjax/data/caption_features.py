@@ -1,0 +1,136 @@
+"""Token features of captions beside record shards: encoded once, then only read.
+
+``text-<split>.bin`` holds the features of every different text (float16, text after text), ``text-<split>.npz`` says
+where each begins, which texts belong to a record, and from which captions and encoder they are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from tqdm import tqdm
+
+from scjax.data.captions import captions_path, read_captions
+from scjax.encoders.text import Encoder
+
+FORMAT = 1
+_AT_ONCE = 256  # texts
+
+
+class TextStore:
+    """Token features of the captions of one split.
+
+    Attributes:
+      encoder: name of the encoder; width: features of a token.
+
+    Raises:
+      ValueError: there are none, or the captions have been written anew since.
+    """
+
+    def __init__(self, folder: str | Path, split: str):
+        index, data = _paths(Path(folder), split)
+        cure = f"run python -m scjax.data embed {folder}"
+        if not index.is_file() or not data.is_file():
+            raise ValueError(f"{index} is not there: {cure}")
+        try:
+            with index.open("rb") as file, np.load(file) as content:
+                held = dict(content)
+        except (ValueError, OSError, zipfile.BadZipFile) as error:
+            raise ValueError(f"{index} is damaged ({error}): {cure} again") from error
+        if int(held["format"]) != FORMAT or str(held["captions"]) != _digest(Path(folder), split):
+            raise ValueError(f"{index} belongs to other captions, or has another format: {cure} again")
+        self.encoder, self.width = str(held["encoder"]), int(held["width"])
+        self._starts, self._first, self._texts = held["starts"], held["first"], held["texts"]
+        self._file = data
+        self._tokens: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        """Records."""
+        return len(self._first) - 1
+
+    def texts_of(self, record: int) -> np.ndarray:
+        """Numbers of the texts of a record."""
+        return self._texts[self._first[record] : self._first[record + 1]]
+
+    def features(self, text: int) -> Float[np.ndarray, "tokens width"]:
+        """Features of one text's tokens, float16, read-only."""
+        if self._tokens is None:  # opened late, so that a store can be sent to other processes
+            self._tokens = np.memmap(self._file, np.float16, "r").reshape(-1, self.width)
+        return self._tokens[self._starts[text] : self._starts[text + 1]]
+
+    def __getstate__(self):
+        return vars(self) | {"_tokens": None}
+
+
+def embed_captions(
+    folder: str | Path, encoder: Encoder, *, splits: Sequence[str] = ("train", "val"), progress: bool = True
+) -> dict[str, int]:
+    """Encodes the captions of the splits that have any; returns the number of different texts of each.
+
+    A split whose captions and encoder are unchanged is left as it is.
+
+    Raises:
+      ValueError: no split has captions.
+    """
+    folder, done = Path(folder), {}
+    for split in splits:
+        if not captions_path(folder, split).is_file():
+            continue
+        try:
+            store = TextStore(folder, split)
+            if store.encoder == encoder.name:
+                done[split] = len(store._starts) - 1
+                continue
+        except ValueError:
+            pass
+        rows: list[list[int]] = []
+        numbers: dict[str, int] = {}
+        for caption in read_captions(folder, split):
+            texts = [text for style in caption.texts.values() for text in style]
+            rows.append([numbers.setdefault(text, len(numbers)) for text in texts])
+        done[split] = _write(folder, split, list(numbers), rows, encoder, progress)
+    if not done:
+        raise ValueError(f"{folder} holds no captions: run python -m scjax.data caption {folder}")
+    return done
+
+
+def _write(
+    folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: Encoder, progress: bool
+) -> int:
+    index, data = _paths(folder, split)
+    temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in (index, data)]
+    lengths = np.zeros(len(texts), np.int64)
+    index.unlink(missing_ok=True)  # it vouches for the features
+    bar = tqdm(total=len(texts), desc=f"texts of {split}", unit="text", disable=not progress)
+    with temporary[1].open("wb") as file, bar:
+        for start in range(0, len(texts), _AT_ONCE):
+            part = encoder(texts[start : start + _AT_ONCE])
+            for row, one in enumerate(part):
+                lengths[start + row] = len(one.features)
+                file.write(one.features.astype(np.float16).tobytes())
+            bar.update(len(part))
+    temporary[1].replace(data)
+    with temporary[0].open("wb") as file:
+        np.savez(
+            file, format=FORMAT, captions=_digest(folder, split), encoder=encoder.name, width=encoder.width,
+            starts=np.concatenate([[0], np.cumsum(lengths)]),
+            first=np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64),
+            texts=np.array([text for row in rows for text in row], np.int64),
+        )  # fmt: skip
+    temporary[0].replace(index)
+    return len(texts)
+
+
+def _paths(folder: Path, split: str) -> tuple[Path, Path]:
+    return folder / f"text-{split}.npz", folder / f"text-{split}.bin"
+
+
+def _digest(folder: Path, split: str) -> str:
+    with captions_path(folder, split).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

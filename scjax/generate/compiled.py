@@ -1,0 +1,122 @@
+"""The compiled programs behind ``scjax.sample`` and ``scjax.reconstruct``; XLA compiles each once a padded shape."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from scjax.diffusion.denoise_fn import estimator
+from scjax.diffusion.energies import validity as soundness
+from scjax.diffusion.energy_guidance import Energy, Steering, steered
+from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.samplers import Sampler, schedule_of
+from scjax.diffusion.samplers.loop import sample as sample_latents
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.codec import Representation, Tokens
+from scjax.models.denoiser.config import DenoiserConfig
+from scjax.models.denoiser.model import denoiser
+from scjax.nn.functional import Functional, Params
+from scjax.nn.sharding import spread
+from scjax.scene import Scene
+from scjax.scene.per_type import Nodes, generated
+
+Program = Callable[..., Scene]
+
+_QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
+"""LLVM's dear passes: a sixth of the time until a first scene, and no later scene is faster (benchmarks/README.md)."""
+
+
+@functools.lru_cache(maxsize=32)
+def sampling_program(
+    representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
+    guidance: Guidance | None, steering: Steering | None = None,
+) -> Program:  # fmt: skip
+    """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
+
+    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are.
+    """
+    coder, network = autoencoder(ae_config), denoiser(config)
+    schedule = schedule_of(sampler, config.prediction, steps)
+
+    def run(
+        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away,
+    ) -> Scene:  # fmt: skip
+        given = values = None
+        if known is not None:
+            tokens = representation.tokens(known)
+            given = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+            posterior = coder.apply(ae, tokens, method="encode")
+            values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
+        denoise = estimator(
+            network, config, params, config.domains * layout + domain, masks, times=schedule.levels.time, given=given,
+            features=features, away=away, guidance=guidance, weight=weight,
+        )  # fmt: skip
+
+        def decoded(latents: Nodes, **options) -> Scene:
+            latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
+            return decode(coder, ae, representation, latents, masks, layout, domain, **options)
+
+        if steering is not None:
+
+            def energy_around(start: Nodes) -> Energy:
+                links = decoded(start).links  # their head, over all pairs, would be most of a round
+
+                def energy(latents: Nodes) -> Float[Array, ""]:
+                    scene = decoded(latents, through_pairs=False).replace(links=links)
+                    return soundness.energy(scene).sum()
+
+                return energy
+
+            made = generated(masks, given)
+            denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
+        latents = sample_latents(
+            denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
+            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
+            most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
+        )  # fmt: skip
+        return decoded(latents)
+
+    return compiled(run, shared=6)
+
+
+@functools.lru_cache(maxsize=8)
+def reconstruction_program(representation: Representation, config: AutoencoderConfig) -> Program:
+    """(parameters; scenes) -> the same scenes, encoded and decoded from the posterior mean."""
+    coder = autoencoder(config)
+
+    def run(params: Params, scenes: Scene) -> Scene:
+        tokens: Tokens = representation.tokens(scenes)
+        posterior = coder.apply(params, tokens, method="encode")
+        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
+
+    return compiled(run, shared=1)
+
+
+def compiled(run: Program, shared: int) -> Program:
+    """``run``, its batches spread over devices (``devices.spread``); on a CPU compiled quickly rather than well."""
+    options: dict[str, Any] | None = None
+    if jax.default_backend() == "cpu" and not jax.config.values["jax_disable_most_optimizations"]:
+        options = _QUICK
+    return jax.jit(spread(run, shared=shared), compiler_options=options)
+
+
+def decode(
+    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain,
+    **options,
+) -> Scene:  # fmt: skip
+    """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
+    decoded = coder.apply(params, latents, masks, method="decode", **options)
+    lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
+    if representation.num_lane_types:
+        lane_types = decoded.lane_type_logits.argmax(-1)
+    return representation.scene(
+        decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
+        decoded.link_logits, layout, domain,
+    )  # fmt: skip

@@ -1,0 +1,110 @@
+"""f_count: how many lanes and agents a prompt asks for, as a joint distribution over (N_l, N_o).
+
+The paper predicts counts from condition tokens by attention; its release has no such network (official-spec §8). Ours
+gives probabilities, so that counts can be drawn, and restricted to what else is known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.models.denoiser.context import TextFeatures
+from scjax.nn.attention import attend
+from scjax.nn.functional import Functional, functional
+from scjax.nn.init import Draws
+from scjax.nn.layers import LayerNorm, Linear
+
+_STD = 0.02
+_NEVER = -1e9  # logit of no lanes, and of no agents
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CounterConfig:
+    """Sizes: ``text_width`` of a token, ``width`` inside, ``queries`` that read the tokens with ``heads`` heads.
+
+    ``sharpness`` is the power to which probabilities are raised when numbers are drawn: 1 draws them as they are
+    learnt, more keeps to the likely ones.
+    """
+
+    text_width: int
+    domains: int
+    width: int = 128
+    queries: int = 4
+    heads: int = 4
+    max_lanes: int = 100
+    max_agents: int = 61
+    sharpness: float = 1.0
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if getattr(self, field.name) < 1:
+                raise ValueError(f"CounterConfig.{field.name} must be at least 1, not {getattr(self, field.name)}")
+        if self.width % self.heads:
+            raise ValueError(f"CounterConfig.width {self.width} must be a multiple of heads {self.heads}")
+
+
+class Counter(nnx.Module):
+    """Learned queries read the tokens; lanes from what they found, agents from that and the number of lanes."""
+
+    def __init__(self, config: CounterConfig, *, draws: Draws):
+        width, inner = config.width, config.width * config.queries
+
+        def table(rows: int, size: int) -> nnx.Param:
+            return nnx.Param(draws.normal((rows, size), _STD))
+
+        self.token_in, self.token_norm = Linear(config.text_width, width, draws=draws), LayerNorm(width)
+        self.query = table(config.queries, width)
+        self.key, self.value = Linear(width, width, draws=draws), Linear(width, width, draws=draws)
+        self.domains = table(config.domains + 1, inner)  # the last row: not told
+        self.hidden, self.norm = Linear(inner, inner, draws=draws), LayerNorm(inner)
+        self.lanes = Linear(inner, config.max_lanes + 1, draws=draws, std=_STD)
+        self.given_lanes = table(config.max_lanes + 1, inner)
+        self.agents_hidden = Linear(inner, inner, draws=draws)
+        self.agents = Linear(inner, config.max_agents + 1, draws=draws, std=_STD)
+        self.config = config
+
+    def __call__(self, text: TextFeatures, domain: Int[Array, " b"]) -> Float[Array, "b lanes agents"]:
+        """log P(N_l, N_o), a table a prompt that sums to one over numbers of at least one.
+
+        Args:
+          domain: label, or ``config.domains`` for "not told".
+        """
+        mask: Bool[Array, "b n"] = jnp.asarray(text.mask)
+        tokens = jnp.where(mask[..., None], jnp.asarray(text.tokens), 0)
+        tokens = self.token_norm(jax.nn.gelu(self.token_in(tokens)))
+        query = jnp.broadcast_to(self.query[...][None], (len(mask), *self.query.shape))
+        read = attend(query, self.key(tokens), self.value(tokens), mask[:, None], self.config.heads)
+        found = read.reshape(len(mask), -1) + self.domains[...][domain]
+        found = self.norm(found + jax.nn.gelu(self.hidden(found)))
+        lanes = _log_softmax(self.lanes(found))
+        inner = jax.nn.gelu(self.agents_hidden(found)[:, None] + self.given_lanes[...][None])
+        return lanes[..., None] + _log_softmax(self.agents(inner))
+
+
+def counter_loss(
+    tables: Float[Array, "b lanes agents"], num_lanes: Int[Array, " b"], num_agents: Int[Array, " b"]
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """Mean of -log P of the true numbers, and the mean absolute errors of the expected ones."""
+    chosen = tables[jnp.arange(len(tables)), num_lanes, num_agents]
+    shares = jnp.exp(tables)
+    lanes = (shares.sum(2) * jnp.arange(tables.shape[1])[None]).sum(1)
+    agents = (shares.sum(1) * jnp.arange(tables.shape[2])[None]).sum(1)
+    errors = {"lanes_mae": jnp.abs(lanes - num_lanes).mean(), "agents_mae": jnp.abs(agents - num_agents).mean()}
+    return -chosen.mean(), {"total": -chosen.mean(), **errors}
+
+
+@functools.lru_cache(maxsize=8)
+def counter(config: CounterConfig) -> Functional:
+    """The network as pure functions."""
+    return functional(lambda draws: Counter(config, draws=draws))
+
+
+def _log_softmax(logits: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
+    none = jnp.where(jnp.arange(logits.shape[-1]) == 0, _NEVER, 0.0).reshape((1,) * (logits.ndim - 1) + (-1,))
+    return jax.nn.log_softmax(logits + none)

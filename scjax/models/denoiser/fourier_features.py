@@ -1,0 +1,35 @@
+"""Sines and cosines of what a token's latents say: whether two lanes meet is told by decimetres in 64 m.
+
+A network reads small differences of large numbers slowly (spectral bias); the product of two tokens' sines and cosines
+is a function of the difference alone, as narrow as the shortest wave (Tancik et al. 2020; in a diffusion model's input:
+Kingma et al. 2021, section 5). Not in the release.
+"""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Float
+
+from scjax.nn.cpu.precision import Compute
+from scjax.nn.init import Draws
+from scjax.nn.layers import Linear
+
+# In units of a projection, which at first has the spread of one latent number.
+WAVELENGTHS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
+
+
+class Waves(nnx.Module):
+    """Latents [.., latent] -> what joins the embedding [.., width]: exactly zero in a fresh network."""
+
+    def __init__(self, latent: int, width: int, projections: int, *, draws: Draws, compute: Compute = "float32"):
+        self.project = Linear(latent, projections, draws=draws, std=latent**-0.5)  # full precision: phases are fine
+        self.out = Linear(2 * projections * len(WAVELENGTHS), width, draws=draws, compute=compute, std=0.0)
+
+    def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b width"]:
+        projected = self.project(latents)
+        phases = jnp.stack([projected * (2 * math.pi / length) for length in WAVELENGTHS], -1)
+        phases = phases.reshape(*latents.shape[:-1], -1)
+        return self.out(jnp.concatenate([jnp.sin(phases), jnp.cos(phases)], -1))

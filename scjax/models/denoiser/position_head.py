@@ -1,0 +1,43 @@
+"""Where a token lies, read from its latents by a small network that is fitted to the autoencoder and then left alone.
+
+The autoencoder's decoder would tell it better, from all tokens together and at a hundred times the work.
+"""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Float
+
+from scjax.nn.init import Draws
+from scjax.nn.layers import Linear
+from scjax.scene import POINTS_PER_LANE
+from scjax.scene.per_type import Nodes
+
+UNIT = 16.0
+"""Metres of an anchor's 1."""
+ALONG = tuple(int(k) for k in np.linspace(0, POINTS_PER_LANE - 1, 5).round())
+"""Which of a lane's points are its anchors; those of an agent are its centre and a point ``AHEAD`` metres before it."""
+AHEAD = 10.0
+POINTS = Nodes(agents=2, lanes=len(ALONG))
+"""Anchors of a token."""
+
+_HIDDEN = 96
+
+
+class Anchors(nnx.Module):
+    """Latents [.., latent] -> points [.., points, 2] from the middle of the window, in units of ``UNIT``."""
+
+    def __init__(self, latent: int, points: int, *, draws: Draws):
+        def linear(features_in, features_out):
+            return Linear(features_in, features_out, draws=draws)  # in full precision: decimetres in 64 m
+
+        self.skip = linear(latent, 2 * points)
+        self.first, self.second, self.out = (
+            linear(latent, _HIDDEN), linear(_HIDDEN, _HIDDEN), linear(_HIDDEN, 2 * points)
+        )  # fmt: skip
+
+    def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b points 2"]:
+        hidden = jax.nn.gelu(self.second(jax.nn.gelu(self.first(latents))))
+        return (self.skip(latents) + self.out(hidden)).reshape(*latents.shape[:-1], -1, 2)

@@ -1,0 +1,90 @@
+"""What lies near a token, and which way: lanes are told of ends that they may join, agents of lanes and each other.
+
+Whether two lanes meet or a car stands on its lane is a matter of decimetres between two tokens, which attention has to
+find in products of hidden numbers. The mean shift toward what is near (Comaniciu & Meer 2002), at several scales, says
+it in numbers that are linear in what has to be corrected. It is taken between the points that the noisy latents tell
+(``Anchors``). Not in the release.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from scjax.models.denoiser.position_head import POINTS, UNIT
+from scjax.nn.cpu.precision import Compute
+from scjax.nn.init import Draws
+from scjax.nn.layers import Linear
+from scjax.scene.per_type import Nodes
+
+# Points of a lane, and of others that they are held against: what follows, precedes, splits, merges, runs beside.
+_PAIRED = ((-1, 0), (0, -1), (0, 0), (-1, -1), (POINTS.lanes // 2, POINTS.lanes // 2))
+_SCALES = {"lanes": (1.0, 3.0, 9.0), "agents": (2.0, 4.0, 8.0), "on lane": (1.0, 2.0, 4.0)}  # metres
+_NUMBERS = Nodes(  # shift and weight, and for agents on lanes the lane's direction
+    agents=3 * len(_SCALES["agents"]) + 5 * len(_SCALES["on lane"]), lanes=3 * len(_PAIRED) * len(_SCALES["lanes"])
+)
+_LEAST = 0.1  # of a neighbour at no distance: below, a shift fades
+_SHORT = 0.1  # m: directions of shorter segments fade
+
+
+class Hints(nnx.Module):
+    """Points of tokens -> what joins their embeddings: exactly zero in a fresh network."""
+
+    def __init__(self, width: Nodes, *, draws: Draws, compute: Compute = "float32"):
+        self.agents = Linear(_NUMBERS.agents, width.agents, draws=draws, compute=compute, std=0.0)
+        self.lanes = Linear(_NUMBERS.lanes, width.lanes, draws=draws, compute=compute, std=0.0)
+
+    def __call__(self, points: Nodes, masks: Nodes) -> Nodes:
+        """Anchors [B, tokens, points, 2] a kind, finite also at padding, and masks -> [B, tokens, width] a kind."""
+        agents, lanes = UNIT * points.agents, UNIT * points.lanes
+        return Nodes(
+            agents=self.agents(about_agents(agents, lanes, masks)), lanes=self.lanes(about_lanes(lanes, masks.lanes))
+        )
+
+
+def about_lanes(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> Float[Array, "b n f"]:
+    """Shifts from points of every lane toward points of other lanes, in the axes of the window, in units of a scale."""
+    others = mask[:, None] & ~jnp.eye(mask.shape[1], dtype=bool)[None]
+    told = []
+    for own, other in _PAIRED:
+        to = lanes[:, None, :, other] - lanes[:, :, None, own]
+        told += [_shift(to, _near(to, others, scale), scale) for scale in _SCALES["lanes"]]
+    return jnp.concatenate(told, -1)
+
+
+def about_agents(
+    agents: Float[Array, "b n p 2"], lanes: Float[Array, "b m r 2"], masks: Nodes
+) -> Float[Array, "b n f"]:
+    """Shifts from every agent toward the others and toward the nearest points of lanes, with the lanes' directions."""
+    others = masks.agents[:, None] & ~jnp.eye(masks.agents.shape[1], dtype=bool)[None]
+    centre = agents[:, :, 0]
+    to = centre[:, None] - centre[:, :, None]
+    told = [_shift(to, _near(to, others, scale), scale) for scale in _SCALES["agents"]]
+
+    start, along = (x.reshape(len(lanes), 1, -1, 2) for x in (lanes[:, :, :-1], lanes[:, :, 1:] - lanes[:, :, :-1]))
+    from_start = centre[:, :, None] - start
+    square = jnp.square(along).sum(-1) + _SHORT**2
+    foot = jnp.clip((from_start * along).sum(-1) / square, 0, 1)[..., None] * along
+    to = foot - from_start
+    direction = jnp.broadcast_to(along * jax.lax.rsqrt(square)[..., None], to.shape)
+    segments = jnp.repeat(masks.lanes, lanes.shape[2] - 1, -1)[:, None]
+    for scale in _SCALES["on lane"]:
+        near = _near(to, segments, scale)
+        told += [_shift(to, near, scale), _mean(direction, near)]
+    return jnp.concatenate(told, -1)
+
+
+def _near(to: Float[Array, "b n m 2"], mask: Bool[Array, "b n_or_1 m"], scale: float) -> Float[Array, "b n m"]:
+    """1 at no distance, falling as a Gaussian of standard deviation ``scale``; 0 where masked."""
+    return jnp.where(mask, jnp.exp(-0.5 * jnp.square(to / scale).sum(-1)), 0.0)
+
+
+def _shift(to: Float[Array, "b n m 2"], near: Float[Array, "b n m"], scale: float) -> Float[Array, "b n 3"]:
+    total = near.sum(-1, keepdims=True)
+    return jnp.concatenate([_mean(to / scale, near), total / (1 + total)], -1)
+
+
+def _mean(values: Float[Array, "b n m 2"], near: Float[Array, "b n m"]) -> Float[Array, "b n 2"]:
+    return (near[..., None] * values).sum(2) / (near.sum(-1, keepdims=True) + _LEAST)

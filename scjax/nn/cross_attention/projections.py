@@ -1,0 +1,93 @@
+"""The projections that all softmax mechanisms share: q, k, v, out, and layer norms of full width on q and k.
+
+Their parameters have the same names everywhere, so that a model with ``full`` attention starts any other
+(attention-variants §0, C7).
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from scjax.nn.attention import attend_heads, merge_heads, split_heads
+from scjax.nn.cpu.precision import Compute, matmul
+from scjax.nn.init import Draws
+from scjax.nn.layers import EPS, LayerNorm, Linear, centred
+from scjax.scene.pytree import pytree
+
+
+@pytree
+class Keys:
+    """Keys and values of context tokens, by head.
+
+    Attributes:
+      key: normalised, but before the norm's scale and offset; value: before its own offset. These are applied where
+        they cost less than on a long context.
+      mask: True at readable tokens.
+    """
+
+    key: Float[Array, "b h m d"]
+    value: Float[Array, "b h m d"]
+    mask: Bool[Array, "b m"]
+
+
+class Projections(nnx.Module):
+    """Base of the softmax mechanisms; ``inner`` is the width between the projections (default: ``width``)."""
+
+    def __init__(
+        self, width: int, heads: int, *, draws: Draws, compute: Compute = "float32", inner: int | None = None
+    ):  # fmt: skip
+        inner = inner or width
+        self.q, self.k, self.v = (Linear(width, inner, draws=draws, compute=compute) for _ in range(3))
+        self.out = Linear(inner, width, draws=draws, compute=compute)
+        self.q_norm, self.k_norm = LayerNorm(inner), LayerNorm(inner)
+        self.heads = heads
+
+    def project(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
+        """Keys and values. What stands at masked tokens is ignored."""
+        context = jnp.where(mask[..., None], context, 0)
+        assert self.k.bias is not None
+        kernels = jnp.concatenate([centred(self.k.kernel[...]), self.v.kernel[...]], 1)
+        flat = matmul(context.reshape(-1, context.shape[-1]), kernels, self.k.compute)
+        key, value = jnp.split(flat.reshape(*context.shape[:-1], -1), 2, -1)
+        key = key + centred(self.k.bias[...])[None, None]
+        key = key * jax.lax.rsqrt(jnp.square(key).mean(-1, keepdims=True) + EPS)
+        return Keys(key=split_heads(key, self.heads), value=split_heads(value, self.heads), mask=mask)
+
+    def query(self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"]) -> Float[Array, "b n inner"]:
+        """Normalised queries. What stands at masked tokens is ignored."""
+        return self.q_norm(self.q(jnp.where(x_mask[..., None], x, 0)))
+
+    def towards(self, query: Float[Array, "b n inner"]) -> Float[Array, "b h n d"]:
+        """The queries, by head, that give against ``Keys.key`` the logits of ``query`` against the real keys.
+
+        Of the norm's affine z s + t, the query takes s; t adds the same to all logits of a row.
+        """
+        return split_heads(query * self.k_norm.scale[...][None, None], self.heads)
+
+    def offset(self, attended: Float[Array, "b h n d"]) -> Float[Array, "b n inner"]:
+        """Heads joined, with the offset of the values: weights sum to one, so that it passes through.
+
+        (Rows that read nothing get it too; the mechanisms zero them after the output projection.)
+        """
+        assert self.v.bias is not None
+        return merge_heads(attended) + self.v.bias[...][None, None]
+
+    def read(
+        self,
+        query: Float[Array, "b n inner"],
+        keys: Keys,
+        mask: Bool[Array, "b q_or_1 m"] | Bool[Array, "b h q_or_1 m"] | None = None,
+    ) -> Float[Array, "b n inner"]:
+        """Attn(query, keys, values) where ``mask`` (default: every query may read every readable token)."""
+        mask = keys.mask[:, None] if mask is None else mask
+        return self.offset(attend_heads(self.towards(query), keys.key, keys.value, mask))
+
+    def real_keys(self, keys: Keys) -> Float[Array, "b h m d"]:
+        """The keys themselves, with the scale and offset of their norm."""
+        scale, offset = (
+            split_heads(part[...][None, None], self.heads) for part in (self.k_norm.scale, self.k_norm.bias)
+        )
+        return keys.key * scale + offset

@@ -1,0 +1,26 @@
+"""Set-up of JAX that every command does first: devices and the cache of compiled programs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+
+from scjax.nn.sharding import use_every_core
+
+
+def cache_folder() -> Path:
+    """Where scjax keeps downloads: $SCJAX_CACHE, else the user's cache folder."""
+    given = os.environ.get("SCJAX_CACHE")
+    if given:
+        return Path(given)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scjax"
+
+
+def start_jax() -> None:
+    """Uses all cores, and keeps compiled programs in the cache folder, for a fast second start."""
+    use_every_core()
+    if jax.config.values.get("jax_compilation_cache_dir") is None:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "programs"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)

@@ -1,0 +1,43 @@
+"""The scene types, their frames, files and repairs; imports nothing else of scjax."""
+
+from scjax.scene.scene import (
+    INVERSE_LINK,
+    MAX_AGENTS,
+    MAX_LANES,
+    POINTS_PER_LANE,
+    STATE_COLUMNS,
+    TILE_SIZE,
+    AgentType,
+    AnyArray,
+    Layout,
+    Link,
+    Scene,
+    Signal,
+    empty,
+    pad,
+    permute,
+    stack,
+    unpadded,
+    validate,
+)
+
+__all__ = [
+    "INVERSE_LINK",
+    "MAX_AGENTS",
+    "MAX_LANES",
+    "POINTS_PER_LANE",
+    "STATE_COLUMNS",
+    "TILE_SIZE",
+    "AgentType",
+    "AnyArray",
+    "Layout",
+    "Link",
+    "Scene",
+    "Signal",
+    "empty",
+    "pad",
+    "permute",
+    "stack",
+    "unpadded",
+    "validate",
+]

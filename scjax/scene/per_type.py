@@ -1,0 +1,26 @@
+"""The two-kind PyTree: whatever there is once for agents and once for lanes (latents, masks, noise, given flags)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import jax
+
+from scjax.scene.pytree import pytree
+
+
+@pytree
+class Nodes:
+    """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
+
+    agents: Any
+    lanes: Any
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Nodes: ...
+
+
+def generated(masks: Nodes, given: Nodes | None) -> Nodes:
+    """True at the tokens that are made: valid and not given."""
+    return masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)

@@ -1,0 +1,263 @@
+"""The one scene type: a driving scene, or a batch of scenes, as padded and masked arrays in SI units.
+
+Everything that makes, trains on, draws or exports scenes speaks this type. Frame: x forward, y left, z up, the ego
+(agent 0) at the origin facing +x. A batch is a scene with leading axes; padding is all zeros, never read.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from scjax.scene.pytree import pytree
+
+AnyArray = Array | np.ndarray  # on a device or on the host
+
+STATE_COLUMNS = ("x", "y", "z", "speed", "cos", "sin", "length", "width", "height")
+POINTS_PER_LANE = 20
+MAX_LANES = 100
+MAX_AGENTS = 61
+TILE_SIZE = 64.0  # metres, edge of the square window
+
+
+class AgentType(enum.IntEnum):
+    VEHICLE = 0
+    PEDESTRIAN = 1
+    CYCLIST = 2
+    STATIC = 3
+
+
+class Signal(enum.IntEnum):
+    """State of the signal that controls a lane. UNKNOWN also stands for "no signal": sources rarely tell them apart."""
+
+    UNKNOWN = 0
+    GO = 1
+    CAUTION = 2
+    STOP = 3
+
+
+class Link(enum.IntEnum):
+    """Relation of lane i to lane j in ``links[i, j]``: PREDECESSOR means traffic flows from i into j."""
+
+    NONE = 0
+    PREDECESSOR = 1
+    SUCCESSOR = 2
+    LEFT = 3
+    RIGHT = 4
+    SELF = 5
+
+
+INVERSE_LINK = np.array([Link.NONE, Link.SUCCESSOR, Link.PREDECESSOR, Link.RIGHT, Link.LEFT, Link.SELF], np.int32)
+
+
+class Layout(enum.IntEnum):
+    """Which window of the world a scene shows (official-spec §1.5)."""
+
+    CENTRED = 0  # |x|, |y| <= 32 m: F_P of the paper
+    PARTITIONED = 1  # the same window, every lane cut at x = 0: for completion and outpainting
+    FORWARD = 2  # 0 <= x <= 64 m, |y| <= 32 m: F_I of the paper
+
+
+@pytree
+class Scene:
+    """A scene, or a batch of scenes with leading axes ``*b``.
+
+    Attributes:
+      agents: box centre x, y, z [m], speed [m/s], cos and sin of the heading, length, width, height [m].
+      agent_types: ``AgentType``.
+      agent_mask: True for real agents; agent 0 is the ego.
+      agent_known: False where the source did not record the value and a fill (0, class mean) stands in its place.
+      lanes: centrelines in driving direction, equally spaced in xy arc length [m]; z above the ground under the ego.
+      lane_mask: True for real lanes.
+      lane_known: as ``agent_known``, for x, y, z of the whole lane.
+      signals: ``Signal`` of each lane.
+      links: ``Link`` of lane i (row) to lane j (column); SELF on the diagonal of real lanes.
+      layout: ``Layout``.
+      domain: index of the data set or city in the model's list of domains.
+    """
+
+    agents: Float[AnyArray, "*b agents 9"]
+    agent_types: Int[AnyArray, "*b agents"]
+    agent_mask: Bool[AnyArray, "*b agents"]
+    agent_known: Bool[AnyArray, "*b agents 9"]
+    lanes: Float[AnyArray, "*b lanes points 3"]
+    lane_mask: Bool[AnyArray, "*b lanes"]
+    lane_known: Bool[AnyArray, "*b lanes 3"]
+    signals: Int[AnyArray, "*b lanes"]
+    links: Int[AnyArray, "*b lanes lanes"]
+    layout: Int[AnyArray, "*b"]
+    domain: Int[AnyArray, "*b"]
+
+    if TYPE_CHECKING:
+
+        def replace(self, **changes: Any) -> Scene: ...
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes ``*b``; ``()`` for a single scene."""
+        return tuple(self.agent_mask.shape[:-1])
+
+    @property
+    def num_agents(self) -> Array | np.ndarray | np.integer:
+        """Real agents, [*b], ego included."""
+        return self.agent_mask.sum(-1)
+
+    @property
+    def num_lanes(self) -> Array | np.ndarray | np.integer:
+        """Real lanes, [*b]."""
+        return self.lane_mask.sum(-1)
+
+    def __getitem__(self, index) -> Scene:
+        """A scene, or a sub-batch, of a batch: ``scenes[0]``, ``scenes[3:7]``."""
+        if not self.batch_shape:
+            raise IndexError("this is a single scene, not a batch: there is nothing to index")
+        fields = {name: value[index] for name, value in self.to_dict().items()}
+        if isinstance(self.layout, np.ndarray):  # one element of a NumPy array is a scalar, no array any more
+            fields = {name: np.asarray(value) for name, value in fields.items()}
+        return self.replace(**fields)
+
+    def to_dict(self) -> dict[str, Array | np.ndarray]:
+        """Field name -> array, without copies."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    def to_numpy(self) -> Scene:
+        """The same scene on the host."""
+        return self.replace(**{name: np.asarray(value) for name, value in self.to_dict().items()})
+
+
+def empty(num_agents: int, num_lanes: int, *, layout: Layout = Layout.CENTRED, domain: int = 0) -> Scene:
+    """A NumPy scene of padding only, to be filled in: [num_agents], [num_lanes] slots, no batch axes."""
+    return Scene(
+        agents=np.zeros((num_agents, len(STATE_COLUMNS)), np.float32),
+        agent_types=np.zeros(num_agents, np.int32),
+        agent_mask=np.zeros(num_agents, bool),
+        agent_known=np.zeros((num_agents, len(STATE_COLUMNS)), bool),
+        lanes=np.zeros((num_lanes, POINTS_PER_LANE, 3), np.float32),
+        lane_mask=np.zeros(num_lanes, bool),
+        lane_known=np.zeros((num_lanes, 3), bool),
+        signals=np.zeros(num_lanes, np.int32),
+        links=np.zeros((num_lanes, num_lanes), np.int32),
+        layout=np.asarray(layout, np.int32),
+        domain=np.asarray(domain, np.int32),
+    )
+
+
+def pad(scene: Scene, num_agents: int, num_lanes: int) -> Scene:
+    """``scene`` (NumPy, any batch axes) with its agent and lane axes grown to the given sizes.
+
+    Raises:
+      ValueError: if the scene has more slots than that; masked slots are not dropped silently.
+    """
+    grow_agents, grow_lanes = num_agents - scene.agent_mask.shape[-1], num_lanes - scene.lane_mask.shape[-1]
+    if grow_agents < 0 or grow_lanes < 0:
+        raise ValueError(
+            f"cannot pad a scene of {scene.agent_mask.shape[-1]} agent and {scene.lane_mask.shape[-1]} lane slots "
+            f"to {num_agents} and {num_lanes}: choose larger sizes or crop the scene first"
+        )
+    lead = [(0, 0)] * len(scene.batch_shape)
+    agents, lanes = [*lead, (0, grow_agents)], [*lead, (0, grow_lanes)]
+    widths = {
+        "agents": [*agents, (0, 0)], "agent_types": agents, "agent_mask": agents, "agent_known": [*agents, (0, 0)],
+        "lanes": [*lanes, (0, 0), (0, 0)], "lane_mask": lanes, "lane_known": [*lanes, (0, 0)],
+        "signals": lanes, "links": [*lanes, (0, grow_lanes)], "layout": lead, "domain": lead,
+    }  # fmt: skip
+    # np.pad refuses the empty widths of the scalars layout and domain.
+    padded = {name: np.pad(np.asarray(getattr(scene, name)), width) for name, width in widths.items() if width}
+    return scene.replace(**padded)
+
+
+def permute(scene: Scene, agents: np.ndarray, lanes: np.ndarray) -> Scene:
+    """Row i of the result is row ``agents[i]`` / ``lanes[i]`` of one NumPy scene (also selects and repeats rows)."""
+    return scene.replace(
+        agents=scene.agents[agents], agent_types=scene.agent_types[agents], agent_mask=scene.agent_mask[agents],
+        agent_known=scene.agent_known[agents], lanes=scene.lanes[lanes], lane_mask=scene.lane_mask[lanes],
+        lane_known=scene.lane_known[lanes], signals=scene.signals[lanes], links=scene.links[np.ix_(lanes, lanes)],
+    )  # fmt: skip
+
+
+def unpadded(scene: Scene) -> Scene:
+    """One NumPy scene without its padding."""
+    return permute(scene, np.flatnonzero(scene.agent_mask), np.flatnonzero(scene.lane_mask))
+
+
+def stack(scenes: Sequence[Scene], slots: tuple[int, int] | None = None) -> Scene:
+    """Single NumPy scenes as one batch [len(scenes)], padded to ``slots`` (agents, lanes) or to the largest of them.
+
+    Raises:
+      ValueError: on an empty list, or a scene with more slots than that.
+    """
+    if not scenes:
+        raise ValueError("cannot stack an empty list of scenes: give at least one")
+    largest = tuple(max(getattr(scene, name).shape[-1] for scene in scenes) for name in ("agent_mask", "lane_mask"))
+    agents, lanes = slots or largest
+    if agents < largest[0] or lanes < largest[1]:
+        raise ValueError(
+            f"cannot stack scenes of up to {largest[0]} agent and {largest[1]} lane slots in {agents} and {lanes}: "
+            "choose larger sizes or crop the scenes first"
+        )
+    batch = {}
+    for name in scenes[0].to_dict():
+        parts = [np.asarray(getattr(scene, name)) for scene in scenes]
+        rows = agents if name.startswith("agent") else lanes
+        shape = (lanes, lanes) if name == "links" else (rows, *parts[0].shape[1:]) if parts[0].ndim else ()
+        # Filled in place: growing the scenes one by one took a fifth of a training step.
+        batch[name] = np.zeros((len(scenes), *shape), np.result_type(*parts))
+        for row, part in enumerate(parts):
+            batch[name][(row, *map(slice, part.shape))] = part
+    return Scene(**batch)
+
+
+def validate(scene: Scene) -> Scene:
+    """``scene`` itself, if every invariant of the type holds (host-side check, any batch axes).
+
+    Raises:
+      ValueError: that names the first field at fault, what is wrong and how to mend it.
+    """
+    host = scene.to_numpy()
+    lead, num_agents, num_lanes = host.batch_shape, host.agent_mask.shape[-1], host.lane_mask.shape[-1]
+    expected = {
+        "agents": (*lead, num_agents, 9), "agent_types": (*lead, num_agents), "agent_known": (*lead, num_agents, 9),
+        "lanes": (*lead, num_lanes, *host.lanes.shape[-2:-1], 3), "lane_mask": (*lead, num_lanes),
+        "lane_known": (*lead, num_lanes, 3), "signals": (*lead, num_lanes), "links": (*lead, num_lanes, num_lanes),
+        "layout": lead, "domain": lead,
+    }  # fmt: skip
+    for name, shape in expected.items():
+        if getattr(host, name).shape != shape:
+            raise ValueError(
+                f"{name} has shape {getattr(host, name).shape}, but agent_mask {host.agent_mask.shape} and lane_mask "
+                f"{host.lane_mask.shape} call for {shape}"
+            )
+    for name, mask in (("agents", host.agent_mask), ("lanes", host.lane_mask)):
+        finite = np.isfinite(getattr(host, name)).all(axis=tuple(range(mask.ndim, getattr(host, name).ndim)))
+        if (mask & ~finite).any():
+            where = tuple(int(i) for i in np.argwhere(mask & ~finite)[0])
+            raise ValueError(f"{name}{list(where)} holds NaN or infinity: fill the value and clear its known flag")
+    sizes = host.agents[..., 6:9][host.agent_mask]
+    if (sizes <= 0).any():
+        raise ValueError("agents have a length, width or height of 0 m or less: fill it with the mean of its class")
+    norm = np.hypot(host.agents[..., 4], host.agents[..., 5])[host.agent_mask]
+    if (np.abs(norm - 1) > 1e-2).any():
+        raise ValueError("cos and sin of a heading (agent columns 4 and 5) are not a unit vector: normalise them")
+    for name, mask, kinds in (
+        ("agent_types", host.agent_mask, AgentType),
+        ("signals", host.lane_mask, Signal),
+        ("links", host.lane_mask[..., :, None] & host.lane_mask[..., None, :], Link),
+        ("layout", np.ones(lead, bool), Layout),
+    ):
+        values = getattr(host, name)[mask]
+        if values.size and not (0 <= values.min() and values.max() < len(kinds)):
+            raise ValueError(f"{name} holds values outside 0..{len(kinds) - 1} ({kinds.__name__})")
+    pairs = host.lane_mask[..., :, None] & host.lane_mask[..., None, :]
+    transposed = np.swapaxes(host.links, -1, -2)
+    diagonal = np.broadcast_to(np.eye(num_lanes, dtype=bool), pairs.shape)
+    if (host.links[pairs & diagonal] != Link.SELF).any() or (host.links[pairs & ~diagonal] == Link.SELF).any():
+        raise ValueError("links must be SELF exactly on the diagonal of real lanes")
+    # Two lanes may be each other's predecessor (a ring of two): then the pair reads PREDECESSOR both ways.
+    ring = (host.links == Link.PREDECESSOR) & (transposed == Link.PREDECESSOR)
+    if ((INVERSE_LINK[host.links.clip(0, 5)] != transposed) & pairs & ~ring).any():
+        raise ValueError("links[i, j] and links[j, i] disagree: the inverse of predecessor is successor, of left right")
+    return scene

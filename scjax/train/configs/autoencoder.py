@@ -1,0 +1,85 @@
+"""Stage 1, the vectorized autoencoder (official-spec §2).
+
+    python -m scjax.data build SCENES runs/records
+    python -m experiments.train --config=scjax/train/configs/autoencoder.py:small --workdir=runs/autoencoder \
+        --config.records=runs/records
+
+tiny: minutes on two cores, for tests and the README. small: an hour on two cores. base, official: GPUs; ``official``
+is the released architecture and recipe on its own types (official-spec §2.6).
+Expected numbers of recorded runs: experiments/results/.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import ml_collections
+
+from scjax.models.autoencoder import config as sizes
+from scjax.models.autoencoder.loss import OFFICIAL_WEIGHTS
+
+VARIANTS = {
+    #            batch  steps    learning rate
+    "tiny": (16, 700, 2e-3),
+    "small": (32, 30_000, 1e-3),
+    "base": (64, 200_000, 3e-4),
+    "official": (128, 357_450, 1e-4),
+}
+
+
+def get_config(variant: str = "small") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of autoencoder.py: choose one of {', '.join(VARIANTS)}")
+    batch_size, steps, learning_rate = VARIANTS[variant]
+    official = variant == "official"
+    config = ml_collections.ConfigDict()
+    config.stage = "autoencoder"
+    config.records = "runs/records"  # folder made by python -m scjax.data build
+    config.representation = "official_nuplan" if official else "scjax"
+    config.start = ""  # model folder of an autoencoder to begin with; "shipped": the package's
+    config.seed = 0
+    config.steps = steps
+    config.model = dataclasses.asdict(getattr(sizes, variant)())
+    config.batch = {
+        "batch_size": batch_size,
+        "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
+        "layouts": (1.0, 1.0, 1.0),  # centred, partitioned, forward
+        "jitter_position": 0.0 if official else 2.0,  # m
+        "jitter_heading": 0.0 if official else 10.0,  # degrees
+        "order": "shuffle",
+        "seed": 0,
+        "workers": 1,
+    }
+    config.optimiser = {
+        "kind": "adamw",  # or "muon": fewer steps, each somewhat dearer (experiments/results/real_small)
+        "learning_rate": learning_rate,
+        "warmup": 1000 if official else min(500, steps // 10),
+        "schedule": "linear",  # to zero at the last step
+        "weight_decay": 1e-4,
+        "clip": 10.0,  # global gradient norm
+    }
+    config.ema_decay = 0.999
+    config.loss = {
+        # Against the same KL weight, agents weighted like lanes come back to decimetres instead of metres. Joints close
+        # only once lanes are about right: a young network (tiny stays one) bends all ends towards each other instead.
+        # The recorded runs weighed them from step 9,000 or 2,500 on. Steps keep decoded lanes from trembling.
+        "weights": dataclasses.asdict(OFFICIAL_WEIGHTS)
+        | (
+            {}
+            if official
+            else {"agent_states": 10.0, "lane_joints": 0.0 if variant == "tiny" else 10.0, "lane_steps": 20.0}
+        ),
+        "balanced_links": not official,
+        "official_lane_count": official,
+        # Agents and lanes of a scene that weighs 1: in the total, coordinates of crowded scenes then weigh more, and
+        # every element the same. (): every scene the same.
+        "typical_counts": (),
+    }
+    config.log_every = 50
+    config.evaluate_every = max(steps // 10, 1)
+    config.picture_every = max(steps // 5, 1)  # 0: never, as above
+    config.checkpoint_every = max(min(steps // 10, 1000), 1)
+    config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
+    config.tensorboard = True
+    return config

@@ -1,0 +1,49 @@
+"""Stage 3, counts from a prompt (f_count), on captioned and embedded records; some minutes on two cores.
+
+    python -m experiments.train --config=scjax/train/configs/counts.py:small --workdir=runs/counter \
+        --config.records=runs/records --config.denoiser=runs/text/model
+"""
+
+from __future__ import annotations
+
+import ml_collections
+
+VARIANTS = {"tiny": (32, 300), "small": (64, 4000)}  # batch, steps
+
+
+def get_config(variant: str = "small") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of counter.py: choose one of {', '.join(VARIANTS)}")
+    batch_size, steps = VARIANTS[variant]
+    config = ml_collections.ConfigDict()
+    config.stage = "counter"
+    config.records = "runs/records"  # captioned and embedded
+    config.denoiser = "runs/text/model"  # model folder that the network is added to
+    config.seed = 0
+    config.steps = steps
+    config.model = {"width": 128, "queries": 4, "heads": 4}
+    config.batch = {
+        "batch_size": batch_size,
+        "buckets": ((61, 100),),  # (agent, lane) slots
+        "layouts": (1.0, 0.0, 0.0),  # captions describe centred windows
+        "jitter_position": 0.5,  # m
+        "jitter_heading": 2.0,  # degrees
+        "order": "shuffle",
+        "text_slots": 96,
+        "seed": 0,
+        "workers": 1,
+    }
+    config.optimiser = {
+        "kind": "adamw",  # or "muon"
+        "learning_rate": 1e-3, "warmup": 100, "schedule": "linear", "weight_decay": 1e-3, "clip": 10.0
+    }  # fmt: skip
+    config.domain_dropout = 0.3  # share of examples without a domain
+    config.ema_decay = 0.995
+    config.log_every = 50
+    config.evaluate_every = max(steps // 10, 1)
+    config.picture_every = 0
+    config.checkpoint_every = max(min(steps // 10, 1000), 1)
+    config.export_at = ()
+    config.tensorboard = True
+    return config

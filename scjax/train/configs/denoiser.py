@@ -1,0 +1,97 @@
+"""Stage 2, the latent denoiser (official-spec §4-6) on a trained autoencoder.
+
+    python -m experiments.train --config=scjax/train/configs/denoiser.py:small --workdir=runs/denoiser \
+        --config.records=runs/records --config.autoencoder=runs/autoencoder/model
+
+Variants as in autoencoder.py. Expected numbers of recorded runs: experiments/results/.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import ml_collections
+
+from scjax.models.denoiser import config as sizes
+from scjax.nn.cross_attention import OPTIONS
+
+VARIANTS = {
+    #            batch  steps    learning rate  EMA decay
+    "tiny": (16, 900, 2e-3, 0.995),
+    "small": (32, 60_000, 5e-4, 0.9995),
+    "base": (64, 200_000, 2e-4, 0.9999),
+    "official": (256, 500_000, 5e-5, 0.9999),
+}
+
+
+def size_fields(model: sizes.DenoiserConfig) -> dict:
+    """All fields but ``control``, whose options depend on its name."""
+    return {name: value for name, value in dataclasses.asdict(model).items() if name != "control"}
+
+
+def control_options() -> dict[str, dict]:
+    """The default options of every conditioning mechanism that has any; only those of ``config.control`` are used."""
+    options = {name: dataclasses.asdict(kind()) for name, kind in OPTIONS.items()}
+    return {name: fields for name, fields in options.items() if fields}
+
+
+def get_config(variant: str = "small") -> ml_collections.ConfigDict:
+    """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
+    if variant not in VARIANTS:
+        raise ValueError(f"unknown variant {variant!r} of denoiser.py: choose one of {', '.join(VARIANTS)}")
+    batch_size, steps, learning_rate, ema_decay = VARIANTS[variant]
+    official = variant == "official"
+    config = ml_collections.ConfigDict()
+    config.stage = "denoiser"
+    config.records = "runs/records"  # folder made by python -m scjax.data build
+    config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
+    # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
+    # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
+    config.condition = "none"
+    # Model folder of a denoiser to begin with, e.g. the unconditional base of a text model; "shipped": the package's.
+    config.start = ""
+    config.freeze = False  # whether the parameters that it gives stay as they are
+    config.seed = 0
+    config.steps = steps
+    config.model = size_fields(getattr(sizes, variant)())
+    config.control = "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
+    config.control_options = control_options()  # --config.control_options.windowed.window=16
+    config.batch = {
+        "batch_size": batch_size,
+        "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
+        "layouts": (1.0, 1.0, 1.0) if official else (3.0, 1.0, 1.0),  # centred, partitioned, forward
+        "jitter_position": 0.0 if official else 2.0,  # m
+        "jitter_heading": 0.0 if official else 10.0,  # degrees
+        "order": "recursive",
+        "seed": 0,
+        "text_slots": 96,  # tokens of a caption at most
+        "workers": 1,
+    }
+    config.optimiser = {
+        "kind": "adamw",  # or "muon" (scjax/train/muon.py)
+        "learning_rate": learning_rate,
+        "warmup": 500,
+        "schedule": "constant" if official else "linear",  # linear: to zero at the last step
+        "weight_decay": 1e-5,
+        "clip": 10.0,  # global gradient norm
+    }
+    config.ema_decay = ema_decay
+    config.loss = {
+        "times": "uniform",  # or "logit-normal": mostly times in the middle
+        "continuous_times": False,  # also between the timesteps; needs config.model.prediction=flow
+        "label_dropout": 0.1,
+        "condition_dropout": 0.1,
+        "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
+        "count_given": official,  # whether given tokens stay in the loss mean
+        "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
+        # Weights of errors in metres of the decoded estimate: joints of lanes, offsets of agents from their lane.
+        "joints": 0.0,
+        "offsets": 0.0,
+    }
+    config.log_every = 50
+    config.evaluate_every = max(steps // 20, 1)
+    config.picture_every = max(steps // 5, 1)  # 0: never, as above
+    config.checkpoint_every = max(min(steps // 10, 1000), 1)
+    config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
+    config.tensorboard = True
+    return config

@@ -1,0 +1,242 @@
+"""Stage 2: the latent denoiser, trained on a frozen autoencoder that encodes every batch anew."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scjax.camera.raycast import CLASSES, GRID
+from scjax.data.build import load_manifest
+from scjax.data.caption_features import TextStore
+from scjax.data.loader import Example, batch_of, captioned, pictured, training_batches, validation_scenes
+from scjax.diffusion.energies.collision import collision_penalty, noise_weight
+from scjax.diffusion.loss import LatentBatch, training_loss
+from scjax.diffusion.relation_loss import estimate_weight, joint_error, offset_error
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.diffusion.timestep_sampling import Times
+from scjax.generate.compiled import decode
+from scjax.generate.conditions import Condition
+from scjax.generate.model import Model, load
+from scjax.generate.sample import sample_many
+from scjax.models.autoencoder.loss import reparameterise
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.codec import Representation
+from scjax.models.counts.prior import count_table
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
+from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
+from scjax.models.denoiser.model import denoiser
+from scjax.nn.cross_attention import ControlOptions, named
+from scjax.nn.functional import Params, flatten, unflatten
+from scjax.scene import AgentType, Layout, Scene
+from scjax.scene.per_type import Nodes
+from scjax.train.fit_position_head import fit_anchors
+from scjax.train.flat_params import Packing
+from scjax.train.reporter import Reporter
+from scjax.train.step import Stage, TrainState, initial, optimiser_of, pipeline_config, training_step
+from scjax.train.warm_start import denoiser_base, model_at, started
+from scjax.viz import grid
+
+_PICTURED = 8
+_VALIDATION_DRAWS = 4  # times and noises a validation scene
+
+
+def build(config) -> Stage:
+    """The stage's functions from its resolved config."""
+    frozen = load(config.autoencoder)
+    representation, coder = frozen.representation, autoencoder(frozen.autoencoder_config)
+    manifest = load_manifest(config.records)
+    fields = config.model.to_dict()
+    texts, images = _texts(config), config.condition == "image"
+    fields |= {
+        "condition": ImageCondition(len(CLASSES), GRID, patch=1) if images else texts and TextCondition(texts.width),
+        "control": _control(config),
+        "lane_latent": frozen.autoencoder_config.lane_latent,
+        "agent_latent": frozen.autoencoder_config.agent_latent,
+        "domains": max(len(manifest["domains"]), 1),
+    }
+    model = DenoiserConfig(**fields)
+    network = denoiser(model)
+    base = _base(config, frozen.autoencoder, manifest["domains"])
+    shapes = jax.eval_shape(network.init, jax.random.key(0))
+    kept = frozenset(flatten(base)) if config.freeze else frozenset()
+    if model.hints:  # what reads the autoencoder's latents is fitted once
+        kept |= {path for path in flatten(shapes) if path[0] == "anchors"}
+    packing = Packing.of(shapes, kept)
+    optimiser = optimiser_of(config, packing)
+    schedule = cosine_schedule()
+    loss = config.loss
+    times = Times(draw=loss.times, continuous=loss.continuous_times)
+    validation = validation_examples(config, representation)
+    bucket = config.batch.buckets[-1]
+    # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
+    coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
+
+    def init(key: jax.Array) -> TrainState:
+        return initial(started(network.init(key), base), packing, optimiser)
+
+    @jax.jit
+    def means(scene) -> Nodes:
+        return frozen.latents.normalise(coder.apply(coder_params, representation.tokens(scene), method="encode").mean)
+
+    def prepare(state: TrainState) -> TrainState:
+        if not model.hints or "anchors" in base:
+            return state
+        batches = training_batches(config.records, representation, pipeline_config(config.batch.to_dict()))
+        fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))
+        params, ema = (packing.unpack(jax.device_get(x)) | {"anchors": fitted} for x in (state.params, state.ema))
+        return state.replace(params=packing.pack(params), ema=packing.pack(ema))
+
+    def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
+        tokens = representation.tokens(batch.scene)
+        posterior = coder.apply(coder_params, tokens, method="encode")
+        latents = reparameterise(jax.random.fold_in(key, 0), posterior)
+        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        all_lanes = jax.random.bernoulli(jax.random.fold_in(key, 1), loss.lanes_given, tokens.layout.shape)
+        given = Nodes(agents=tokens.agent_before, lanes=tokens.lane_before | (all_lanes[:, None] & tokens.lane_mask))
+        return LatentBatch(
+            latents=frozen.latents.normalise(latents), masks=masks, given=given,
+            label=model.domains * tokens.layout + tokens.domain,
+            condition=condition_features(batch),
+        )  # fmt: skip
+
+    def penalty_of(masks: Nodes, scene):
+        vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
+
+        def penalty(estimate: Nodes, level):
+            latents = frozen.latents.denormalise(estimate)
+            made, _ = decode(coder, coder_params, representation, latents, masks, scene.layout, scene.domain)
+            total = jnp.zeros(len(scene.layout))
+            if loss.collision:
+                total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
+            if loss.joints:
+                total += loss.joints * estimate_weight(level) * joint_error(made, scene)
+            if loss.offsets:
+                total += loss.offsets * estimate_weight(level) * offset_error(made, scene)
+            return total
+
+        return penalty if loss.collision or loss.joints or loss.offsets else None
+
+    def objective(params, example: Example, key):
+        batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
+        return training_loss(
+            network, held(params, kept), schedule, batch, key, null_label=model.null_label,
+            prediction=model.prediction, times=times, label_dropout=loss.label_dropout,
+            condition_dropout=loss.condition_dropout, count_given=loss.count_given,
+            penalty=penalty_of(batch.masks, example.scene),
+        )  # fmt: skip
+
+    def as_model(state: TrainState, notes: dict | None = None) -> Model:
+        return dataclasses.replace(
+            frozen, denoiser=packing.unpack(jax.device_get(state.ema)), denoiser_config=model,
+            domains=tuple(manifest["domains"]), counts=_counts(manifest, model),
+            text_encoder="" if texts is None else texts.encoder, notes=notes or {},
+        )  # fmt: skip
+
+    @jax.jit
+    def validation_loss(params, example, key):
+        return objective(params, example, key)[1]
+
+    def evaluate(state: TrainState) -> dict[str, float]:
+        size, totals, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
+        for draw in range(_VALIDATION_DRAWS):
+            for start in range(0, len(validation) - len(validation) % size or len(validation), size):
+                examples = batch_of(validation[start : start + size], bucket)
+                key = jax.random.fold_in(jax.random.key(2), draw * len(validation) + start)
+                totals.append(jax.device_get(validation_loss(params, examples, key)))
+        return {name: float(np.mean([terms[name] for terms in totals])) for name in totals[0]}
+
+    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
+        chosen = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
+        real, conditions = [example.scene for example in chosen], [_like(example) for example in chosen]
+        made = sample_many(jax.random.key(3), conditions, model=as_model(state))
+        titles = [f"{kind} {i}" for i in range(len(real)) for kind in ("recorded", "sampled")]
+        pairs = [scene for pair in zip(real, made, strict=True) for scene in pair]
+        grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "samples"))
+
+    def export(state: TrainState, resolved: dict) -> Model:
+        notes = {"stage": "denoiser", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
+        notes |= {"images": "scjax.camera.raycast"} if images else {}
+        return as_model(state, {**notes, "autoencoder": frozen.notes})
+
+    step = training_step(
+        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+    )
+    return Stage(representation, init, step, evaluate, pictures, export, texts, images, prepare)
+
+
+def condition_features(batch: Example) -> ConditionFeatures | None:
+    """What the network reads of a batch besides its scenes; None where that is nothing."""
+    if batch.tokens is not None and batch.token_mask is not None:
+        return TextFeatures(tokens=jnp.asarray(batch.tokens, jnp.float32), mask=batch.token_mask)
+    if batch.image is not None and batch.depth is not None:
+        return ImageFeatures(dino=batch.image, depth=batch.depth, present=batch.has_image)
+    return None
+
+
+def held(params: Params, kept: frozenset) -> Params:
+    """``params`` whose leaves at paths in ``kept`` get no gradient, which spares its computation."""
+    leaves = flatten(params)
+    return unflatten({path: jax.lax.stop_gradient(leaf) if path in kept else leaf for path, leaf in leaves.items()})
+
+
+def _base(config, autoencoder: Params, domains: Sequence[str]) -> Params:
+    """Parameters to begin with; nothing without ``config.start``."""
+    if config.start:
+        return denoiser_base(model_at(config.start), autoencoder, domains)
+    if config.freeze:
+        raise ValueError("config.freeze keeps the parameters of a base as they are: name its folder in config.start")
+    return {}
+
+
+def _control(config) -> ControlOptions:
+    """The conditioning mechanism that the config names, with its options."""
+    options = config.control_options
+    return named(config.control, **(options[config.control].to_dict() if config.control in options else {}))
+
+
+def _texts(config) -> TextStore | None:
+    if config.condition not in ("none", "text", "image"):
+        raise ValueError(f'config.condition is {config.condition!r}: choose "none", "text" or "image"')
+    return TextStore(config.records, "train") if config.condition == "text" else None
+
+
+def validation_examples(config, representation: Representation) -> list[Example]:
+    """Held-back scenes of ``config.records``, cut to the largest bucket as training scenes are: centred ones, with
+    the first caption of each, or those ahead, with what stands in for their images."""
+    layout = Layout.FORWARD if config.condition == "image" else Layout.CENTRED
+    scenes = validation_scenes(config.records, representation, layout=layout, bucket=tuple(config.batch.buckets[-1]))
+    if config.condition == "text":
+        return with_captions(config, scenes)
+    return [pictured(scene) if config.condition == "image" else Example(scene=scene) for scene in scenes]
+
+
+def with_captions(config, scenes: Sequence[Scene]) -> list[Example]:
+    """The held-back scenes of ``config.records``, in record order, each with the first of its captions."""
+    store = TextStore(config.records, "val")
+    return [
+        captioned(scene, store.features(int(store.texts_of(row)[0])), config.batch.text_slots)
+        for row, scene in enumerate(scenes)
+    ]
+
+
+def _like(example: Example) -> Condition:
+    """Counts, domain, layout and caption or image of a scene."""
+    scene = example.scene
+    tokens = None
+    if example.tokens is not None and example.token_mask is not None:
+        tokens = np.asarray(example.tokens[example.token_mask], np.float32)
+    return Condition(
+        num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain),
+        layout=Layout(int(scene.layout)), tokens=tokens, image=example.image, depth=example.depth,
+    )  # fmt: skip
+
+
+def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:
+    """The joint table of the training split, centred tiles standing in for the other layouts."""
+    counted = manifest["counts"]
+    rows = ((domain, Layout.CENTRED, lanes, agents) for domain, lanes, agents, n in counted for _ in range(n))
+    return count_table(rows, model.domains, max_lanes=model.max_lanes, max_agents=model.max_agents)

@@ -1,0 +1,101 @@
+"""Captions beside records: every record has one, files are whole, other people's files are read."""
+
+import gzip
+import json
+import shutil
+
+import pytest
+
+from scjax.data import records
+from scjax.data.__main__ import main
+from scjax.data.build import build
+from scjax.data.captions import read_captions, read_official
+from scjax.language.captioner import STYLES
+from scjax.language.facts import parse
+from scjax.synthetic.source import Worlds
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("captions")
+    build(Worlds(1, 4), made / "records")
+    assert main(["caption", str(made / "records"), "--paraphrases", "3"]) == 0
+    return made / "records"
+
+
+def test_every_record_has_its_facts_and_texts(folder):
+    tiles = records.source(folder, "train")
+    captions = list(read_captions(folder, "train"))
+    assert len(captions) == len(tiles)
+    for row in (0, len(tiles) // 2, len(tiles) - 1):
+        assert captions[row].facts == parse(records.sample_scene(records.decode(tiles[row])))
+        assert all(len(captions[row].texts[style]) == 3 for style in STYLES)
+    assert not list(folder.glob(".captions*"))
+
+
+def test_processes_write_what_one_writes(folder):
+    path = folder / "captions-train.jsonl.gz"
+    kept = path.read_bytes()
+    try:
+        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
+        assert gzip.decompress(path.read_bytes()) == gzip.decompress(kept)  # the fixture's are by two
+    finally:
+        path.write_bytes(kept)
+
+
+def test_all_facts_can_be_told(folder):
+    path = folder / "captions-train.jsonl.gz"
+    kept, some = path.read_bytes(), list(read_captions(folder, "train"))
+    try:
+        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0", "--drop", "0"]) == 0
+        every = list(read_captions(folder, "train"))
+    finally:
+        path.write_bytes(kept)
+    pairs = [(one.texts["long"], all_.texts["long"]) for one, all_ in zip(some, every, strict=True)]
+    assert all(len(more) >= len(less) for texts in pairs for less, more in zip(*texts, strict=True))
+    assert sum(less != more for texts in pairs for less, more in zip(*texts, strict=True)) > len(pairs)
+
+
+def test_records_that_were_built_anew_are_read_anew(tmp_path):
+    for seed in (1, 2):
+        shutil.rmtree(tmp_path / "records", ignore_errors=True)
+        build(Worlds(seed, 3), tmp_path / "records")
+        assert main(["caption", str(tmp_path / "records"), "--workers", "0"]) == 0
+        tiles = records.source(tmp_path / "records", "train")
+        for row, caption in enumerate(read_captions(tmp_path / "records", "train")):
+            assert caption.facts == parse(records.sample_scene(records.decode(tiles[row])))
+
+
+def test_captions_of_other_records_are_refused(folder, tmp_path):
+    path = folder / "captions-train.jsonl.gz"
+    kept = path.read_bytes()
+    lines = gzip.decompress(kept).decode().splitlines()
+    try:
+        path.write_bytes(gzip.compress("\n".join([json.dumps({"format": 1, "records": "x"}), *lines[1:]]).encode()))
+        with pytest.raises(ValueError, match="other records"):
+            next(read_captions(folder, "train"))
+    finally:
+        path.write_bytes(kept)
+    with pytest.raises(ValueError, match="is not there: run python"):
+        next(read_captions(folder, "nothing"))
+
+
+def test_the_command_names_mistakes(tmp_path, folder, capsys):
+    assert main(["caption", str(tmp_path)]) == 1 and "error: " in capsys.readouterr().err
+    assert main(["caption", str(folder), "--paraphrases", "0"]) == 1
+    assert "at least one text" in capsys.readouterr().err
+    assert main(["caption", str(folder), "--drop", "1.5"]) == 1 and "a probability" in capsys.readouterr().err
+    assert main(["caption", str(folder), "--workers", "-1"]) == 1
+    assert "0 or more processes" in capsys.readouterr().err
+
+
+def test_official_captions(tmp_path):
+    (tmp_path / "val").mkdir()
+    path = tmp_path / "val" / "log_7_0_captions.json"
+    path.write_text(json.dumps({"BEV": "The scene is a T-intersection.", "FRONT": "x"}))
+    assert read_official(tmp_path, "val", "log_7") == "The scene is a T-intersection."
+    assert read_official(tmp_path, "val", "log_8") is None
+    for content in ("{", "[]", '{"FRONT": 1}', '{"BEV": 3}'):
+        path.write_text(content)
+        with pytest.raises(ValueError, match="log_7_0_captions"):
+            read_official(tmp_path, "val", "log_7")

@@ -1,0 +1,131 @@
+"""The conditioning mechanisms at their smallest, scenes for them, and one compiled program each for all tests."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scjax.nn.cross_attention import ContextLayout, build, named
+from scjax.nn.functional import functional
+from tests.factories import golden
+
+WIDTH, HEADS = 8, 2
+QUERIES, KEYS = 6, 8
+TEXT = ContextLayout(kind="text")
+IMAGE = ContextLayout(kind="image", grid=(2, 2), modalities=2)
+
+_SAAP = {"buckets": 4, "probes": 2, "router_width": 5}
+_SQUEEZED = {"clusters": 3, "iterations": 3}
+CASES = {
+    "concat": (named("concat"), TEXT),
+    "full": (named("full"), TEXT),
+    "full memory": (named("full", memory_tokens=2), TEXT),
+    "gated": (named("gated", feed_forward=True), TEXT),
+    "linear": (named("linear"), TEXT),
+    "linear dwc": (named("linear", dwc="value", qk_norm=True), IMAGE),
+    "agent segment": (named("agent", tokens=3), TEXT),
+    "agent learned": (named("agent", tokens=3, pooling="learned"), TEXT),
+    "agent set": (named("agent", tokens=3, pooling="set"), TEXT),
+    "agent bias": (named("agent", tokens=3, grid_bias=True), IMAGE),
+    "saap": (named("saap", **_SAAP), TEXT),
+    "saap joint": (named("saap", mode="joint", form="gather", capacity=KEYS, **_SAAP), TEXT),
+    "windowed": (named("windowed", window=2), TEXT),
+    "windowed image": (named("windowed", window=1), IMAGE),
+    "windowed fa2": (named("windowed", window=2, alignment="fa2", form="gather"), TEXT),
+    "deformable text": (named("deformable", points=2), TEXT),
+    "deformable image": (named("deformable", points=2), IMAGE),
+    "squeezed": (named("squeezed", **_SQUEEZED), TEXT),
+    "squeezed top": (named("squeezed", rule="top", pool="none", form="gather", keep=0.5, **_SQUEEZED), TEXT),
+    "cross_global": (named("cross_global", latent_tokens=3), TEXT),
+}
+
+
+@functools.lru_cache
+def module(options, layout=TEXT, width=WIDTH, heads=HEADS, compute="float32"):
+    """The mechanism as pure functions."""
+    return functional(lambda draws: build(options, width, heads, layout, draws=draws, compute=compute))
+
+
+@functools.lru_cache
+def params_of(options, layout=TEXT, width=WIDTH, heads=HEADS):
+    """Every leaf random, so that no branch is idle, and the statistics as if they had been fitted."""
+    params = jax.device_get(module(options, layout, width, heads).init(jax.random.key(0)))
+    rng = np.random.default_rng(1)
+    params = jax.tree.map(lambda leaf: np.float64(leaf) + 0.4 * rng.normal(size=leaf.shape), params)
+    fitted = {"fitted": np.ones(1), "threshold": np.full(1, 0.9)}
+    return {**params, **{name: value for name, value in fitted.items() if name in params}}
+
+
+def apply(options, params, x, x_mask, context, mask, layout=TEXT, heads=HEADS, compute="float32"):
+    """y and aux: attend after encode."""
+    made = module(options, layout, x.shape[-1], heads, compute)
+    params, x, x_mask, context, mask = jax.tree.map(jnp.asarray, (params, x, x_mask, context, mask))
+    cache = made.apply(params, context, mask, method="encode")
+    return made.apply(params, x, x_mask, cache, method="attend")
+
+
+@functools.lru_cache
+def _compiled(options, **choices):
+    return golden.jit(functools.partial(apply, options, **choices))
+
+
+def call(options, *arguments, **choices):
+    """``apply``, compiled."""
+    return _compiled(options, **choices)(*arguments)
+
+
+@functools.cache
+def _program(case: str):
+    options, layout = CASES[case]
+    made = module(options, layout)
+
+    def loss(params, x, context, x_mask, mask):
+        cache = made.apply(params, context, mask, method="encode")
+        y, aux = made.apply(params, x, x_mask, cache, method="attend")
+        weight = jnp.cos(jnp.arange(WIDTH, dtype=y.dtype))[None, None]
+        return (jnp.sin(y) * weight).sum(), (y, aux)
+
+    return golden.jit(jax.value_and_grad(loss, (0, 1, 2), has_aux=True))
+
+
+def evaluate(case: str, x, x_mask, context, mask, params=None):
+    """In float64: (loss of y, y, aux), and the gradients of the loss by parameters, x and context."""
+    with jax.enable_x64(True):
+        params = params_of(*CASES[case]) if params is None else params
+        (loss, (y, aux)), gradients = jax.device_get(_program(case)(params, x, context, x_mask, mask))
+    return (float(loss), y, aux), gradients
+
+
+def scenes(layout=TEXT, seed=0):
+    """x, x_mask, context, mask of two scenes of different sizes, padding zero; an image's grids are equally full."""
+    rng = np.random.default_rng(seed)
+    x_mask = np.arange(QUERIES)[None] < np.array([[4], [5]])
+    parts = layout.modalities
+    cells = np.arange(KEYS // parts)[None] < np.array([[6], [4]]) // parts
+    mask = np.concatenate([cells] * parts, 1)
+    x, context = (rng.normal(size=(2, size, WIDTH)) for size in (QUERIES, KEYS))
+    return np.where(x_mask[..., None], x, 0), x_mask, np.where(mask[..., None], context, 0), mask
+
+
+def moved(array, mask, new_mask, fill):
+    """The rows of ``array`` at ``mask``, in order, at ``new_mask``; ``fill`` elsewhere."""
+    out = np.full_like(array, fill)
+    for row, old, new, source in zip(out, mask, new_mask, array, strict=True):
+        row[new] = source[old]
+    return out
+
+
+def scattered(mask, parts, seed):
+    """As many True entries in each of ``parts`` equal parts of a row, at random places."""
+    rng = np.random.default_rng(seed)
+    cells = mask.reshape(len(mask), parts, -1)
+    return rng.permuted(cells, axis=-1).reshape(mask.shape)
+
+
+def close(a, b, tolerance=1e-10):
+    """Asserts equality up to ``tolerance``, relative to the largest entry (at least 1)."""
+    a, b = np.asarray(a), np.asarray(b)
+    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance * max(1.0, np.abs(b).max(initial=0)))

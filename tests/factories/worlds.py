@@ -1,0 +1,56 @@
+"""Synthetic records and a tiny untrained model, made once a test session."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from scjax.data.build import build
+from scjax.data.readers.base import BuildOptions
+from scjax.generate.model import Model
+from scjax.models import codec as representation
+from scjax.models.autoencoder import config as autoencoder_sizes
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.counts.prior import count_table
+from scjax.models.denoiser import config as denoiser_sizes
+from scjax.models.denoiser.model import denoiser
+from scjax.models.latents import LatentStatistics
+from scjax.synthetic.source import Worlds
+
+# One block each: these tests are about what surrounds the networks, and compiling is what takes their time.
+AUTOENCODER = autoencoder_sizes.tiny(lane_width=8, lane_heads=2, lane_ff=8, agent_width=8, agent_heads=2, agent_ff=8,
+                                     edge_width=4, encoder_blocks=1, decoder_blocks=1)  # fmt: skip
+DENOISER = denoiser_sizes.tiny(lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
+
+
+def make_records(folder: Path, worlds: int = 6) -> Path:
+    """A record folder of synthetic worlds, with both splits."""
+    build(Worlds(0, worlds), folder / "records", BuildOptions(split_percent=34.0))
+    return folder / "records"
+
+
+@functools.cache
+def tiny_model(condition=None, **changes) -> Model:
+    """Random parameters; the count table knows two domains."""
+    config = dataclasses.replace(DENOISER, condition=condition, **changes)
+    rows = [(0, 0, 3, 2), (0, 0, 4, 3), (1, 0, 6, 5), (1, 2, 5, 4)]
+    return Model(
+        representation=representation.scjax(),
+        autoencoder=jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1))),
+        autoencoder_config=AUTOENCODER,
+        latents=LatentStatistics.identity(),
+        domains=("here", "there"),
+        denoiser=_stirred(jax.device_get(denoiser(config).init(jax.random.key(2)))),
+        denoiser_config=config,
+        counts=count_table(rows, 2),
+    )
+
+
+def _stirred(params):
+    """Every leaf random: fresh adaLN and output layers are zero, and a network of zeros would hide mistakes."""
+    rng = np.random.default_rng(0)
+    return jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape).astype(np.float32), params)

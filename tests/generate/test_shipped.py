@@ -1,0 +1,94 @@
+"""The model in the package: complete, of the synthetic world alone, within its bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import scjax
+from scjax.cli.demo import PROMPTS
+from scjax.data import records
+from scjax.data.token_order import arrange
+from scjax.diffusion.process import estimate_x0, q_sample
+from scjax.diffusion.schedule import cosine_schedule
+from scjax.generate.conditions import Condition
+from scjax.generate.encode import features_of
+from scjax.generate.model import SHIPPED
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.denoiser.model import denoiser
+from scjax.scene import Layout, stack
+from scjax.scene.per_type import Nodes
+from scjax.synthetic.domains import DOMAINS
+from tests.factories.worlds import make_records
+
+
+@pytest.fixture(scope="module")
+def model():
+    return scjax.load()
+
+
+def test_files_stay_small():
+    sizes = [path.stat().st_size / 1e6 for path in SHIPPED.iterdir()]
+    assert max(sizes) <= 16 and sum(sizes) <= 60
+
+
+def test_every_part_is_there_and_finite(model):
+    for part in (model.autoencoder, model.denoiser, model.counter):
+        assert part is not None and all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(part))
+    assert model.counts is not None and model.text_encoder
+
+
+def test_it_knows_the_synthetic_world_alone_and_says_so(model):
+    assert set(model.domains) <= {domain.name for domain in DOMAINS}
+    assert model.notes["data"] == "the synthetic world of scjax, nothing else"
+    assert (SHIPPED / "README.md").is_file()
+
+
+def test_the_demo_needs_no_encoder(model):
+    assert set(PROMPTS) <= set(model.prompts)
+    assert all(np.isfinite(features).all() for features in model.prompts.values())
+
+
+def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
+    """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
+    coder, config = autoencoder(model.autoencoder_config), model.denoiser_config
+    tiles = records.source(make_records(tmp_path), "train")
+    scenes = [arrange(records.sample_scene(records.decode(tile), Layout.CENTRED))[0] for tile in tiles]
+    scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
+    tokens = model.representation.tokens(stack(scenes, (16, 28)))
+    clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder)
+
+    # Every scene at every time, in one batch.
+    times = np.array([0, 2, 10, 30, 60, 99])
+    row, step = (part.ravel() for part in np.meshgrid(np.arange(len(scenes)), times))
+    masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+    clean, masks = jax.tree.map(lambda x: jnp.asarray(x)[row], (model.latents.normalise(clean), masks))
+    rng, level = np.random.default_rng(0), cosine_schedule().levels[step]
+    noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
+    prompts = list(model.prompts.values())
+    told = [Condition(tokens=prompts[i % len(prompts)]) for i in range(len(row))]
+    features, _ = features_of(told, config.condition)
+    label, nobody = jnp.zeros(len(row), jnp.int32), jnp.zeros(len(row), bool)
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def estimates(compute, params):
+        network = denoiser(dataclasses.replace(config, compute=compute))
+        caches = network.apply(params, features, nobody, method="encode_condition")
+        output = network.apply(params, noisy, level.time, label, masks, None, caches)
+        both = output, estimate_x0(level, noisy, output, config.prediction)
+        return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), both, (masks, masks))
+
+    def squares(x: Nodes) -> np.ndarray:
+        return np.stack([sum(np.square(np.asarray(part)[step == time]).sum() for part in jax.tree.leaves(x))
+                         for time in times])  # fmt: skip
+
+    for exact, rounded in zip(
+        *(estimates(compute, model.denoiser) for compute in ("float32", "bfloat16")), strict=True
+    ):
+        error = np.sqrt(squares(jax.tree.map(np.subtract, exact, rounded)) / squares(exact))
+        assert (error > 0).all() and (error < 0.02).all(), error

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from scjax.models.counts.predictor import CounterConfig, counter, counter_loss
+from scjax.models.denoiser.context import TextFeatures
+
+CONFIG = CounterConfig(text_width=6, domains=2, width=16, queries=2, heads=2, max_lanes=9, max_agents=7)
+
+
+def texts(seed=0, rows=3, slots=5) -> TextFeatures:
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, slots + 1, rows)
+    return TextFeatures(
+        tokens=jnp.asarray(rng.normal(size=(rows, slots, 6)), jnp.float32),
+        mask=jnp.arange(slots)[None] < lengths[:, None],
+    )
+
+
+@pytest.fixture(scope="module")
+def network():
+    made = counter(CONFIG)
+    return made, made.init(jax.random.key(1))
+
+
+def test_a_table_of_probabilities_without_empty_scenes(network):
+    made, params = network
+    shares = np.exp(made.apply(params, texts(), jnp.array([0, 1, 2])))
+    np.testing.assert_allclose(shares.sum((1, 2)), 1.0, atol=1e-5)
+    assert shares[:, 0].max() < 1e-6 and shares[:, :, 0].max() < 1e-6
+
+
+def test_padding_never_matters(network):
+    made, params = network
+    text = texts()
+    garbage = text.replace(tokens=jnp.where(text.mask[..., None], text.tokens, jnp.nan))
+    longer = text.replace(
+        tokens=jnp.pad(text.tokens, ((0, 0), (0, 4), (0, 0))), mask=jnp.pad(text.mask, ((0, 0), (0, 4)))
+    )
+    domain = jnp.zeros(3, int)
+    for other in (garbage, longer):
+        np.testing.assert_allclose(made.apply(params, other, domain), made.apply(params, text, domain), atol=1e-5)
+
+
+def test_learns_what_a_text_says(network):
+    """Token k stands for k lanes and 8 - k agents."""
+    made, params = network
+    numbers = jnp.arange(1, 7)
+    text = TextFeatures(tokens=jax.nn.one_hot(numbers - 1, 6)[:, None], mask=jnp.ones((6, 1), bool))
+    domain, optimiser = jnp.full(6, 2), optax.adam(1e-2)
+
+    @jax.jit
+    def step(params, moments):
+        (_, terms), gradient = jax.value_and_grad(
+            lambda p: counter_loss(made.apply(p, text, domain), numbers, 8 - numbers), has_aux=True
+        )(params)
+        updates, moments = optimiser.update(gradient, moments)
+        return optax.apply_updates(params, updates), moments, terms
+
+    moments = optimiser.init(params)
+    for _ in range(150):
+        params, moments, terms = step(params, moments)
+    assert float(terms["lanes_mae"]) < 0.2 and float(terms["agents_mae"]) < 0.2
+
+
+@pytest.mark.parametrize("change", [{"width": 0}, {"width": 15}])
+def test_bad_sizes(change):
+    with pytest.raises(ValueError, match=r"CounterConfig\.width"):
+        CounterConfig(**{"text_width": 4, "domains": 1, **change})

@@ -1,0 +1,61 @@
+"""Products and norms of many short rows equal the plain formulas, forward and backward, on every backend's path."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.nn.cpu import matmul as tall
+from scjax.nn.layers import EPS, centred
+
+
+def drawn(*shapes):
+    rng = np.random.default_rng(0)
+    return [jnp.asarray(rng.normal(size=shape), jnp.float32) for shape in shapes]
+
+
+def assert_same(found, wanted, arrays, g):
+    """The same values, and the same gradient for every argument."""
+
+    def both(function):
+        value, back = jax.vjp(function, *arrays)
+        return value, *back(g)
+
+    for one, other in zip(both(found), both(wanted), strict=True):
+        np.testing.assert_allclose(one, other, 1e-4, 1e-4)
+
+
+@pytest.fixture(params=["products", "sums"])
+def sums(request, monkeypatch):
+    monkeypatch.setattr(tall, "_products_sum", lambda: request.param == "products")
+
+
+@pytest.mark.parametrize("rows, features", [(512, 64), (1012, 64), (509, 64), (24, 64), (512, 128), (1000, 256)])
+def test_linear_maps_are_products_and_offsets(rows, features, sums):
+    x, w, b, g = drawn((rows, 64), (64, features), (features,), (rows, features))
+    assert_same(tall.linear, lambda x, w, b: x @ w + b[None], (x, w, b), g)
+
+
+def test_rows_are_normed_scaled_and_shifted(sums):
+    x, scale, offset, g = drawn((96, 64), (64,), (64,), (96, 64))
+
+    def plain(x, scale, offset):
+        x = centred(x)
+        return x / jnp.sqrt(x.var(1, keepdims=True) + EPS) * scale[None] + offset[None]
+
+    def found(x, scale, offset):
+        x = centred(x)
+        return tall.affine(x, tall.rstd(x, EPS), scale, offset)
+
+    assert_same(found, plain, (x, scale, offset), g)
+
+
+def test_a_given_factor_gets_its_gradient(sums):
+    arrays = drawn((40, 8), (40, 1), (8,), (8,))
+    (g,) = drawn((40, 8))
+    assert_same(tall.affine, lambda x, f, s, o: x * f * s[None] + o[None], arrays, g)
+
+
+@pytest.mark.parametrize("rows, groups", [(512, 4), (1012, 11), (509, 1), (24, 1), (160, 1), (161, 1), (162, 2)])
+def test_rows_are_grouped_evenly(rows, groups):
+    assert tall._groups(rows) == groups

@@ -1,0 +1,190 @@
+"""Where a mechanism must equal full attention with the same projections, or has a value that is known (§9)."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.nn.cross_attention import ContextLayout, named
+from scjax.nn.cross_attention.deformable import sample
+from scjax.nn.cross_attention.squeezed import cluster, cluster_shares
+from tests.factories import golden
+from tests.factories.attention_cases import HEADS, IMAGE, KEYS, QUERIES, TEXT, WIDTH, call, close, params_of, scenes
+
+FULL = named("full")
+_EVERYTHING = max(QUERIES, KEYS)
+LIMITS = {
+    "chunked": (named("full", chunk=3), {}),
+    "gated": (named("gated"), {}),
+    "saap": (named("saap", buckets=4, probes=4), {}),
+    "saap before it is fitted": (named("saap", buckets=4, probes=1, form="gather"), {"fitted": np.zeros(1)}),
+    **{
+        f"windowed {a}": (named("windowed", window=_EVERYTHING, alignment=a), {})
+        for a in ("diagonal", "diagonal_rev", "fa2")
+    },
+    "windowed as one": (named("windowed", window=_EVERYTHING, per_modality=False), {}),
+    "squeezed": (named("squeezed", clusters=KEYS, rule="top", keep=1.0), {}),
+    "squeezed before it is fitted": (named("squeezed", clusters=2), {"threshold": np.full(1, -1.0)}),
+    "cross_global": (named("cross_global"), {"gate": np.zeros(1)}),
+    "cross_global paper": (named("cross_global", style="paper"), {"gate": np.zeros(1)}),
+}
+_ROUNDED = ("chunked", "saap", "windowed diagonal", "squeezed", "cross_global")
+
+
+@pytest.mark.parametrize(
+    ("limit", "x64", "tolerance"),
+    [*((limit, True, 1e-10) for limit in LIMITS), *((limit, False, 1e-5) for limit in _ROUNDED)],
+)
+def test_equals_full_attention(limit, x64, tolerance):
+    """A full checkpoint loads into the others: the parameters that they share have the same names."""
+    options, known = LIMITS[limit]
+    with jax.enable_x64(x64):
+        batch, shared = _cast(scenes(IMAGE), x64), params_of(FULL)
+        params = _cast({**params_of(options, IMAGE), **shared, **known}, x64)
+        y, _ = call(options, params, *batch, layout=IMAGE)
+        wanted, _ = call(FULL, _cast(shared, x64), *batch, layout=IMAGE)
+        close(y, wanted * np.tanh(params["gate"][0]) if limit == "gated" else wanted, tolerance)
+
+
+def _cast(tree, x64: bool):
+    dtype = np.float64 if x64 else np.float32
+    return jax.tree.map(lambda leaf: leaf if leaf.dtype == bool else np.asarray(leaf, dtype), tree)
+
+
+def _in64(*arguments, **options):
+    with jax.enable_x64(True):
+        return jax.device_get(call(*arguments, **options)[0])
+
+
+def test_concat_is_full_attention_to_scene_and_context():
+    options, (x, x_mask, context, mask) = named("concat"), scenes()
+    params = {**params_of(options), "kind": np.zeros(WIDTH)}
+    shared = {name: leaf for name, leaf in params.items() if name != "kind"}
+    both, both_mask = np.concatenate([x, context], 1), np.concatenate([x_mask, mask], 1)
+    close(_in64(options, params, x, x_mask, context, mask), _in64(FULL, shared, x, x_mask, both, both_mask))
+
+
+def test_memory_is_more_context():
+    options, (x, x_mask, context, mask) = named("full", memory_tokens=2), scenes()
+    params = params_of(options)
+    more = np.concatenate([context, np.stack([params["memory"]] * 2)], 1)
+    more_mask = np.concatenate([mask, np.ones((2, 2), bool)], 1)
+    shared = {name: leaf for name, leaf in params.items() if name != "memory"}
+    close(_in64(options, params, x, x_mask, context, mask), _in64(FULL, shared, x, x_mask, more, more_mask))
+
+
+@pytest.mark.parametrize(("sharpness", "error"), [(1.0, None), (1e3, 1e-10)])
+def test_an_agent_a_query_is_full_attention(sharpness, error):
+    """n agents from n queries are the queries; as stage 2 sharpens, each query reads its own agent.
+
+    One head, so that the norms give all queries one length. Larger queries sharpen both stages; smaller keys undo it
+    in the first.
+    """
+    options, (x, x_mask, context, mask) = named("agent", tokens=4), (part[:1] for part in scenes())
+    params = params_of(options, heads=1)
+    params = {**params, "q_norm": {"scale": np.full(WIDTH, sharpness), "bias": np.zeros(WIDTH)}}
+    params["k_norm"] = {"scale": params["k_norm"]["scale"] / sharpness, "bias": np.zeros(WIDTH)}
+    y, wanted = (_in64(o, params, x, x_mask, context, mask, heads=1) for o in (options, FULL))
+    if error is None:
+        assert np.abs(y - wanted).max() > 1e-2
+    else:
+        close(y, wanted, error)
+
+
+def test_one_agent_tells_all_the_same():
+    x, x_mask, context, mask = scenes()
+    for pooling in ("segment", "learned", "set"):
+        options = named("agent", tokens=1, pooling=pooling)
+        y = _in64(options, params_of(options), x, x_mask, context, mask)
+        close(y[0, :4], np.broadcast_to(y[0, :1], (4, WIDTH)))
+
+
+SOFTMAX = {
+    "full": FULL, "wide": named("full", inner_ratio=2), "gated": named("gated"), "agent": named("agent", tokens=2),
+    "saap": named("saap", buckets=2, probes=1), "windowed": named("windowed", window=1),
+    "squeezed": named("squeezed", clusters=2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOFTMAX)
+def test_constant_values_pass_through(name):
+    """Weights sum to one: if all values are b, y = W_o b + b_o; one readable key is such a case."""
+    options, (x, x_mask, context, mask) = SOFTMAX[name], scenes()
+    params = params_of(options)
+    constant = {**params, "v": {**params["v"], "kernel": 0 * params["v"]["kernel"]}}
+    wanted = params["v"]["bias"] @ params["out"]["kernel"] + params["out"]["bias"]
+    single = mask & (np.arange(KEYS) == 1)[None]
+    value = context[:, 1] @ params["v"]["kernel"] + params["v"]["bias"]
+    told = value @ params["out"]["kernel"] + params["out"]["bias"]
+    if name == "gated":
+        wanted, told = (np.tanh(params["gate"]) * a for a in (wanted, told))
+    close(_in64(options, constant, x, x_mask, context, mask)[x_mask], np.broadcast_to(wanted, (x_mask.sum(), WIDTH)))
+    y = _in64(options, params, x, x_mask, context, single)
+    for scene in range(2):
+        close(y[scene][x_mask[scene]], np.broadcast_to(told[scene], (x_mask[scene].sum(), WIDTH)))
+
+
+@functools.partial(golden.jit, static_argnums=5)
+def _sampled(value, mask, position, weights, level, layout):
+    return sample(value, mask, position, weights, level, layout)
+
+
+def test_deformable_core_with_the_weights_of_full_attention():
+    """Sampled at all cell centres, each returns its own value; far outside there is nothing."""
+    rng = np.random.default_rng(0)
+    layout = ContextLayout(kind="image", grid=(2, 3))
+    value, logits = rng.normal(size=(1, HEADS, 6, 4)), rng.normal(size=(1, 5, HEADS, 6))
+    weights = np.exp(logits) / np.exp(logits).sum(-1, keepdims=True)
+    row, column = np.divmod(np.arange(6.0), 3)
+    position = np.broadcast_to(np.stack([column, row], -1), (1, 5, HEADS, 6, 2))
+    mask, level = np.ones((1, 6), bool), np.zeros(6, int)
+    one = np.broadcast_to(np.arange(6) == 4, weights.shape).astype(float)
+    with jax.enable_x64(True):
+        close(_sampled(value, mask, position, weights, level, layout), np.einsum("bnhk,bhkd->bhnd", weights, value))
+        own = _sampled(value, mask, position, one, level, layout)
+        close(own, np.broadcast_to(value[:, :, 4:5], (1, HEADS, 5, 4)))
+        assert not np.any(_sampled(value, mask, position + 100, weights, level, layout))
+
+
+def test_text_is_interpolated_linearly():
+    """Inside the readable tokens like numpy's interp; what lies a token beyond the ends is zero."""
+    rng = np.random.default_rng(0)
+    value, mask = rng.normal(size=(1, 1, 7, 1)), np.arange(7)[None] < 5
+    value[:, :, 5:] = 0
+    position = np.array([0.0, 0.25, 3.5, 4.0, -0.5, 4.5, -1.0, 5.0, 9.0])
+    wanted = np.interp(position, np.arange(5), value[0, 0, :5, 0])
+    wanted[4:6] = value[0, 0, [0, 4], 0] / 2
+    wanted[6:] = 0
+    with jax.enable_x64(True):
+        places = position[None, :, None, None, None]
+        got = _sampled(value, mask, places, np.ones((1, 9, 1, 1)), np.zeros(1, int), TEXT)
+    close(got[0, 0, :, 0], wanted)
+
+
+def test_shares_of_keys_sum_to_one():
+    rng = np.random.default_rng(0)
+    keys, mask = rng.normal(size=(2, HEADS, KEYS, 4)), scenes()[3]
+
+    @golden.jit
+    def run(keys, mask, query):
+        clusters = cluster(keys, mask, 3, 4)
+        return cluster_shares(query, clusters), clusters.size
+
+    query = 30 * rng.normal(size=(2, HEADS, 5, 4))
+    shares, sizes = jax.device_get(run(np.float32(keys), mask, np.float32(query)))
+    close((shares * sizes[:, :, None]).sum(-1), np.ones((2, HEADS, 5)), 1e-5)
+    assert sizes.sum(-1).tolist() == [[6, 6], [4, 4]]
+
+
+@pytest.mark.parametrize("name", ["concat", "agent", "linear", "deformable", "cross_global"])
+def test_bfloat16_products(name):
+    options, batch = named(name), _cast(scenes(), False)
+    params = _cast(params_of(options), False)
+    exact, rounded = (call(options, params, *batch, compute=compute)[0] for compute in ("float32", "bfloat16"))
+    assert rounded.dtype == jnp.float32
+    error = np.linalg.norm(rounded - exact) / np.linalg.norm(exact)
+    assert 0 < error < 2e-2, error

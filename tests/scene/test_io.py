@@ -1,0 +1,192 @@
+"""Scenes in files: exact .npz, readable JSON, and complaints that name the file."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import jax
+import numpy as np
+import pytest
+
+from scjax.scene import Layout, Link, Scene, empty, validate
+from scjax.scene import io as scene_io
+from tests.factories.examples import example_batch, example_scene
+
+SCENES = {
+    "single": example_scene,
+    "batch": lambda: example_batch(3),
+    "grid": lambda: jax.tree.map(lambda leaf: leaf.reshape(2, 2, *leaf.shape[1:]), example_batch(4)),
+    "forward": lambda: example_scene(layout=Layout.FORWARD),
+    "nothing": lambda: empty(0, 0),
+    "no scenes": lambda: example_batch(2)[:0],
+    "jax": lambda: jax.tree.map(jax.numpy.asarray, example_scene()),
+}
+
+
+def _assert_same(made: Scene, expected: Scene, tolerance: float = 0.0):
+    assert made.batch_shape == expected.batch_shape
+    for name, value in expected.to_numpy().to_dict().items():
+        array = getattr(made, name)
+        assert isinstance(array, np.ndarray) and array.dtype == value.dtype and array.shape == value.shape, name
+        np.testing.assert_allclose(array, value, rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_npz_round_trip_is_exact(name, tmp_path):
+    scene = SCENES[name]()
+    scene_io.save_npz(scene, tmp_path / "new" / "scene.npz")
+    _assert_same(scene_io.load_npz(tmp_path / "new" / "scene.npz"), scene)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.npz"]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_json_round_trip(name, tmp_path):
+    scene = SCENES[name]()
+    scene_io.save_json(scene, tmp_path / "scene.json")
+    _assert_same(scene_io.load_json(tmp_path / "scene.json"), scene, 1e-6)
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_json_is_readable():
+    scene = example_scene(agents=2, lanes=3)
+    data = json.loads(scene_io.to_json(scene))
+    assert data["units"]["speed"] == "m/s" and data["version"] == 1
+    ego, other = data["scenes"][0]["agents"]
+    assert ego["heading"] == pytest.approx(np.arctan2(scene.agents[0, 5], scene.agents[0, 4]), abs=1e-6)
+    assert ego["type"] in ("vehicle", "pedestrian", "cyclist", "static")
+    assert ego["unknown"] == [] and other["unknown"] == ["z"]
+    first, second, third = data["scenes"][0]["lanes"]
+    assert first["successors"] == [1] and second["successors"] == []
+    assert second["right"] == [2] and third["left"] == [1] and second["left"] == []
+    assert len(first["points"]) == 20 and first["unknown"] == ["z"]
+
+
+def test_holes_among_the_slots_survive():
+    scene = example_scene(lanes=3)
+    scene.agent_mask[1] = False
+    scene.agents[1], scene.agent_known[1], scene.agent_types[1] = 0, False, 0
+    _assert_same(scene_io.from_json(scene_io.to_json(scene)), scene, 1e-6)
+
+
+def test_a_ring_of_two_lanes_survives():
+    scene = empty(0, 2)
+    scene.lane_mask[:], scene.lane_known[:] = True, True
+    scene.links[:] = [[Link.SELF, Link.PREDECESSOR], [Link.PREDECESSOR, Link.SELF]]
+    _assert_same(scene_io.from_json(scene_io.to_json(scene)), scene)
+
+
+def _by_hand() -> dict:
+    agent = {"id": 0, "type": "vehicle", "x": 0, "y": 0, "z": 0.8, "speed": 5, "heading": 0.0,
+             "length": 4.5, "width": 2, "height": 1.6}  # fmt: skip
+    lanes = [{"id": i, "points": [[k, 3.5 * i, 0] for k in range(20)]} for i in range(2)]
+    return {"format": "scjax-scene", "version": 1, "scenes": [{"agents": [agent], "lanes": lanes}]}
+
+
+def test_a_file_written_by_hand_needs_little():
+    data = _by_hand()
+    data["scenes"][0]["lanes"][0]["left"] = [1]
+    scene = validate(scene_io.from_json(json.dumps(data)))[0]
+    assert scene.links[1, 0] == Link.LEFT and scene.links[0, 1] == Link.RIGHT
+    assert scene.agents[0].tolist() == pytest.approx([0, 0, 0.8, 5, 1, 0, 4.5, 2, 1.6])
+    assert scene.agent_known.all() and scene.layout == Layout.CENTRED
+
+
+def _without(key):
+    return lambda d: d["scenes"][0]["agents"][0].pop(key)
+
+
+def _lane(**changes):
+    return lambda d: d["scenes"][0]["lanes"][0].update(changes)
+
+
+def _agent(**changes):
+    return lambda d: d["scenes"][0]["agents"][0].update(changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(format="other"), 'must be an object with "format"'),
+        (lambda d: d.update(version=9), "format version 9, this scjax reads 1"),
+        (lambda d: d.pop("version"), "no format version"),
+        (lambda d: d.pop("scenes"), "the field 'scenes' is missing"),
+        (lambda d: d.update(batch_shape=[3]), r"batch_shape \[3\] does not fit 1 scenes"),
+        (lambda d: d["scenes"][0].pop("lanes"), "scene 0: the field 'lanes' is missing"),
+        (_without("speed"), "scene 0, agent 0: the field 'speed' is missing"),
+        (_without("id"), "the field 'id' is missing"),
+        (_agent(id=-1), "no whole number of at least 0"),
+        (_agent(x="left"), "x is 'left', not a number"),
+        (_agent(type="tram"), "'tram' is no AgentType: choose one of"),
+        (_agent(length=0), "invalid scene: agents have a length"),
+        (_agent(unknown=["mass"]), "unknown names"),
+        (_lane(points=[[0, 0, 0]]), "give 20 points"),
+        (_lane(points=[[0, 0], [1, 2, 3]]), "points must be a list"),
+        (_lane(signal="blue"), "'blue' is no Signal"),
+        (_lane(successors=[7]), "successors names 7"),
+        (_lane(successors=[0]), "successors names 0"),
+        (_lane(successors=[1], left=[1]), "left names 1, which is linked to it in another way"),
+        (_lane(id=1), "the id is used twice"),
+    ],
+)
+def test_json_complaints_name_file_and_place(change, message, tmp_path):
+    data = _by_hand()
+    change(data)
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=re.escape(str(path)) + ".*" + message):
+        scene_io.load_json(path)
+
+
+def test_truncated_json_is_named(tmp_path):
+    path = tmp_path / "short.json"
+    path.write_text(scene_io.to_json(example_scene())[:500])
+    with pytest.raises(ValueError, match=r"short.json is no JSON"):
+        scene_io.load_json(path)
+
+
+@pytest.mark.parametrize("size", [0, 10, 400, -30])
+def test_truncated_npz_is_named(size, tmp_path):
+    path = tmp_path / "short.npz"
+    scene_io.save_npz(example_scene(), path)
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(ValueError, match=r"short.npz is no readable .npz scene"):
+        scene_io.load_npz(path)
+
+
+def _arrays() -> dict:
+    return {"format_version": np.int64(1), **example_scene().to_dict()}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(format_version=2), "format version 2, this scjax reads 1"),
+        (lambda d: d.pop("format_version"), "no format version"),
+        (lambda d: (d.pop("links"), d.pop("layout")), r"lacks the arrays \['layout', 'links'\]"),
+        (lambda d: d.update(signals=d["signals"] * 1.5), "signals is float64, not int32"),
+        (lambda d: d.update(signals=d["signals"][:3]), "invalid scene: signals has shape"),
+        (lambda d: d.update(agents=np.array([{}], object)), "no readable .npz scene"),
+    ],
+)
+def test_npz_complaints_name_the_file(change, message, tmp_path):
+    arrays, path = _arrays(), tmp_path / "mine.npz"
+    change(arrays)
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=f"mine.npz.*{message}"):
+        scene_io.load_npz(path)
+
+
+def test_invalid_scenes_are_not_written(tmp_path):
+    scene = example_scene()
+    scene.agents[0, 0] = np.nan
+    for save in (scene_io.save_npz, scene_io.save_json):
+        with pytest.raises(ValueError, match="NaN"):
+            save(scene, tmp_path / "bad")
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_files_are_missing_files(tmp_path):
+    for load in (scene_io.load_npz, scene_io.load_json):
+        with pytest.raises(FileNotFoundError):
+            load(tmp_path / "nowhere")

@@ -1,0 +1,40 @@
+"""What a checkpoint holds while training goes on."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.nn.sharding import replicated
+from scjax.train import checkpoint
+from scjax.train.checkpoint import FORMAT, Checkpoints
+
+
+def test_donated_steps_after_a_save_do_not_reach_what_is_written(tmp_path):
+    step = jax.jit(lambda state: jax.tree.map(lambda x: x + 1, state), donate_argnums=0)
+    state = replicated({str(n): jnp.full((300_000,), float(n)) for n in range(8)}, jax.device_count())
+    with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
+        checkpoints.save(1, state, {"position": 3})
+        for _ in range(4):
+            state = step(state)
+    with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
+        saved, data = checkpoints.restore(state)
+    assert data == {"position": 3}
+    for name, value in saved.items():
+        np.testing.assert_array_equal(value, np.full(300_000, float(name), np.float32))
+        assert value.sharding == state[name].sharding
+
+
+@pytest.mark.parametrize("written, cure", [(FORMAT - 1, "--config.start"), (FORMAT + 1, "update scjax")])
+def test_another_format_is_told_with_the_cure(tmp_path, monkeypatch, written, cure):
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "FORMAT", written)
+        with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
+            checkpoints.save(1, {"x": jnp.ones(2)}, {})
+    with (
+        Checkpoints(tmp_path, {"model": {}}) as checkpoints,
+        pytest.raises(ValueError, match=f"format {written}.*{cure}"),
+    ):
+        checkpoints.restore({"x": jnp.ones(2)})

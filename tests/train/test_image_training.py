@@ -1,0 +1,97 @@
+"""A denoiser on what stands in for images, end to end: trained, resumed, sampled with an image and without."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+
+import chex
+import jax
+import numpy as np
+import pytest
+
+import scjax
+from experiments.train import train
+from scjax.camera.raycast import CLASSES, GRID, stand_in
+from scjax.data.loader import PipelineConfig, training_batches, validation_scenes
+from scjax.generate.conditions import Condition
+from scjax.models.codec import scjax as ours
+from scjax.models.denoiser.config import ImageCondition
+from scjax.scene import Layout, unpadded, validate
+from tests.factories.small_runs import get_config
+from tests.factories.worlds import make_records, tiny_model
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("image")
+    make_records(folder)
+    frozen = dataclasses.replace(tiny_model(), denoiser=None, denoiser_config=None)
+    scjax.save(frozen, folder / "autoencoder")
+    return folder
+
+
+def configured(folder, layouts=(1.0, 0.0, 1.0)):
+    config = get_config("denoiser")
+    config.records, config.autoencoder = str(folder / "records"), str(folder / "autoencoder")
+    config.condition, config.batch.layouts = "image", layouts
+    config.optimiser.schedule = "constant"  # a linear one ends after its warm-up
+    config.steps, config.checkpoint_every, config.picture_every, config.evaluate_every = 2, 1, 0, 2
+    return config
+
+
+def test_batches_carry_what_is_seen_from_their_jittered_windows(folder):
+    config = PipelineConfig(batch_size=4, buckets=((61, 100),), seed=5)
+    batches = training_batches(folder / "records", ours(), config, images=True)
+    present = 0
+    for _ in range(4):
+        batch = next(batches)
+        for row in range(4):
+            present += bool(batch.has_image[row])
+            assert batch.has_image[row] == (batch.scene.layout[row] == Layout.FORWARD)
+            if batch.has_image[row]:
+                expected = stand_in(unpadded(batch.scene[row]))
+                chex.assert_trees_all_equal((batch.image[row], batch.depth[row]), tuple(expected))
+            else:
+                assert not batch.image[row].any() and not batch.depth[row].any()
+    assert 0 < present < 16
+    state = batches.state()
+    following = next(batches)
+    again = training_batches(folder / "records", ours(), config, images=True)
+    again.restore(state)
+    resumed = next(again)
+    chex.assert_trees_all_equal((resumed.image, resumed.depth), (following.image, following.depth))
+
+
+@pytest.fixture(scope="module")
+def trained(folder):
+    train(configured(folder), folder / "two")
+    return scjax.load(folder / "two" / "model")
+
+
+def test_a_resumed_run_ends_as_an_undisturbed_one(folder, trained):
+    shutil.copytree(folder / "two", folder / "one")  # as it was after its first step
+    for later in ("checkpoints/step_2", "model"):
+        shutil.rmtree(folder / "one" / later)
+    train(configured(folder), folder / "one")
+    chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser, trained.denoiser)
+
+
+def test_the_model_is_sampled_with_an_image(folder, trained):
+    assert trained.denoiser_config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
+    assert trained.notes["images"] == "scjax.camera.raycast"
+    scene = validation_scenes(folder / "records", trained.representation, layout=Layout.FORWARD)[0]
+    features = stand_in(scene)
+    condition = Condition(image=features.image, depth=features.depth, layout=Layout.FORWARD, num_lanes=5, num_agents=3)
+    made = scjax.sample(jax.random.key(0), condition, model=trained, steps=2)
+    validate(made)
+    assert made.layout.tolist() == [Layout.FORWARD] and np.isfinite(made.lanes).all()
+
+
+def test_mistakes_are_told(folder):
+    with pytest.raises(ValueError, match="the forward one, the last, never occurs"):
+        train(configured(folder, layouts=(1.0, 1.0, 0.0)), folder / "never")
+    config = configured(folder)
+    config.condition = "picture"
+    with pytest.raises(ValueError, match='"none", "text" or "image"'):
+        train(config, folder / "kind")

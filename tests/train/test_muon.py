@@ -1,0 +1,68 @@
+"""Muon on vectors of parameters: as optax's own on arrays, and its updates have singular values about alike."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from optax.contrib import MuonDimensionNumbers
+from optax.contrib import muon as optax_muon
+
+from scjax.nn.functional import flatten
+from scjax.train.flat_params import Packing
+from scjax.train.muon import muon, stacked, unstacked
+from scjax.train.optimizer import clip_by_global_norm, learning_rates
+from tests.train.test_flat_params import assert_same_steps, gradients
+
+_SCHEDULE = {"steps": 10, "warmup": 1}
+
+
+@pytest.fixture(scope="module")
+def params():
+    def layer(i, inputs, outputs):
+        return {
+            "kernel": jax.random.normal(jax.random.key(i), (inputs, outputs)),
+            "bias": jax.random.normal(jax.random.key(-i), (outputs,)),
+        }
+
+    table = jax.random.normal(jax.random.key(9), (5, 3))
+    return {"layers": {0: layer(1, 8, 8), 1: layer(2, 8, 16), 2: layer(3, 8, 8)}, "table": table}
+
+
+def test_an_update_of_vectors_is_that_of_arrays(params):
+    dimensions = jax.tree_util.tree_map_with_path(
+        lambda path, _: MuonDimensionNumbers(0, 1) if path[-1].key == "kernel" else None, params
+    )
+    rates = learning_rates(0.1, schedule="constant", **_SCHEDULE)
+    plain = optax.chain(
+        clip_by_global_norm(0.5),
+        optax_muon(rates, weight_decay=0.3, consistent_rms=0.2, muon_weight_dimension_numbers=dimensions),
+    )
+    ours = muon(Packing.of(params), learning_rate=0.1, weight_decay=0.3, clip=0.5, **_SCHEDULE)
+    assert_same_steps(params, plain, ours, rtol=1e-4, atol=1e-5)
+
+
+def test_a_kernel_moves_by_much_the_same_in_every_direction(params):
+    """Singular values of an update lie around 0.2 sqrt(larger side) times the rate, though the gradient's do not."""
+    packing = Packing.of(params)
+    optimiser = muon(packing, learning_rate=0.1, weight_decay=0.0, clip=None, steps=10, warmup=0)
+    vectors = packing.pack(params)
+    slopes = gradients(params, 0)
+    updates, _ = optimiser.update(packing.pack(slopes), optimiser.init(vectors), vectors)
+    for path, update in flatten(packing.unpack(updates)).items():
+        if path[-1] == "kernel":
+            given = np.linalg.svd(flatten(slopes)[path], compute_uv=False)
+            found = np.linalg.svd(update, compute_uv=False) / (0.1 * 0.2 * np.sqrt(max(update.shape)))
+            assert given.max() / given.min() > 2 > found.max() / found.min()
+            assert 0.5 < found.min() < found.max() < 1.5
+
+
+def test_kernels_of_one_shape_lie_in_one_stack():
+    shapes = [(2, 3), (4, 1), (2, 3)]
+    vector = jnp.arange(16.0)
+    stacks = stacked(vector, shapes)
+    assert [stack.shape for stack in stacks] == [(2, 2, 3), (1, 4, 1)]
+    np.testing.assert_array_equal(stacks[0][1], vector[10:].reshape(2, 3))
+    np.testing.assert_array_equal(unstacked(stacks, shapes), vector)

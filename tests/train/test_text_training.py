@@ -1,0 +1,237 @@
+"""Prompts end to end: an unconditional base, its condition blocks on captions, counts; then scenes for a prompt."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+
+import jax
+import numpy as np
+import pytest
+
+import scjax
+from experiments.package_model import counted, ship
+from experiments.studies import count_calibration as calibration
+from experiments.studies import gallery
+from experiments.studies import prompt_adherence as adherence
+from experiments.studies.collision_x_counts import COLUMNS
+from experiments.studies.collision_x_counts import markdown as markdown_two_by_two
+from experiments.studies.collision_x_counts import measure as two_by_two
+from experiments.studies.prompt_adherence import held_back_prompts, markdown, measure
+from experiments.train import train
+from scjax.cli.demo import PROMPTS
+from scjax.data.build import build
+from scjax.data.caption_features import embed_captions
+from scjax.data.captions import add_captions
+from scjax.data.loader import batch_of
+from scjax.data.readers.base import BuildOptions
+from scjax.language.prompt_parser import Asked
+from scjax.models import codec as presets
+from scjax.nn.cross_attention.windowed import WindowedOptions
+from scjax.nn.functional import flatten
+from scjax.synthetic.source import Worlds
+from scjax.train.objectives.denoiser import validation_examples
+from tests.factories.small_runs import get_config
+from tests.factories.worlds import tiny_model
+from tests.generate.test_prompts import Words
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Captioned and embedded records, and models of both stages before text."""
+    folder = tmp_path_factory.mktemp("text")
+    build(Worlds(3, 6), folder / "records", BuildOptions(split_percent=30.0))
+    add_captions(folder / "records", paraphrases=1, progress=False)
+    embed_captions(folder / "records", Words(), progress=False)
+    config = configured("denoiser", folder)
+    model = dataclasses.replace(tiny_model(), domains=("city", "suburb"))
+    scjax.save(dataclasses.replace(model, denoiser=None, denoiser_config=None), folder / "autoencoder")
+    train(config, folder / "base")
+    return folder
+
+
+def configured(stage: str, folder):
+    config = get_config(stage)
+    config.records = str(folder / "records")
+    config.steps, config.evaluate_every, config.picture_every, config.checkpoint_every = 3, 3, 0, 3
+    if stage == "denoiser":
+        config.autoencoder, config.model.hints = str(folder / "autoencoder"), True
+    return config
+
+
+@pytest.fixture(scope="module")
+def text_model(folder):
+    config = configured("denoiser", folder)
+    config.condition, config.start, config.freeze = "text", str(folder / "base" / "model"), True
+    config.loss.collision, config.loss.joints, config.loss.offsets = 0.1, 0.3, 0.1
+    config.control, config.control_options.windowed.window = "windowed", 4
+    train(config, folder / "text")
+    return scjax.load(folder / "text" / "model")
+
+
+@pytest.mark.parametrize("condition", ["none", "text", "image"])
+def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
+    config = configured("denoiser", folder)
+    config.condition, config.batch.buckets = condition, ((2, 3), (4, 6))
+    examples = validation_examples(config, presets.scjax())
+    sizes = [(example.scene.agent_mask.shape[-1], example.scene.lane_mask.shape[-1]) for example in examples]
+    assert max(agents for agents, _ in sizes) == 4 and max(lanes for _, lanes in sizes) == 6
+    assert len(batch_of(examples, (4, 6)).scene.layout) == len(examples)
+
+
+def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
+    base = flatten(scjax.load(folder / "base" / "model").denoiser)
+    text = flatten(text_model.denoiser)
+    assert all(np.array_equal(text[path], value) for path, value in base.items())
+    assert any("context" in path for path in text.keys() - base.keys())
+    assert text_model.text_encoder == "words-1"
+    assert text_model.denoiser_config.control == WindowedOptions(window=4)
+
+
+@pytest.fixture(scope="module")
+def prompt_model(folder, text_model):
+    config = configured("counter", folder)
+    config.denoiser = str(folder / "text" / "model")
+    train(config, folder / "prompt")
+    return scjax.load(folder / "prompt" / "model")
+
+
+def test_a_prompt_decides_counts_and_scene(prompt_model):
+    model = prompt_model
+    assert model.counter_config is not None and model.counter_config.text_width == Words.width
+    tokens = Words()(["a straight road"])[0].features
+    scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
+    scjax.validate(scene)
+
+
+def test_calibration_of_the_counts(folder, prompt_model):
+    found, told, true = calibration.measure(str(folder / "prompt" / "model"), str(folder / "records"), 0)
+    assert found["both"]["scenes"] == len(true["lanes"]) == len(told["agents"]) > 1
+    assert found["lanes"]["mae_of_mean"] > 0 and 0 <= found["agents"]["in_central_90_percent"] <= 1
+    np.testing.assert_allclose(told["lanes"].sum(1), 1, atol=1e-5)
+
+
+def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
+    table, sound, ceiling = measure(
+        model_folder=str(folder / "text" / "model"), folder=str(folder / "records"), samples=3, weights=[2.0], steps=2,
+        candidates=2,
+    )  # fmt: skip
+    asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
+    assert len(asked) == 1 and asked != {()}
+    assert all(hits == total for hits, total in table["the record itself"].values())
+    assert sound["the record itself"]["joint_gap_m"] < 1e-3
+    assert not sound["prompt, guidance 2, tidied"]["joint_gap_m"] > 1e-3  # an untrained model may link nothing at all
+    assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
+    assert "prompt, guidance 2, best of 2 tidied" in sound
+    assert "nan" not in markdown(table, sound, ceiling)
+
+
+def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch):
+    records = str(folder / "records")
+    every = [one.text for one in held_back_prompts(records, text_model, 9, 0)]
+    assert len(every) >= 4
+    events = dict(zip(every, [(), ("cut-in",), ("jaywalker", "cut-in"), ("cut-in",)], strict=False))
+    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked(events=events.get(text, ())))
+    for each, found in ((1, every[1:3]), (2, every[1:3]), (3, every[1:4])):
+        assert [one.text for one in held_back_prompts(records, text_model, 9, 0, each)] == found
+    assert [one.text for one in held_back_prompts(records, text_model, 1, 0, 3)] == every[1:2]
+    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked())
+    with pytest.raises(ValueError, match=r"no held-back caption of .* names a rare event"):
+        list(held_back_prompts(records, text_model, 9, 0, 1))
+
+
+def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
+    out = tmp_path / "pretrained"
+    out.mkdir()
+    (out / "README.md").write_text("card")
+    sizes = ship(prompt_model, out, Words())
+    assert (out / "README.md").read_text() == "card" and sum(sizes.values()) < 1
+    text = (out / "model.json").read_text()
+    assert str(folder) not in text and "config" not in json.loads(text)["notes"]
+    shipped = scjax.load(out)
+    assert shipped.notes["steps"] == {"denoiser": 3, "counter": 3}
+    assert tuple(shipped.prompts) == tuple(sorted(PROMPTS))
+    ship(shipped, tmp_path / "again", Words())
+    assert scjax.load(tmp_path / "again").notes == shipped.notes
+    exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
+    for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+
+
+def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path):
+    prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians", "a kangaroo"]
+    features = {text: one.features for text, one in zip(prompts, Words()(prompts), strict=True)}
+    scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
+    (tmp_path / "prompts.txt").write_text("\n".join(prompts))
+    options = [f"--model={tmp_path / 'model'}", f"--prompts={tmp_path / 'prompts.txt'}", f"--out={tmp_path / 'out'}"]
+    gallery.main([*options, "--samples=2", "--pick=2", "--steps=2"])
+    files = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert files == ["gallery.md", "prompt-01.png", "prompt-02.png", "prompt-03.png"]
+    text = (tmp_path / "out" / "gallery.md").read_text()
+    assert "the best of 2, tidied" in text and all(prompt in text for prompt in prompts)
+    total = sum(int(n) for n in re.findall(r"intersection (\d) of 2", text))
+    assert total == text.count("intersection yes")
+    assert text.count("- warning: ") == 1 and "was read from 'a kangaroo'" in text
+
+    gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--steps=2", "--numbers-only"])
+    text = (tmp_path / "numbers" / "gallery.md").read_text()
+    assert "- warned about" in text and not any(prompt in text for prompt in prompts)
+
+
+def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
+    lists = {"one": [{"prompt": "a road", "images": ["1.jpg"]}, {"prompt": " "}], "two": ["a T-intersection"],
+             "three": [{"type": "image", "condition": "1.jpg"}, {"type": "text", "condition": "a bend"}]}  # fmt: skip
+    for name, content in (("p.json", json.dumps(lists)), ("p.txt", "a road\n\na T-intersection\n a bend\n")):
+        (tmp_path / name).write_text(content)
+        assert gallery.read_prompts(tmp_path / name) == ["a road", "a T-intersection", "a bend"]
+    for name, content in (("none.json", "{}"), ("none.txt", "\n"), ("bad.json", "{")):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(ValueError, match=name):
+            gallery.read_prompts(tmp_path / name)
+
+
+def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
+    without = dataclasses.replace(prompt_model, counter=None, counter_config=None)
+    assert counted(without, prompt_model).counter is prompt_model.counter
+    with pytest.raises(ValueError, match="do not fit"):
+        counted(without, dataclasses.replace(prompt_model, text_encoder="another"))
+
+
+def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, prompt_model):
+    models = {"without": text_model, "with": prompt_model}
+    table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, steps=2)
+    assert len(table) == 8 and all(set(row) == set(COLUMNS) for row in table.values())
+    assert all(low <= mean <= high for row in table.values() for mean, low, high in row.values())
+    assert table["with penalty, counts of the data"] == table["without penalty, counts of the data"], "equal weights"
+    assert markdown_two_by_two(table).count("\n") == 10
+    with pytest.raises(ValueError, match="--counter"):
+        two_by_two({"without": text_model}, None, str(folder / "records"), samples=2)
+
+
+def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp_path):
+    with pytest.raises(ValueError, match="only the synthetic world may ship"):
+        ship(dataclasses.replace(prompt_model, domains=("city", "nuplan")), tmp_path / "a", Words())
+    with pytest.raises(ValueError, match="no counter"):
+        ship(dataclasses.replace(prompt_model, counter=None), tmp_path / "a", Words())
+    assert not (tmp_path / "a").exists()
+
+
+def test_mistakes_are_told(folder):
+    config = configured("denoiser", folder)
+    config.freeze = True
+    with pytest.raises(ValueError, match=r"name its folder in config\.start"):
+        train(config, folder / "no start")
+    config.freeze, config.condition = False, "smell"
+    with pytest.raises(ValueError, match='choose "none", "text" or "image"'):
+        train(config, folder / "smell")
+    config.condition, config.control = "none", "windowd"
+    with pytest.raises(ValueError, match="did you mean 'windowed'"):
+        train(config, folder / "windowd")
+    config.control, config.start = "full", str(folder / "autoencoder")
+    with pytest.raises(ValueError, match="holds no denoiser"):
+        train(config, folder / "no denoiser")
+    config = configured("counter", folder)
+    config.denoiser = str(folder / "base" / "model")
+    with pytest.raises(ValueError, match="was trained on no text"):
+        train(config, folder / "no text")
