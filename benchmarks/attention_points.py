@@ -27,7 +27,7 @@ import numpy as np
 from flax import nnx
 
 from benchmarks import workload
-from scjax.nn.cross_attention import ContextLayout, ControlOptions, build, named
+from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions, build, from_name
 from scjax.nn.cross_attention.flops import control_work
 from scjax.nn.functional import Functional, Params, functional
 
@@ -56,26 +56,26 @@ class Point:
     image: bool = False
 
     @property
-    def layout(self) -> ContextLayout:
+    def spec(self) -> ContextSpec:
         """Two square grids for images (``m`` must be twice a square), else a text."""
         if not self.image:
-            return ContextLayout(kind="text")
+            return ContextSpec(kind="text")
         side = math.isqrt(self.m // 2)
-        return ContextLayout(kind="image", grid=(side, side), modalities=2)
+        return ContextSpec(kind="image", grid=(side, side), modalities=2)
 
 
-def _sparse(name: str, **fields: Any) -> Callable[[int], ControlOptions]:
+def _sparse(name: str, **fields: Any) -> Callable[[int], CrossAttentionOptions]:
     """Options whose numbers of clusters grow with the context (attention-variants §10)."""
     if name == "saap":
-        return lambda m: named(name, buckets=max(16, m // 32), probes=max(16, m // 32) // 4, **fields)
-    return lambda m: named(name, clusters=max(16, m // 16), keep=0.3, rule="top", **fields)
+        return lambda m: from_name(name, buckets=max(16, m // 32), probes=max(16, m // 32) // 4, **fields)
+    return lambda m: from_name(name, clusters=max(16, m // 16), keep=0.3, rule="top", **fields)
 
 
-def _fixed(name: str, **fields: Any) -> Callable[[int], ControlOptions]:
-    return lambda m: named(name, **fields)
+def _fixed(name: str, **fields: Any) -> Callable[[int], CrossAttentionOptions]:
+    return lambda m: from_name(name, **fields)
 
 
-VARIANTS: dict[str, Callable[[int], ControlOptions]] = {
+VARIANTS: dict[str, Callable[[int], CrossAttentionOptions]] = {
     "concat": _fixed("concat"),
     "full": _fixed("full"),
     "full, chunked": _fixed("full", chunk=512),
@@ -108,8 +108,8 @@ class Same(nnx.Module):
 def network(point: Point) -> Functional:
     """The mechanism; for the core, with queries and results that go through no projection."""
 
-    def make(draws):
-        made = build(VARIANTS[point.variant](point.m), point.d, point.heads, point.layout, draws=draws)
+    def make(init):
+        made = build(VARIANTS[point.variant](point.m), point.d, point.heads, point.spec, init=init)
         if point.stage == "core":
             assert made is not None
             for name in ("q", "out", "latent_out"):
@@ -139,16 +139,16 @@ def program(point: Point) -> tuple[Callable[..., Any], tuple]:
         params, context, mask
     )  # fmt: skip
 
-    def forward(params, x, given):
-        cache = made.apply(params, given, mask, method="encode") if point.stage == "module" else given
+    def forward(params, x, known):
+        cache = made.apply(params, known, mask, method="encode") if point.stage == "module" else known
         return made.apply(params, x, x_mask, cache, method="attend")[0]
 
     arguments = params, x, context if cache is None else cache
     if not point.backward:
         return forward, arguments
 
-    def loss(params, x, given):
-        return jnp.sum(jnp.sin(forward(params, x, given)))
+    def loss(params, x, known):
+        return jnp.sum(jnp.sin(forward(params, x, known)))
 
     return jax.grad(loss, (0, 1, 2), allow_int=True), arguments
 
@@ -156,7 +156,7 @@ def program(point: Point) -> tuple[Callable[..., Any], tuple]:
 def closed_form(point: Point) -> float:
     """FLOPs of the stage; forward and backward together count three times the forward."""
     options = VARIANTS[point.variant](point.m)
-    work = control_work(options, point.d, point.heads, point.layout, point.n, point.m)
+    work = control_work(options, point.d, point.heads, point.spec, point.n, point.m)
     macs = work.attend + (work.encode if point.stage == "module" else 0)
     if point.stage == "core":
         macs -= _LEFT_OUT.get(point.variant, 2) * point.n * point.d**2

@@ -24,8 +24,8 @@ from scjax.data.build import build
 from scjax.evaluate.population import PART, Population, measured
 from scjax.evaluate.sources import Npz
 from scjax.metrics import measure as metrics
-from scjax.metrics.tally import Tally
-from scjax.scene import Layout, stack
+from scjax.metrics.tally import ClusterSums
+from scjax.scene import Crop, stack
 from scjax.scene.io import save_npz
 from scjax.synthetic.source import Worlds
 
@@ -40,7 +40,7 @@ def write_tiles(folder: Path, out: Path, seed: int, count: int) -> None:
             rng = np.random.default_rng([seed, k])
             dx, dy = rng.uniform(-2, 2, 2)
             record = records.decode(source[k % len(source)])
-            made.append(records.sample_scene(record, Layout.CENTRED, dx, dy, rng.uniform(-0.15, 0.15)))
+            made.append(records.sample_scene(record, Crop.CENTERED, dx, dy, rng.uniform(-0.15, 0.15)))
         save_npz(stack(made), out / f"{start:06d}.npz")
 
 
@@ -87,9 +87,9 @@ def main(arguments: list[str] | None = None) -> None:
     print(json.dumps({**row, "machine": machine()}, indent=1))
 
 
-def _strict(tally: Tally) -> Tally:
+def _strict(tally: ClusterSums) -> ClusterSums:
     """Only what the strict table needs."""
-    return Tally(
+    return ClusterSums(
         {
             cluster: {name: value for name, value in sums.items() if name.startswith("strict/")}
             for cluster, sums in tally.clusters.items()

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 
 from benchmarks import workload
 from benchmarks.steps import CONTEXT, denoiser_config, features
-from scjax.diffusion.denoise_fn import MOST_AHEAD, estimator
-from scjax.diffusion.guidance import WEIGHT, Guidance
+from scjax.diffusion.denoise_fn import MAX_PRECOMPUTED, make_denoise_fn
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE, Guidance
 from scjax.diffusion.samplers import sampler_of, schedule_of
 from scjax.diffusion.samplers.loop import sample
 from scjax.models import flops
@@ -28,7 +28,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import Params
 from scjax.nn.sharding import spread, use_every_core
 from scjax.scene import Scene
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 # Official PyTorch code at these sizes on such a machine (2 cores), seconds a scene by batch, float32.
 REFERENCE = {"unconditional": {1: 8.8, 8: 3.5}, "text": {1: 16.6, 8: 7.4}, "image": {1: 14.2, 8: 5.5}}
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
     parts = parts[stride // 2 :: stride]  # evenly over the sizes
 
     config = denoiser_config(args.kind, args.compute)
-    run, params = guided(config, args.sampler, steps, most_ahead=0 if args.per_step else MOST_AHEAD)
+    run, params = guided(config, args.sampler, steps, most_ahead=0 if args.per_step else MAX_PRECOMPUTED)
     jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
     jobs, programs = [], {}
     start = time.perf_counter()
@@ -86,30 +86,30 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def guided(
-    config: DenoiserConfig, name: str, steps: int, most_ahead: int = MOST_AHEAD
+    config: DenoiserConfig, name: str, steps: int, most_ahead: int = MAX_PRECOMPUTED
 ) -> tuple[Callable[..., Any], Params]:
     """A function of (parameters, masks, condition, keys) that samples latents with guidance; and parameters for it."""
     network, sampler = denoiser(config), sampler_of(name, config.prediction)
     schedule = schedule_of(sampler, config.prediction, steps)
 
-    def run(params, masks: Nodes, condition, keys):
-        denoise = estimator(
+    def run(params, masks: PerType, condition, keys):
+        denoise = make_denoise_fn(
             network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
-            features=condition, guidance=Guidance(), weight=WEIGHT, most_ahead=most_ahead,
+            features=condition, guidance=Guidance(), weight=DEFAULT_GUIDANCE_SCALE, most_ahead=most_ahead,
         )  # fmt: skip
         return sample(
             denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
-            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
-            most=Nodes(agents=config.max_agents, lanes=config.max_lanes),
+            widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
+            most=PerType(agents=config.max_agents, lanes=config.max_lanes),
         )  # fmt: skip
 
     return run, network.init(jax.random.key(0))
 
 
-def asked(scenes: Scene, kind: str) -> tuple[Nodes, Any, jax.Array]:
+def asked(scenes: Scene, kind: str) -> tuple[PerType, Any, jax.Array]:
     """Masks, condition and keys of a batch: what ``guided`` samples for."""
-    masks = Nodes(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
-    number = len(scenes.layout)
+    masks = PerType(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
+    number = len(scenes.crop)
     return masks, features(kind, number), jax.random.split(jax.random.key(1), number)
 
 

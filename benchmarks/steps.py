@@ -21,7 +21,7 @@ from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import Functional
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 # Official PyTorch code at these sizes on such a machine (2 cores), scenes/s by batch, float32.
 REFERENCE = {
@@ -56,10 +56,10 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
     parts = workload.batches(batch, scenes)
     if kind == "autoencoder":
         config = autoencoder_sizes.small(compute=compute)
-        network, representation = autoencoder(config), presets.scjax()
+        network, codec = autoencoder(config), presets.scjax()
 
         def reconstruction(params, batch, key):
-            tokens = representation.tokens(batch)
+            tokens = codec.normalize(batch)
             posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, config), method="reconstruct")
             return loss(decoded, posterior, tokens, official_lane_count=False, balanced_links=True)
 
@@ -102,12 +102,12 @@ def features(kind: str, scenes: int) -> TextFeatures | ImageFeatures | None:
 def latents(scenes, config: denoiser_sizes.DenoiserConfig, kind: str) -> LatentBatch:
     """Random latents of a batch's size."""
     rng = np.random.default_rng(3)
-    masks = Nodes(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
-    widths = Nodes(agents=config.agent_latent, lanes=config.lane_latent)
+    masks = PerType(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
+    widths = PerType(agents=config.agent_latent, lanes=config.lane_latent)
     drawn = jax.tree.map(
         lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths
     )
     return LatentBatch(
-        latents=drawn, masks=masks, given=jax.tree.map(jnp.zeros_like, masks),
-        label=jnp.zeros(len(scenes.layout), jnp.int32), condition=features(kind, len(scenes.layout)),
+        latents=drawn, masks=masks, known=jax.tree.map(jnp.zeros_like, masks),
+        label=jnp.zeros(len(scenes.crop), jnp.int32), condition=features(kind, len(scenes.crop)),
     )  # fmt: skip

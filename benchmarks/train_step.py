@@ -20,7 +20,7 @@ import jax
 from benchmarks import workload
 from benchmarks.steps import REFERENCE, step_of
 from scjax.nn.sharding import use_every_core
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
 from scjax.train.step import initial, training_step
 
@@ -41,11 +41,11 @@ def main(arguments: list[str] | None = None) -> None:
     timed = step_of(args.kind, args.batch, scenes, args.compute)
 
     # The step of experiments.train itself, with its moving average and its use of every core.
-    optimiser = adamw(learning_rate=1e-4, steps=1000)
+    optimizer = adamw(learning_rate=1e-4, steps=1000)
     params = timed.network.init(jax.random.key(0))
-    packing = Packing.of(params)
-    step = training_step(timed.objective, packing, optimiser, ema_decay=0.999, seed=1, batch_size=args.batch)
-    state = initial(params, packing, optimiser)
+    packing = FlatParams.of(params)
+    step = training_step(timed.objective, packing, optimizer, ema_decay=0.999, seed=1, batch_size=args.batch)
+    state = initial(params, packing, optimizer)
 
     def run() -> None:
         nonlocal state

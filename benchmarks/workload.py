@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scjax.nn.cpu.precision import cpu_flags
-from scjax.scene import Layout, Link, Scene, empty, stack
+from scjax.scene import Crop, Link, Scene, empty, stack
 
 BUCKETS = ((61, 44), (61, 64), (61, 80), (61, 100))  # (agent, lane) slots
 
@@ -28,7 +28,7 @@ def counts(scenes: int = 64) -> list[tuple[int, int]]:
 
 def random_scene(rng: np.random.Generator, lanes: int, agents: int, slots: tuple[int, int]) -> Scene:
     """Random geometry at the given sizes: the work does not depend on what a scene shows."""
-    scene = empty(*slots, layout=Layout.CENTRED)
+    scene = empty(*slots, crop=Crop.CENTERED)
     scene.agents[:agents] = rng.normal(0, 8, (agents, 9))
     angle = rng.uniform(0, 2 * np.pi, agents)
     scene.agents[:agents, 4:6] = np.stack([np.cos(angle), np.sin(angle)], 1)

@@ -21,10 +21,10 @@ import numpy as np
 import scjax
 from experiments.studies.arguments import parser_of
 from scjax.cli.demo import PROMPTS
-from scjax.diffusion.energy_guidance import Steering
+from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders.text import Encoder, load_text_encoder
 from scjax.generate.model import SHIPPED, Model
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
 
 _FILE, _ALL = 15.0, 60.0  # megabytes at most
@@ -47,17 +47,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     try:
         model = scjax.load(args.model)
-        if args.counter:
-            model = counted(model, scjax.load(args.counter))
-        if args.sharpness and model.counter_config is not None:
-            counts = dataclasses.replace(model.counter_config, sharpness=args.sharpness)
-            model = dataclasses.replace(model, counter_config=counts)
+        if args.count_predictor:
+            model = counted(model, scjax.load(args.count_predictor))
+        if args.sharpness and model.count_predictor_config is not None:
+            counts = dataclasses.replace(model.count_predictor_config, sharpness=args.sharpness)
+            model = dataclasses.replace(model, count_predictor_config=counts)
         if args.steps:
             model = dataclasses.replace(model, notes={**model.notes, "steps": args.steps})
         if args.steer:
-            model = dataclasses.replace(model, steering=Steering())
+            model = dataclasses.replace(model, energy_guidance=EnergyGuidance())
         if args.temperature:
-            model = dataclasses.replace(model, temperature=Nodes(agents=args.temperature[0], lanes=args.temperature[1]))
+            model = dataclasses.replace(
+                model, temperature=PerType(agents=args.temperature[0], lanes=args.temperature[1])
+            )
         files = ship(model, args.out)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.package_model: {error}")
@@ -73,8 +75,10 @@ def counted(model: Model, other: Model) -> Model:
     """
     if model.text_encoder != other.text_encoder:
         raise ValueError(f"counts learnt from {other.text_encoder} features do not fit {model.text_encoder}")
-    notes = {**model.notes, "counter": other.notes.get("counter", {})}
-    return dataclasses.replace(model, counter=other.counter, counter_config=other.counter_config, notes=notes)
+    notes = {**model.notes, "count_predictor": other.notes.get("count_predictor", {})}
+    return dataclasses.replace(
+        model, count_predictor=other.count_predictor, count_predictor_config=other.count_predictor_config, notes=notes
+    )
 
 
 def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, float]:
@@ -86,7 +90,7 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
     Raises:
       ValueError: a part is missing, a domain is not of the synthetic world, or the files are too large.
     """
-    for part in ("autoencoder", "denoiser", "counter"):
+    for part in ("autoencoder", "denoiser", "count_predictor"):
         if getattr(model, part) is None:
             raise ValueError(f"the model has no {part}: train that stage first")
     foreign = set(model.domains) - {domain.name for domain in DOMAINS}
@@ -116,7 +120,11 @@ def public_notes(notes: dict[str, Any]) -> dict[str, Any]:
     """
     if "licence" in notes:
         return notes
-    stages = {"denoiser": notes, "autoencoder": notes.get("autoencoder", {}), "counter": notes.get("counter", {})}
+    stages = {
+        "denoiser": notes,
+        "autoencoder": notes.get("autoencoder", {}),
+        "count_predictor": notes.get("count_predictor", {}),
+    }
     batches = {name: stage["config"]["batch"] for name, stage in stages.items() if "config" in stage}
     return {
         "data": "the synthetic world of scjax, nothing else",

@@ -16,7 +16,7 @@ import numpy as np
 import scjax
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.nn.startup import start_jax
-from scjax.scene import Layout
+from scjax.scene import Crop
 from scjax.scene.io import load_npz, save_json, save_npz
 from scjax.viz import grid
 
@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--agents", type=int, help="agents a scene, ego included; drawn by default")
     parser.add_argument("--domain", help="data set or city, one of the model's; drawn by default")
     parser.add_argument(
-        "--layout", choices=[kind.name.lower() for kind in Layout], default="centred", help="window (default: centred)"
+        "--layout", choices=[kind.name.lower() for kind in Crop], default="centered", help="window (default: centred)"
     )
     parser.add_argument("--known", type=Path, help="npz with one scene whose lanes and agents are kept")
     parser.add_argument("--sampler", choices=SAMPLERS, help="default: ddpm, of a rectified flow heun")
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> scjax.Scene:
         num_lanes=args.lanes,
         num_agents=args.agents,
         domain=args.domain,
-        layout=Layout[args.layout.upper()],
+        crop=Crop[args.crop.upper()],
         known=load_npz(args.known) if args.known else None,
     )
     model = scjax.load(args.model)

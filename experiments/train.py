@@ -68,7 +68,7 @@ def train(config, workdir: Path) -> None:
     # --- data and stage: pure functions over a state
     stage = STAGES[config.stage].build(config)
     batches = training_batches(
-        config.records, stage.representation, pipeline_config(resolved["batch"]), texts=stage.texts,
+        config.records, stage.codec, pipeline_config(resolved["batch"]), texts=stage.texts,
         images=stage.images, process=jax.process_index(), processes=jax.process_count(),
     )  # fmt: skip
     state = stage.init(jax.random.fold_in(jax.random.key(config.seed), 0))

@@ -9,11 +9,24 @@ from scjax.diffusion.guidance import Guidance
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load, save
 from scjax.generate.sample import reconstruct, sample, sample_many
-from scjax.scene import AgentType, Layout, Link, Scene, Signal, validate
+from scjax.scene import AgentType, Crop, Link, Scene, Signal, validate
 from scjax.scene.repair import repair
 
 __version__ = "0.1.0"
 __all__ = [
-    "AgentType", "Condition", "Guidance", "Layout", "Link", "Model", "Scene", "Signal", "load", "reconstruct", "repair", "sample",
-    "sample_many", "save", "validate",
+    "AgentType",
+    "Condition",
+    "Crop",
+    "Guidance",
+    "Link",
+    "Model",
+    "Scene",
+    "Signal",
+    "load",
+    "reconstruct",
+    "repair",
+    "sample",
+    "sample_many",
+    "save",
+    "validate",
 ]  # fmt: skip

@@ -54,8 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     try:
         models = {"without": scjax.load(args.without), "with": scjax.load(args.penalised)}
-        counter = scjax.load(args.counter) if args.counter else None
-        table = measure(models, counter, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed)
+        count_predictor = scjax.load(args.count_predictor) if args.count_predictor else None
+        table = measure(
+            models, count_predictor, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed
+        )
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.collision_x_counts: {error}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(
-    models: dict[str, scjax.Model], counter: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
+    models: dict[str, scjax.Model], count_predictor: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
     steps: int | None = None, seed: int = 0,
 ) -> dict[str, dict[str, Interval]]:  # fmt: skip
     """Row -> column -> mean and interval.
@@ -73,18 +75,20 @@ def measure(
     Raises:
       ValueError: no model tells counts from a prompt, or the counts or the records are of another text encoder.
     """
-    source = counter or next(iter(models.values()))
-    if source.counter is None:
+    source = count_predictor or next(iter(models.values()))
+    if source.count_predictor is None:
         raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
     prompts = list(held_back_prompts(folder, next(iter(models.values())), samples, seed))
     told = [one.told for one in prompts]
     table = {}
     for penalty, model in models.items():
-        without = dataclasses.replace(model, counter=None, counter_config=None)
+        without = dataclasses.replace(model, count_predictor=None, count_predictor_config=None)
         for name, chosen in (("data", without), ("prompt", counted(model, source))):
-            for steering in (False, True):
-                title = f"{penalty} penalty, counts of the {name}{', steered' if steering else ''}"
-                made = sampled(told, title, seed, model=chosen, guidance=guidance, steps=steps, steering=steering)
+            for energy_guidance in (False, True):
+                title = f"{penalty} penalty, counts of the {name}{', steered' if energy_guidance else ''}"
+                made = sampled(
+                    told, title, seed, model=chosen, guidance=guidance, steps=steps, energy_guidance=energy_guidance
+                )
                 table[title] = _values(prompts, made, seed)
     return table
 

@@ -28,7 +28,7 @@ from experiments.studies.prompt_adherence import a_prompt, held_back
 from scjax.data import records
 from scjax.data.shards import write_text
 from scjax.generate.encode import text_features
-from scjax.models.counts.predictor import counter
+from scjax.models.counts.predictor import count_predictor
 from scjax.models.denoiser.config import TextCondition
 from scjax.nn.startup import start_jax
 from scjax.viz.grid import save
@@ -68,25 +68,25 @@ def measure(
       ValueError: the model has no counter, or reads another encoder's tokens than the records have.
     """
     model = scjax.load(model_folder)
-    config = model.counter_config
-    if model.counter is None or config is None or model.counts is None:
+    config = model.count_predictor_config
+    if model.count_predictor is None or config is None or model.counts is None:
         raise ValueError("the model has no counter: train it with scjax/train/configs/counts.py")
     captions, store = held_back(folder, model)
     rng = np.random.default_rng(seed)
     tokens = [a_prompt(store, caption, row, rng)[1] for row, caption in enumerate(captions)]
     tiles = records.source(folder, "val")
-    scenes = [model.representation.select(records.sample_scene(records.decode(tiles[k]))) for k in range(len(captions))]
+    scenes = [model.codec.select(records.sample_scene(records.decode(tiles[k]))) for k in range(len(captions))]
     true = {
         "lanes": np.minimum([int(scene.num_lanes) for scene in scenes], config.max_lanes),
         "agents": np.minimum([int(scene.num_agents) for scene in scenes], config.max_agents),
     }
-    program, reads = jax.jit(counter(config).apply), TextCondition(config.text_width)
+    program, reads = jax.jit(count_predictor(config).apply), TextCondition(config.text_width)
     parts = []
     for start in range(0, len(tokens), _AT_ONCE):
         part = tokens[start : start + _AT_ONCE]
         part += [part[0]] * (_AT_ONCE - len(part))
         features = text_features([(one, None) for one in part], max(map(len, tokens)), reads)
-        parts.append(np.asarray(program(model.counter, features, jnp.full(_AT_ONCE, config.domains))))
+        parts.append(np.asarray(program(model.count_predictor, features, jnp.full(_AT_ONCE, config.domains))))
     tables = np.concatenate(parts)[: len(tokens)].astype(np.float64)
     told = {"lanes": np.exp(tables).sum(2), "agents": np.exp(tables).sum(1)}
     prior = model.counts.sum((0, 1)).astype(np.float64)

@@ -25,7 +25,7 @@ from tqdm import tqdm
 import scjax
 from experiments.studies.arguments import parser_of
 from scjax.generate.best_of import make as candidates
-from scjax.generate.prompts import doubts, with_tokens
+from scjax.generate.prompts import encode_prompts, prompt_warnings
 from scjax.language.facts import parse
 from scjax.language.prompt_parser import met, read_prompt
 from scjax.nn.startup import start_jax
@@ -63,7 +63,7 @@ def make(args: argparse.Namespace) -> None:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             plain = scjax.Condition(prompt=prompt)
-            (condition,) = with_tokens([plain], model)
+            (condition,) = encode_prompts([plain], model)
         key = jax.random.fold_in(jax.random.key(args.seed), number)
         scenes = candidates(
             key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick,
@@ -86,7 +86,7 @@ def make(args: argparse.Namespace) -> None:
                 f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
                 f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
             )
-        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *doubts(plain))]
+        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *prompt_warnings(plain))]
         if args.numbers_only and doubtful:
             doubtful = ["warned about, in words that quote it"]
         lines += [*(f"- {one}" for one in doubtful), ""]

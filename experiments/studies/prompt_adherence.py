@@ -32,7 +32,7 @@ from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
 from scjax.data.shards import write_text
-from scjax.diffusion.guidance import WEIGHT
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.evaluate.retrieval import tf_idf
 from scjax.generate.best_of import make
@@ -45,7 +45,7 @@ from scjax.scene import Scene
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
-    "joint_gap_m": "mean gap of links [m]", "open_joints": "links open by > 1 m",
+    "connection_gap_m": "mean gap of links [m]", "open_connections": "links open by > 1 m",
     "vehicles_on_lane": "vehicles within 1.5 m of a lane", "scenes_vehicle_overlap": "scenes with overlapping vehicles",
     "scenes_any_overlap": "scenes with any overlap",
 }  # fmt: skip
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts at most (default %(default)s)")
     add("--each", type=int, metavar="N", help="only prompts of rare events, N of each at most (default: any prompt)")
-    add("--guidance", type=float, nargs="+", default=[WEIGHT], dest="weights", metavar="W",
+    add("--guidance", type=float, nargs="+", default=[DEFAULT_GUIDANCE_SCALE], dest="weights", metavar="W",
         help="weights (default %(default)s)")  # fmt: skip
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
@@ -100,14 +100,21 @@ def measure(
     both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
     runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
     runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], None
-    if model.steering is not None:
+    if model.energy_guidance is not None:
         runs[f"prompt and true counts, guidance {weights[0]:g}, not steered"] = both, weights[0], False
     runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
     table: dict[str, Scores] = {}
     sound: dict[str, dict[str, float]] = {}
-    for title, (conditions, weight, steering) in runs.items():
+    for title, (conditions, weight, energy_guidance) in runs.items():
         made = sampled(
-            conditions, title, seed, model=model, sampler=sampler, steps=steps, guidance=weight, steering=steering
+            conditions,
+            title,
+            seed,
+            model=model,
+            sampler=sampler,
+            steps=steps,
+            guidance=weight,
+            energy_guidance=energy_guidance,
         )
         tidied = [scjax.repair(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
@@ -173,7 +180,7 @@ def held_back_prompts(
             continue
         events.update(asked.events)
         left -= 1
-        scene = model.representation.select(records.sample_scene(records.decode(tiles[row])))
+        scene = model.codec.select(records.sample_scene(records.decode(tiles[row])))
         told = scjax.Condition(tokens=tokens)
         yield Prompted(text, asked, told, scene, captions[row].facts)
     if each is not None and not events:

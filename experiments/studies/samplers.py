@@ -31,7 +31,7 @@ from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import a_prompt, held_back
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse
 from scjax.data.shards import write_text
-from scjax.diffusion.guidance import WEIGHT
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
 from scjax.evaluate.generated import counts_of, weights_hash
 from scjax.evaluate.sources import Records, digest, row_text
@@ -42,7 +42,7 @@ from scjax.language.prompt_parser import Asked, met, read_prompt
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
 from scjax.metrics.pooling import Values
-from scjax.metrics.tally import Tally, bounds
+from scjax.metrics.tally import ClusterSums, bounds
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -119,7 +119,7 @@ def sweep(args) -> str:
     prediction = model.denoiser_config.prediction
     fitting = [name for name, one in SAMPLERS.items() if prediction in one.predictions]
     names = [sampler_of(name, prediction).name for name in args.samplers or fitting]
-    weights = args.guidance or [1.0 if model.denoiser_config.condition is None else WEIGHT]
+    weights = args.guidance or [1.0 if model.denoiser_config.condition is None else DEFAULT_GUIDANCE_SCALE]
     reference = Setting(REFERENCE[prediction], 100, weights[0], args.compute[0])
     combined = itertools.product(args.compute, weights, names, sorted(args.steps))
     anew = [reference._replace(again=k) for k in range(1, args.again + 1)]
@@ -179,7 +179,7 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
 
 
 def measured(
-    model: scjax.Model, requests: Requests, real: Tally, setting: Setting, seed: int, bar: tqdm
+    model: scjax.Model, requests: Requests, real: ClusterSums, setting: Setting, seed: int, bar: tqdm
 ) -> dict[str, Any]:
     """Metrics of a setting with intervals and draws of locations, and its seconds a scene without compilation."""
     how: dict[str, Any] = setting._asdict()
@@ -207,11 +207,11 @@ def measured(
         bar.update(len(scenes) - start)
     tally = measure(scenes, requests.clusters).tally
     if requests.asked:
-        prompts = Tally()
+        prompts = ClusterSums()
         for asked, scene, cluster in zip(requests.asked, scenes, requests.clusters, strict=True):
             hits = list(met(asked, parse(scene)).values())
             prompts.add({"also/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
-        tally = Tally({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
+        tally = ClusterSums({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
     values, drawn = _table(tally.total, real.total), tally.drawn(real, _table)
     found = {
         name: {"value": values[name], "low": low, "high": high} for name, (low, high) in bounds(values, drawn).items()

@@ -25,7 +25,7 @@ from scjax.evaluate.sources import Source, open_source
 from scjax.metrics.distances import histogram, jensen_shannon
 from scjax.metrics.distributions import GRAPH, Sums, scene_sums, table
 from scjax.metrics.realism import lane_offsets, scene_realism
-from scjax.metrics.tally import Tally
+from scjax.metrics.tally import ClusterSums
 from scjax.scene import AgentType, Scene, Signal
 
 # Name -> title, lowest, highest, bin width.
@@ -70,11 +70,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text)
 
 
-def tally_of(source: Source, limit: int) -> Tally:
+def tally_of(source: Source, limit: int) -> ClusterSums:
     """Sums of a source's scenes, at most ``limit`` of them, evenly chosen."""
     clusters = source.clusters
     rows = np.unique(np.linspace(0, len(clusters) - 1, min(limit, len(clusters))).astype(int))
-    tally = Tally()
+    tally = ClusterSums()
     for row in tqdm(rows, "scenes", disable=None):
         tally.add(sums_of(source.read([int(row)])[0]), clusters[row])
     return tally
@@ -116,7 +116,7 @@ def distances(ours: Sums, reference: Sums) -> dict[str, float]:
     return found | {name: value for name, value in table(*graph).items() if name.startswith("frechet_")}
 
 
-def markdown(ours: Tally, reference: Tally) -> str:
+def markdown(ours: ClusterSums, reference: ClusterSums) -> str:
     """The table of distances and floors, and the one of shares."""
     floor = reference.floor(distances, splits=100)
     found, sums, real = distances(ours.total, reference.total), ours.total, reference.total

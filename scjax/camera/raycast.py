@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from scjax.scene import TILE_SIZE, AgentType, Layout, Scene
+from scjax.scene import TILE_SIZE, AgentType, Crop, Scene
 
 CLASSES = (*(kind.name.lower() for kind in AgentType), "lane", "ground", "nothing")
 LANE, GROUND, NOTHING = len(AgentType), len(AgentType) + 1, len(AgentType) + 2
@@ -65,8 +65,8 @@ def look(scene: Scene) -> View:
     Raises:
       ValueError: a batch, or a scene in another layout: the window must be the one ahead.
     """
-    if scene.batch_shape or int(scene.layout) != Layout.FORWARD:
-        found = f"a batch {scene.batch_shape}" if scene.batch_shape else f"a {Layout(int(scene.layout)).name} scene"
+    if scene.batch_shape or int(scene.crop) != Crop.FORWARD:
+        found = f"a batch {scene.batch_shape}" if scene.batch_shape else f"a {Crop(int(scene.crop)).name} scene"
         raise ValueError(f"a camera looks at one scene in the FORWARD layout, this is {found}: crop it ahead")
     lateral, drop, at, on_ground = _rays()
     road = _lane_map(np.asarray(scene.lanes)[np.asarray(scene.lane_mask), :, :2])

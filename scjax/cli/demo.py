@@ -8,7 +8,7 @@ import sys
 import click
 
 from scjax.cli.output import CANDIDATES, PICK_HELP, Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.samplers import DEFAULT, STEPS
+from scjax.diffusion.samplers import DEFAULT_SAMPLER, DEFAULT_STEPS
 
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
@@ -24,7 +24,7 @@ PROMPTS = (
 @click.command()
 @click.option("--seed", default=0, show_default=True, help="Another seed, other scenes.")
 @click.option("--steps", type=click.IntRange(2, 100), help="Sampling steps. [default: "
-              f"{STEPS['velocity'][DEFAULT['velocity']]}]")  # fmt: skip
+              f"{DEFAULT_STEPS['velocity'][DEFAULT_SAMPLER['velocity']]}]")  # fmt: skip
 @click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
 @click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
 @click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
@@ -41,14 +41,14 @@ def demo(seed, steps, pick, raw, folder, model_folder, as_json) -> None:
 
         import scjax
         from scjax.generate.best_of import make
-        from scjax.generate.prompts import with_tokens
+        from scjax.generate.prompts import encode_prompts
         from scjax.generate.sample import bucket_of, with_counts
         from scjax.nn.startup import start_jax
         from scjax.viz.grid import grid
 
         start_jax()
         model = scjax.load(model_folder)
-        told = with_tokens([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
+        told = encode_prompts([scjax.Condition(prompt=prompt) for prompt in PROMPTS], model)
     scenes, sizes = [], set()
     key = jax.random.key(seed)
     with click.progressbar(list(zip(PROMPTS, told, strict=True)), label="scenes", file=sys.stderr) as bar:

@@ -8,10 +8,12 @@ from pathlib import Path
 import click
 
 from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.guidance import WEIGHT
-from scjax.diffusion.samplers import DEFAULT, SAMPLERS, STEPS
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
+from scjax.diffusion.samplers import DEFAULT_SAMPLER, DEFAULT_STEPS, SAMPLERS
 
-_DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] | STEPS["velocity"]).items())
+_DEFAULT_STEPS = ", ".join(
+    f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()
+)
 
 
 @click.command()
@@ -21,15 +23,15 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
     "--seed", default=0, show_default=True, help="Another seed, other scenes; the same seed, the same scenes."
 )
 @click.option("--sampler", type=click.Choice(list(SAMPLERS)), help="How noise becomes a scene; euler and heun are for "
-              f"rectified flows. [default: {DEFAULT['velocity']}; rectified flow: {DEFAULT['flow']}]")  # fmt: skip
+              f"rectified flows. [default: {DEFAULT_SAMPLER['velocity']}; rectified flow: {DEFAULT_SAMPLER['flow']}]")  # fmt: skip
 @click.option(
     "--steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
 )
 @click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed. "
-              f"[default: {WEIGHT:g}]")  # fmt: skip
+              f"[default: {DEFAULT_GUIDANCE_SCALE:g}]")  # fmt: skip
 @click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
               "less varied. [default: the model's]")  # fmt: skip
-@click.option("--steer/--no-steer", "steering", default=None, help="Lead what is sampled to closed joints, boxes that "
+@click.option("--energy-guidance/--no-energy-guidance", "energy_guidance", default=None, help="Lead what is sampled to closed joints, boxes that "
               "do not overlap, and vehicles on lanes. "
               "[default: the model's]")  # fmt: skip
 @click.option(
@@ -46,7 +48,7 @@ _DEFAULT_STEPS = ", ".join(f"{name} {steps}" for name, steps in (STEPS["flow"] |
 @click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
 def generate(
-    prompts, number, seed, sampler, steps, guidance, temperature, steering, agents, lanes, negative, domain, pick,
+    prompts, number, seed, sampler, steps, guidance, temperature, energy_guidance, agents, lanes, negative, domain, pick,
     raw, folder, formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
@@ -67,7 +69,7 @@ def generate(
 
         import scjax
         from scjax.generate.best_of import make
-        from scjax.generate.prompts import doubts
+        from scjax.generate.prompts import prompt_warnings
         from scjax.language.facts import parse
         from scjax.nn.startup import start_jax
 
@@ -80,18 +82,18 @@ def generate(
             for prompt in prompts
         ]  # fmt: skip
     for condition in conditions:
-        for warning in doubts(condition):
+        for warning in prompt_warnings(condition):
             say(f"scjax: warning: {warning}")
     with clock.part("text"):
-        from scjax.generate.prompts import with_tokens
+        from scjax.generate.prompts import encode_prompts
 
-        told = with_tokens(conditions, model)
+        told = encode_prompts(conditions, model)
     with clock.part("scenes"):
         repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
         scenes = make(
             jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
             pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
-            steering=steering,
+            energy_guidance=energy_guidance,
         )  # fmt: skip
     made = []
     with clock.part("files"):

@@ -77,7 +77,7 @@ def info(folder, as_json) -> None:
     from scjax.nn.functional import count
 
     model = scjax.load(folder)
-    parts = {name: count(getattr(model, name)) for name in ("autoencoder", "denoiser", "counter")
+    parts = {name: count(getattr(model, name)) for name in ("autoencoder", "denoiser", "count_predictor")
              if getattr(model, name) is not None}  # fmt: skip
     told = {
         "scjax": scjax.__version__, "parameters": parts, "domains": list(model.domains),

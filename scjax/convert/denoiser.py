@@ -40,9 +40,9 @@ def convert_denoiser(state: Mapping[str, np.ndarray], config: DenoiserConfig) ->
     """
     if config.given_embedding:
         raise ValueError("official weights have no given-token vectors: set given_embedding=False (they start at zero)")
-    if config.condition is not None and not isinstance(config.control, CrossGlobalOptions):
+    if config.condition is not None and not isinstance(config.cross_attention, CrossGlobalOptions):
         raise ValueError(
-            f"official weights are of cross-global attention: set control=CrossGlobalOptions(), not {config.control}"
+            f"official weights are of cross-global attention: set cross_attention=CrossGlobalOptions(), not {config.cross_attention}"
         )
     network = denoiser(config)
     expected = jax.eval_shape(network.init, jax.random.key(0))

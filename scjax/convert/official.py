@@ -15,20 +15,20 @@ import safetensors.numpy
 from scjax.convert.autoencoder import from_official
 from scjax.convert.denoiser import convert_denoiser
 from scjax.generate.model import Model
-from scjax.models import codec as representation
+from scjax.models import codec as codec
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
 from scjax.nn.cross_attention import CrossGlobalOptions
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 State = dict[str, np.ndarray]
 
 # Shipped with the release (official-spec §2.7), of its nuPlan autoencoder.
 NUPLAN_LATENTS = LatentStatistics(
-    mean=Nodes(agents=-0.0077851, lanes=-0.0458711), std=Nodes(agents=0.9948730, lanes=1.0398721)
+    mean=PerType(agents=-0.0077851, lanes=-0.0458711), std=PerType(agents=0.9948730, lanes=1.0398721)
 )
 NUPLAN_CITIES = ("pgh", "lav", "sgp", "bos")
 _ANCHORS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1.weight"}
@@ -61,7 +61,7 @@ def convert_checkpoint(
             f"{_ANCHORS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
         )
     base = into or Model(
-        representation=representation.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
+        codec=codec.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
         notes={"source": f"official release, {Path(path).name}"},
     )  # fmt: skip
     return dataclasses.replace(base, **found)
@@ -179,6 +179,6 @@ def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict
         max_lanes=_shape(state, "model.num_lanes_embedder.embedding_table.weight")[0] - 1,
         max_agents=_shape(state, "model.num_agents_embedder.embedding_table.weight")[0] - 1,
         domains=(_shape(state, "model.scene_type_embedder.embedding_table.weight")[0] - 1) // 3,
-        control=CrossGlobalOptions(latent_tokens=latents),
+        cross_attention=CrossGlobalOptions(latent_tokens=latents),
     )
     return {"denoiser": convert_denoiser(state, config), "denoiser_config": config}

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from scjax.data import ragged
-from scjax.scene import MAX_AGENTS, MAX_LANES, POINTS_PER_LANE, TILE_SIZE, Layout, Link, Scene
+from scjax.scene import MAX_AGENTS, MAX_LANES, POINTS_PER_LANE, TILE_SIZE, Crop, Link, Scene
 
 HALF = TILE_SIZE / 2
 WINDOWS = {  # x_min, x_max, y_min, y_max in metres, edges included
-    Layout.CENTRED: (-HALF, HALF, -HALF, HALF),
-    Layout.PARTITIONED: (-HALF, HALF, -HALF, HALF),
-    Layout.FORWARD: (0.0, TILE_SIZE, -HALF, HALF),
+    Crop.CENTERED: (-HALF, HALF, -HALF, HALF),
+    Crop.PARTITIONED: (-HALF, HALF, -HALF, HALF),
+    Crop.FORWARD: (0.0, TILE_SIZE, -HALF, HALF),
 }
 SIDE_BY_SIDE = 2.0  # metres that two pieces must share to be neighbours, or half of the shorter piece
 
@@ -76,9 +76,9 @@ def neighbour_pieces(
     return np.stack([left, right], -1)[enough], shared[enough]
 
 
-def crop(
+def crop_scene(
     context: Context,
-    layout: Layout = Layout.CENTRED,
+    crop: Crop = Crop.CENTERED,
     *,
     dx: float = 0.0,
     dy: float = 0.0,
@@ -88,7 +88,7 @@ def crop(
     max_agents: int = MAX_AGENTS,
     max_lanes: int = MAX_LANES,
 ) -> Scene:
-    """The unpadded NumPy scene seen through the window of ``layout``.
+    """The unpadded NumPy scene seen through the window of ``crop``.
 
     Lanes are clipped exactly, pieces shorter than 0.5 m dropped unless they are whole lanes, resampled to 20 points and
     ordered by distance to the origin; agents are those whose centre is inside, the ego first, then by distance. Of more
@@ -103,7 +103,7 @@ def crop(
     if dx or dy or dyaw:
         heading = np.cos(dyaw), np.sin(dyaw)
         points = _move(points, dx, dy, *heading)
-    pieces = ragged.clip(points, context.offsets, WINDOWS[layout], cut=layout == Layout.PARTITIONED)
+    pieces = ragged.clip(points, context.offsets, WINDOWS[crop], cut=crop == Crop.PARTITIONED)
     lanes = ragged.resample(pieces, POINTS_PER_LANE)
     order = ragged.nearest_first(lanes)[:max_lanes]
     source = pieces.source[order]
@@ -113,7 +113,7 @@ def crop(
         agents = _move(agents, dx, dy, cos, sin)
         agents[:, 4] = cos * context.agents[:, 4] + sin * context.agents[:, 5]
         agents[:, 5] = cos * context.agents[:, 5] - sin * context.agents[:, 4]
-    rows = _visible(agents, context.off_road, layout, off_road, moved=heading is not None)[:max_agents]
+    rows = _visible(agents, context.off_road, crop, off_road, moved=heading is not None)[:max_agents]
     lane_known = np.ones((len(order), 3), bool)
     lane_known[:, 2] = context.lane_z_known[source]
     return Scene(
@@ -126,7 +126,7 @@ def crop(
         lane_known=lane_known,
         signals=context.signals[source].astype(np.int32),
         links=_links(pieces, context)[np.ix_(order, order)],
-        layout=np.asarray(layout, np.int32),
+        crop=np.asarray(crop, np.int32),
         domain=np.asarray(domain, np.int32),
     )
 
@@ -138,8 +138,8 @@ def _move(values: np.ndarray, dx: float, dy: float, cos: float, sin: float) -> n
     return moved
 
 
-def _visible(agents: np.ndarray, parked: np.ndarray, layout: Layout, off_road: bool, moved: bool) -> np.ndarray:
-    x_min, x_max, y_min, y_max = WINDOWS[layout]
+def _visible(agents: np.ndarray, parked: np.ndarray, crop: Crop, off_road: bool, moved: bool) -> np.ndarray:
+    x_min, x_max, y_min, y_max = WINDOWS[crop]
     x, y = agents[:, 0], agents[:, 1]
     rows = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
     if not off_road:

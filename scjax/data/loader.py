@@ -21,8 +21,8 @@ from scjax.camera.raycast import CLASSES, GRID, StandIn, stand_in
 from scjax.data import records
 from scjax.data import token_order as ordering
 from scjax.data.caption_features import TextStore
-from scjax.models.codec import Representation
-from scjax.scene import AnyArray, Layout, Scene, permute, stack
+from scjax.models.codec import SceneCodec
+from scjax.scene import AnyArray, Crop, Scene, permute, stack
 from scjax.scene.pytree import pytree
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
@@ -58,7 +58,7 @@ class PipelineConfig:
     Attributes:
       batch_size: scenes a batch, over all processes.
       buckets: (agent slots, lane slots) of the padded shapes, smallest first; all scenes of a batch share one.
-      layouts: relative frequency of the centred, partitioned and forward crop.
+      crops: relative frequency of the centred, partitioned and forward crop.
       jitter_position: the crop's pose is moved by up to this many metres along x and y.
       jitter_heading: and turned by up to this many degrees.
       order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
@@ -69,7 +69,7 @@ class PipelineConfig:
 
     batch_size: int = 16
     buckets: tuple[Bucket, ...] = ((12, 16), (16, 28), (32, 48), (61, 100))
-    layouts: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    crops: tuple[float, float, float] = (1.0, 1.0, 1.0)
     jitter_position: float = 2.0
     jitter_heading: float = 10.0
     order: Literal["shuffle", "recursive"] = "shuffle"
@@ -82,13 +82,13 @@ class PipelineConfig:
             raise ValueError(f"batch_size must be at least 1, not {self.batch_size}")
         if not self.buckets or list(self.buckets) != sorted(self.buckets):
             raise ValueError(f"buckets must be (agents, lanes) pairs, smallest first, not {self.buckets}")
-        if len(self.layouts) != len(Layout) or min(self.layouts) < 0 or sum(self.layouts) <= 0:
-            raise ValueError(f"layouts must be three frequencies of positive sum, not {self.layouts}")
+        if len(self.crops) != len(Crop) or min(self.crops) < 0 or sum(self.crops) <= 0:
+            raise ValueError(f"layouts must be three frequencies of positive sum, not {self.crops}")
         if self.order not in ("shuffle", "recursive"):
             raise ValueError(f'order must be "shuffle" or "recursive", not {self.order!r}')
 
 
-class Batches(Iterator[Example]):
+class BatchLoader(Iterator[Example]):
     """Endless batches [batch_size, ...] of one bucket each; ``state`` and ``restore`` resume to the very next batch.
 
     ``example`` maps an index to a single example of an unpadded scene and must be pure; threads prepare them ahead.
@@ -148,7 +148,7 @@ def captioned(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: 
 
 def pictured(scene: Scene) -> Example:
     """A scene with the stand-in for its image, if its window lies ahead of the ego."""
-    if int(scene.layout) == Layout.FORWARD:
+    if int(scene.crop) == Crop.FORWARD:
         return Example(scene=scene, **stand_in(scene)._asdict(), has_image=np.asarray(True))
     none = StandIn(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
     return Example(scene=scene, **none._asdict(), has_image=np.asarray(False))
@@ -181,9 +181,9 @@ def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
 
 
 def training_batches(
-    folder: str | Path, representation: Representation, config: PipelineConfig, *, texts: TextStore | None = None,
+    folder: str | Path, codec: SceneCodec, config: PipelineConfig, *, texts: TextStore | None = None,
     images: bool = False, process: int = 0, processes: int = 1,
-) -> Batches:  # fmt: skip
+) -> BatchLoader:  # fmt: skip
     """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``).
 
     Args:
@@ -197,9 +197,9 @@ def training_batches(
     """
     if images and texts is not None:
         raise ValueError("a network reads texts or images: leave one of them out")
-    if images and not config.layouts[Layout.FORWARD]:
+    if images and not config.crops[Crop.FORWARD]:
         raise ValueError(
-            f"images show what lies ahead, but of layouts {config.layouts} the forward one, the last, never occurs: "
+            f"images show what lies ahead, but of layouts {config.crops} the forward one, the last, never occurs: "
             "give it a frequency, as in (0, 0, 1)"
         )
     held = records.source(folder, "train")
@@ -207,26 +207,26 @@ def training_batches(
         raise ValueError(f"{folder}: {len(texts)} captions for {len(held)} records: caption and embed them again")
     source = grain.MapDataset.source(_Numbered(held))
     stream = source.seed(config.seed).shuffle().repeat(None)[process::processes]
-    frequencies = np.cumsum(config.layouts) / np.sum(config.layouts)
+    frequencies = np.cumsum(config.crops) / np.sum(config.crops)
 
     def augment(item: tuple[int, bytes], rng: np.random.Generator) -> Example:
         number, data = item
-        layout = Layout(int(np.searchsorted(frequencies, rng.random(), side="right")))
+        crop = Crop(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
-        scene = records.sample_scene(records.decode(data), layout, dx, dy, turn)
-        scene = clip_counts(representation.select(scene), config.buckets[-1])
+        scene = records.sample_scene(records.decode(data), crop, dx, dy, turn)
+        scene = clip_counts(codec.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
         if images:
             return pictured(scene)
         if texts is None:
             return Example(scene=scene)
-        if layout == Layout.FORWARD:
+        if crop == Crop.FORWARD:
             return captioned(scene, np.zeros((0, texts.width), np.float16), config.text_slots)
         return captioned(scene, texts.features(int(rng.choice(texts.texts_of(number)))), config.text_slots)
 
     examples = stream.random_map(augment)
-    return Batches(lambda index: cast(Example, examples[index]), config, processes=processes)
+    return BatchLoader(lambda index: cast(Example, examples[index]), config, processes=processes)
 
 
 class _Numbered:
@@ -243,13 +243,13 @@ class _Numbered:
 
 
 def validation_scenes(
-    folder: str | Path, representation: Representation, *, layout: Layout = Layout.CENTRED, split: str = "val",
+    folder: str | Path, codec: SceneCodec, *, crop: Crop = Crop.CENTERED, split: str = "val",
     bucket: Bucket = (61, 100),
 ) -> list[Scene]:  # fmt: skip
     """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order."""
     scenes = []
     for data in records.source(folder, split):
-        scene = representation.select(records.sample_scene(records.decode(data), layout, 0.0, 0.0, 0.0))
+        scene = codec.select(records.sample_scene(records.decode(data), crop, 0.0, 0.0, 0.0))
         scenes.append(ordering.arrange(clip_counts(scene, bucket))[0])
     return scenes
 

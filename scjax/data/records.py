@@ -19,11 +19,11 @@ from array_record.python import array_record_data_source, array_record_module  #
 
 from scjax.data import ragged
 from scjax.data.agents import clean
-from scjax.data.crop import WINDOWS, Context, crop, neighbour_pieces
+from scjax.data.crop import WINDOWS, Context, crop_scene, neighbour_pieces
 from scjax.data.lane_graph import LaneGraph, SegmentIndex
 from scjax.data.readers.scene_json import RawScene
 from scjax.data.tiles import Pose, agents_at, to_pose_frame
-from scjax.scene import Layout, Scene
+from scjax.scene import Crop, Scene
 
 RECORD_FORMAT = 1
 RADIUS = 80.0  # metres; the far corners of the forward window are 71.6 m away
@@ -128,28 +128,28 @@ def _view(data: bytes, base: int, entry: dict[str, Any]) -> np.ndarray:
 
 def sample_scene(
     record: Record,
-    layout: Layout = Layout.CENTRED,
+    crop: Crop = Crop.CENTERED,
     dx: float = 0.0,
     dy: float = 0.0,
     dyaw: float = 0.0,
     *,
     off_road: bool = False,
 ) -> Scene:
-    """The unpadded NumPy scene of ``record`` in ``layout``, from a pose moved by dx, dy [m] and dyaw [rad].
+    """The unpadded NumPy scene of ``record`` in ``crop``, from a pose moved by dx, dy [m] and dyaw [rad].
 
     At zero offset and CENTRED this is the evaluation tile. See ``crop.crop`` for the rules.
 
     Raises:
       ValueError: if the moved window reaches beyond the 80 m that a record holds.
     """
-    x_min, x_max, y_min, y_max = WINDOWS[layout]
+    x_min, x_max, y_min, y_max = WINDOWS[crop]
     reach = np.hypot(max(-x_min, x_max), max(-y_min, y_max)) + np.hypot(dx, dy)
     if reach > RADIUS:
         raise ValueError(
-            f"dx, dy = {dx:.1f}, {dy:.1f} m: the {layout.name} window then reaches {reach:.1f} m from the recorded "
+            f"dx, dy = {dx:.1f}, {dy:.1f} m: the {crop.name} window then reaches {reach:.1f} m from the recorded "
             f"pose, but records end at {RADIUS:.0f} m: choose smaller offsets"
         )
-    return crop(record.context, layout, dx=dx, dy=dy, dyaw=dyaw, domain=record.domain, off_road=off_road)
+    return crop_scene(record.context, crop, dx=dx, dy=dy, dyaw=dyaw, domain=record.domain, off_road=off_road)
 
 
 def write_shard(path: Path, records: Iterable[bytes]) -> int:

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from scjax.scene import Layout, Scene, permute
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop, Scene, permute
+from scjax.scene.per_type import PerType
 
 TOLERANCE = 0.5  # metres
 UNIT_TOLERANCE = TOLERANCE / 32
@@ -24,7 +24,7 @@ def order(
     *,
     axes: Axes = "xy",
     tolerance: float = UNIT_TOLERANCE,
-) -> Nodes:
+) -> PerType:
     """Permutations: new row i is old row ``perm[i]``. Agent 0 (the ego) stays first.
 
     Sorted by least x, least y, greatest x, greatest y: elements whose key differs from their predecessor's by less
@@ -39,7 +39,7 @@ def order(
         lanes, agents = lanes[..., ::-1], agents[..., ::-1]
     lane_keys = np.concatenate([lanes.min(1), lanes.max(1)], 1).T.tolist()
     agent_keys = [*agents.T.tolist()] * 2
-    return Nodes(
+    return PerType(
         agents=np.array([0, *_sort(range(1, len(agents)), agent_keys, tolerance)] if len(agents) else [], np.int32),
         lanes=np.array(_sort(range(len(lanes)), lane_keys, tolerance), np.int32),
     )
@@ -52,11 +52,11 @@ def arrange(scene: Scene) -> tuple[Scene, Int[np.ndarray, " agents"], Int[np.nda
     """
     lanes, agents = np.asarray(scene.lanes)[..., :2], np.asarray(scene.agents)[..., :2]
     perms = order(lanes, agents, tolerance=TOLERANCE)
-    if scene.layout == Layout.PARTITIONED:
+    if scene.crop == Crop.PARTITIONED:
         given = partition(lanes, agents)
         ego_first = given.agents.copy()
         ego_first[:1] = True
-        perms = Nodes(
+        perms = PerType(
             agents=perms.agents[np.argsort(~ego_first[perms.agents], kind="stable")],
             lanes=perms.lanes[np.argsort(~given.lanes[perms.lanes], kind="stable")],
         )
@@ -65,10 +65,10 @@ def arrange(scene: Scene) -> tuple[Scene, Int[np.ndarray, " agents"], Int[np.nda
 
 def partition(
     lanes: Float[np.ndarray, "lanes points 2"], agents: Float[np.ndarray, "agents 2"], *, axes: Axes = "xy"
-) -> Nodes:
+) -> PerType:
     """The given half of a partitioned scene: agents at x <= 0, lanes whose middle point (10th of 20) is at x <= 0."""
     first = "xy".index(axes[0])
-    return Nodes(agents=agents[:, first] <= 0, lanes=lanes[:, lanes.shape[1] // 2 - 1, first] <= 0)
+    return PerType(agents=agents[:, first] <= 0, lanes=lanes[:, lanes.shape[1] // 2 - 1, first] <= 0)
 
 
 def in_view(

@@ -17,29 +17,29 @@ from scjax.diffusion.guidance import Denoise, Guidance, guided, join
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.context import ConditionFeatures, TextFeatures
 from scjax.nn.functional import Functional, Params
-from scjax.scene.per_type import Nodes, generated
+from scjax.scene.per_type import PerType, generated_mask
 
-MOST_AHEAD = 2**25
+MAX_PRECOMPUTED = 2**25
 """Numbers of modulation that may be held for all steps: 128 MiB in float32, on every device."""
 
 Ahead = Callable[[Real[Array, " b"]], dict | None]
 """Times [B], all equal -> modulation, or None where the network is to compute it itself."""
 
 
-def estimator(
+def make_denoise_fn(
     network: Functional,
     config: DenoiserConfig,
     params: Params,
     label: Int[Array, " b"],
-    masks: Nodes,
+    masks: PerType,
     *,
     times: Real[Array | np.ndarray, " s"],
-    given: Nodes | None = None,
+    known: PerType | None = None,
     features: ConditionFeatures | None = None,
-    away: TextFeatures | None = None,
+    negative: TextFeatures | None = None,
     guidance: Guidance | None = None,
     weight: float | Float[Array, "*b"] = 1.0,
-    most_ahead: int = MOST_AHEAD,
+    most_ahead: int = MAX_PRECOMPUTED,
 ) -> Denoise:
     """``denoise`` of a batch, guided where ``guidance`` is given.
 
@@ -47,45 +47,45 @@ def estimator(
       label: rows of the label table [B].
       masks: True at valid tokens [B, tokens] a kind.
       times: at which it will be asked, all scenes at the same.
-      given: True at tokens that are given; None: none.
+      known: True at tokens that are given; None: none.
       features: of the condition; None leaves it out.
-      away: features of negative prompts, from which guidance leads away; None: from no condition.
+      negative: features of negative prompts, from which guidance leads away; None: from no condition.
       guidance: interval and rescaling; the weight is ``weight``, which may be traced, one for all or one a scene [B].
       most_ahead: numbers of modulation held for all times; with more, every step computes its own.
     """
     nobody, cache = jnp.zeros(label.shape, bool), None
     if features is not None:
         cache = network.apply(params, features, nobody, method="encode_condition")
-    both_labels, both_masks, both_given, both_caches = label, masks, given, cache
+    both_labels, both_masks, both_given, both_caches = label, masks, known, cache
     if guidance is not None:
         both_labels, both_masks = join(label, jnp.full_like(label, config.null_label)), join(masks, masks)
-        both_given = None if given is None else join(given, given)
-        if away is not None:
-            absent = ~jnp.asarray(away.mask).any(-1)
-            both_caches = join(cache, network.apply(params, away, absent, method="encode_condition"))
+        both_given = None if known is None else join(known, known)
+        if negative is not None:
+            absent = ~jnp.asarray(negative.mask).any(-1)
+            both_caches = join(cache, network.apply(params, negative, absent, method="encode_condition"))
         elif features is not None and config.attend_padding:  # else a stage needs no cache for "no condition"
             both_caches = join(cache, network.apply(params, features, ~nobody, method="encode_condition"))
     ahead = modulation_ahead(network, params, times, both_labels, both_masks, most_ahead)
 
-    def both(z: Nodes, t: Real[Array, " b"]) -> Nodes:
+    def both(z: PerType, t: Real[Array, " b"]) -> PerType:
         return network.apply(params, z, t, both_labels, both_masks, both_given, both_caches, ahead(t))
 
     if guidance is None:
         return both
 
-    def one(z: Nodes, t: Real[Array, " b"]) -> Nodes:
+    def one(z: PerType, t: Real[Array, " b"]) -> PerType:
         modulation = jax.tree.map(lambda x: x[: len(label)], ahead(t))
-        return network.apply(params, z, t, label, masks, given, cache, modulation)
+        return network.apply(params, z, t, label, masks, known, cache, modulation)
 
-    made = generated(masks, given)
+    generated = generated_mask(masks, known)
     return guided(
-        both, weight, interval=guidance.interval, rescale=guidance.rescale, made=made, denoise_one=one
+        both, weight, interval=guidance.interval, rescale=guidance.rescale, generated=generated, denoise_one=one
     )  # fmt: skip
 
 
 def modulation_ahead(
-    network: Functional, params: Params, times: Real[Array | np.ndarray, " s"], label: Int[Array, " b"], masks: Nodes,
-    most: int = MOST_AHEAD,
+    network: Functional, params: Params, times: Real[Array | np.ndarray, " s"], label: Int[Array, " b"], masks: PerType,
+    most: int = MAX_PRECOMPUTED,
 ) -> Ahead:  # fmt: skip
     """Modulation of all times (ascending) at once, a row a time and scene, unless it has more than ``most`` numbers."""
     counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)

@@ -18,22 +18,22 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Real
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.noise_level import Level
+from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.process import estimate_x0, output_for
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
-Energy = Callable[[Nodes], Float[Array, ""]]
+Energy = Callable[[PerType], Float[Array, ""]]
 """Normalised latents [B, tokens, latent] -> energy of the decoded scenes [m^2], summed over them."""
 
-EnergyAround = Callable[[Nodes], Energy]
+EnergyAround = Callable[[PerType], Energy]
 """The energy of latents near the given ones: what has no gradient, which lanes are linked, may be taken from those."""
 
 _TOGETHER = 4  # gradient steps that gather momentum; one or two a step of a sampler do not
 
 
 @dataclasses.dataclass(frozen=True)
-class Steering:
+class EnergyGuidance:
     """How estimates are steered.
 
     Attributes:
@@ -53,19 +53,21 @@ class Steering:
 
     def __post_init__(self):
         if self.rounds < 1:
-            raise ValueError(f"Steering.rounds must be at least 1, not {self.rounds}: steering=False is none")
+            raise ValueError(
+                f"EnergyGuidance.rounds must be at least 1, not {self.rounds}: energy_guidance=False is none"
+            )
         if not 0 <= self.below <= 1:
-            raise ValueError(f"Steering.below must lie in 0..1, not {self.below}: it is a level of noise")
+            raise ValueError(f"EnergyGuidance.below must lie in 0..1, not {self.below}: it is a level of noise")
         if not 0 <= self.momentum < 1:
             raise ValueError(
-                f"Steering.momentum must lie in 0..1, 1 excluded, not {self.momentum}: it would not settle"
+                f"EnergyGuidance.momentum must lie in 0..1, 1 excluded, not {self.momentum}: it would not settle"
             )
         if not (self.agents >= 0 and self.lanes >= 0):
-            raise ValueError(f"Steering.agents and .lanes must not be negative, not {self.agents}, {self.lanes}")
+            raise ValueError(f"EnergyGuidance.agents and .lanes must not be negative, not {self.agents}, {self.lanes}")
 
 
-def rounds_of(number: int, below: float, levels: Level) -> Int[np.ndarray, " s"]:
-    """Gradient steps at every level of a sampler's schedule, index 0 the least noisy; as in ``Steering``."""
+def rounds_of(number: int, below: float, levels: NoiseLevel) -> Int[np.ndarray, " s"]:
+    """Gradient steps at every level of a sampler's schedule, index 0 the least noisy; as in ``EnergyGuidance``."""
     quiet = max(int((np.asarray(levels.noise) <= below).sum()), 1)
     steps = min(quiet, -(-number // _TOGETHER))
     rounds = np.zeros(len(levels.noise), np.int32)
@@ -73,46 +75,46 @@ def rounds_of(number: int, below: float, levels: Level) -> Int[np.ndarray, " s"]
     return rounds
 
 
-def steered(
+def with_energy_guidance(
     denoise: Denoise,
-    levels: Level,
+    levels: NoiseLevel,
     prediction: Prediction,
     energy: EnergyAround,
-    made: Nodes,
-    steering: Steering,
+    generated: PerType,
+    energy_guidance: EnergyGuidance,
 ) -> Denoise:
     """``denoise`` whose estimate of x_0 has descended ``energy``.
 
     Args:
       levels: of the sampler's schedule, the only ones at which it will be asked; all scenes at the same.
       energy: the one around an estimate is taken once, for all rounds of a step.
-      made: True at the tokens that are generated [B, tokens] a kind; the others, clean in z, are not moved.
+      generated: True at the tokens that are generated [B, tokens] a kind; the others, clean in z, are not moved.
     """
-    rounds = jnp.asarray(rounds_of(steering.rounds, steering.below, levels))
-    length = Nodes(agents=steering.agents, lanes=steering.lanes)
+    rounds = jnp.asarray(rounds_of(energy_guidance.rounds, energy_guidance.below, levels))
+    length = PerType(agents=energy_guidance.agents, lanes=energy_guidance.lanes)
 
-    def descended(start: Nodes, step: Int[Array, ""]) -> Nodes:
+    def descended(start: PerType, step: Int[Array, ""]) -> PerType:
         slope = jax.grad(energy(start))
 
-        def descend(k: Int[Array, ""], carry: tuple[Nodes, Nodes]) -> tuple[Nodes, Nodes]:
+        def descend(k: Int[Array, ""], carry: tuple[PerType, PerType]) -> tuple[PerType, PerType]:
             x, way = carry
-            ahead = jax.tree.map(lambda x, w: x + steering.momentum * w, x, way)
+            ahead = jax.tree.map(lambda x, w: x + energy_guidance.momentum * w, x, way)
             onward = jax.tree.map(
-                lambda w, g, mask, by: jnp.where(mask[..., None], steering.momentum * w - by * g, 0).astype(w.dtype),
-                way, slope(ahead), made, length,
+                lambda w, g, mask, by: jnp.where(mask[..., None], energy_guidance.momentum * w - by * g, 0).astype(w.dtype),
+                way, slope(ahead), generated, length,
             )  # fmt: skip
             return jax.tree.map(jnp.add, x, onward), onward
 
         return jax.lax.fori_loop(0, rounds[step], descend, (start, jax.tree.map(jnp.zeros_like, start)))[0]
 
-    def denoise_steered(z: Nodes, t: Real[Array, " b"]) -> Nodes:
+    def denoise_steered(z: PerType, t: Real[Array, " b"]) -> PerType:
         output = denoise(z, t)
         step = jnp.searchsorted(jnp.asarray(levels.time), t[0])
 
-        def led() -> Nodes:
+        def led() -> PerType:
             level = levels[jnp.broadcast_to(step, t.shape)]
             guess = estimate_x0(level, z, output, prediction)
-            x0 = jax.tree.map(lambda x, clean, mask: jnp.where(mask[..., None], x, clean), guess, z, made)
+            x0 = jax.tree.map(lambda x, clean, mask: jnp.where(mask[..., None], x, clean), guess, z, generated)
             return output_for(level, z, descended(x0, step), prediction)
 
         return jax.lax.cond(rounds[step] > 0, led, lambda: output)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from scjax.diffusion.noise_level import Level, spaced
+from scjax.diffusion.noise_level import NoiseLevel, trailing_timesteps
 from scjax.diffusion.schedule import OFFICIAL_STEPS
 from scjax.scene.pytree import pytree
 
@@ -19,7 +19,7 @@ from scjax.scene.pytree import pytree
 class FlowSchedule:
     """Levels [S] that a sampler visits, index 0 the least noisy."""
 
-    levels: Level
+    levels: NoiseLevel
 
     @property
     def steps(self) -> int:
@@ -28,13 +28,15 @@ class FlowSchedule:
 
 
 def flow_schedule(steps: int, total: int = OFFICIAL_STEPS, last: float = 1.0) -> FlowSchedule:
-    """The levels of ``steps`` timesteps out of ``total``; ``last`` and errors as in ``spaced``."""
-    times = spaced(total, steps, last)
+    """The levels of ``steps`` timesteps out of ``total``; ``last`` and errors as in ``trailing_timesteps``."""
+    times = trailing_timesteps(total, steps, last)
     noise = (times + 1) / np.float32(total)
-    level = Level(time=times.astype(np.int32), signal=(1 - noise).astype(np.float32), noise=noise.astype(np.float32))
+    level = NoiseLevel(
+        time=times.astype(np.int32), signal=(1 - noise).astype(np.float32), noise=noise.astype(np.float32)
+    )
     return FlowSchedule(levels=level)
 
 
-def flow_level(s: Float[Array, " b"], total: int = OFFICIAL_STEPS) -> Level:
+def flow_level(s: Float[Array, " b"], total: int = OFFICIAL_STEPS) -> NoiseLevel:
     """Any levels s, also between the timesteps."""
-    return Level(time=jnp.asarray(total * s - 1), signal=1 - s, noise=s)
+    return NoiseLevel(time=jnp.asarray(total * s - 1), signal=1 - s, noise=s)

@@ -15,13 +15,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
-Denoise = Callable[[Nodes, Real[Array, " b"]], Nodes]
+Denoise = Callable[[PerType, Real[Array, " b"]], PerType]
 T = TypeVar("T")
 Interval = tuple[float | int, float | int]
 
-WEIGHT = 2.0
+DEFAULT_GUIDANCE_SCALE = 2.0
 """Of conditional models, where nothing is said."""
 
 
@@ -35,7 +35,7 @@ class Guidance:
       rescale: phi, the share of the result that is scaled to the deviation that c has in each scene and kind.
     """
 
-    weight: float = WEIGHT
+    weight: float = DEFAULT_GUIDANCE_SCALE
     interval: Interval | None = None
     rescale: float = 0.0
 
@@ -59,7 +59,7 @@ def guided(
     *,
     interval: Interval | None = None,
     rescale: float = 0.0,
-    made: Nodes | None = None,
+    generated: PerType | None = None,
     denoise_one: Denoise | None = None,
 ) -> Denoise:
     """eps_u + w (eps_c - eps_u); w = 1 is the conditional estimate, 4 the official choice.
@@ -68,35 +68,35 @@ def guided(
       denoise_both: estimate of a batch of 2 B whose first half is conditional (see ``join``).
       weight: w, or one a scene [B].
       interval, rescale: as in ``Guidance``.
-      made: True at the tokens that are generated [B, tokens] a kind, of which deviations are taken; None: all.
+      generated: True at the tokens that are generated [B, tokens] a kind, of which deviations are taken; None: all.
       denoise_one: the conditional estimate alone, run where no scene's time lies in the interval.
     """
 
     def inside(t: Real[Array, " b"]) -> Bool[Array, " b"]:
         return jnp.ones(t.shape, bool) if interval is None else (interval[0] <= t) & (t <= interval[1])
 
-    def denoise(z: Nodes, t: Real[Array, " b"]) -> Nodes:
+    def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
         both = denoise_both(join(z, z), jnp.concatenate([t, t]))
         w = jnp.where(inside(t), weight, 1)[:, None, None]
         conditional, unconditional = (jax.tree.map(lambda x, i=i: jnp.split(x, 2)[i], both) for i in (0, 1))
         led = jax.tree.map(lambda c, u: u + w.astype(c.dtype) * (c - u), conditional, unconditional)
-        return rescaled(led, conditional, rescale, made) if rescale else led
+        return rescaled(led, conditional, rescale, generated) if rescale else led
 
     if interval is None or denoise_one is None:
         return denoise
     return lambda z, t: jax.lax.cond(inside(t).any(), denoise, denoise_one, z, t)
 
 
-def rescaled(led: Nodes, conditional: Nodes, share: float, made: Nodes | None = None) -> Nodes:
+def rescaled(led: PerType, conditional: PerType, share: float, generated: PerType | None = None) -> PerType:
     """share * led * std(conditional) / std(led) + (1 - share) * led, deviations a scene and kind."""
-    made = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), led) if made is None else made
+    generated = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), led) if generated is None else generated
 
     def scaled(led: Array, conditional: Array, mask: Array) -> Array:
         wanted, found = (_deviation(x, mask) for x in (conditional, led))
         factor = jnp.where(found > 0, wanted / jnp.where(found > 0, found, 1), 1)[:, None, None]
         return (share * factor + (1 - share)) * led
 
-    return jax.tree.map(scaled, led, conditional, made)
+    return jax.tree.map(scaled, led, conditional, generated)
 
 
 def _deviation(x: Float[Array, "b n d"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:

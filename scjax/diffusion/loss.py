@@ -10,20 +10,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from scjax.diffusion.guidance import Denoise
-from scjax.diffusion.noise_level import Level
+from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.process import target as target_of
 from scjax.diffusion.schedule import Schedule
-from scjax.diffusion.timestep_sampling import Times, draw_levels
+from scjax.diffusion.timestep_sampling import TimestepSampling, draw_levels
 from scjax.models.denoiser.config import Prediction
-from scjax.nn.cross_attention import Aux
+from scjax.nn.cross_attention import AuxOutputs
 from scjax.nn.functional import Functional, Params
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
 LANE_WEIGHT = 10.0
 
-Penalty = Callable[[Nodes, Level], Float[Array, " b"]]
+Penalty = Callable[[PerType, NoiseLevel], Float[Array, " b"]]
 """(estimate of x_0, level) -> a number a scene that is added to its loss."""
 
 
@@ -34,16 +34,16 @@ class LatentBatch:
     Attributes:
       latents: clean normalised latents [B, tokens, latent] a kind, in token order.
       masks: True at valid tokens [B, tokens] a kind.
-      given: True at tokens that are given, i.e. stay clean (the first half of partitioned scenes).
+      known: True at tokens that are given, i.e. stay clean (the first half of partitioned scenes).
       label: rows of the label table.
       condition: features for ``encode_condition``, or None.
       has_condition: scenes whose features are real [B]; None: all.
       agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
     """
 
-    latents: Nodes
-    masks: Nodes
-    given: Nodes
+    latents: PerType
+    masks: PerType
+    known: PerType
     label: Int[Array, " b"]
     condition: Any = None
     has_condition: Bool[Array, " b"] | None = None
@@ -51,27 +51,27 @@ class LatentBatch:
 
 
 def noised(
-    level: Level, clean: Nodes, noise: Nodes, given: Nodes, prediction: Prediction = "noise"
-) -> tuple[Nodes, Nodes]:  # fmt: skip
+    level: NoiseLevel, clean: PerType, noise: PerType, known: PerType, prediction: Prediction = "noise"
+) -> tuple[PerType, PerType]:  # fmt: skip
     """Network input and target: given tokens enter clean and have target 0, the others are noised."""
     target = target_of(level, clean, noise, prediction)
     x = jax.tree.map(
-        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), given, clean, q_sample(level, clean, noise)
+        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), known, clean, q_sample(level, clean, noise)
     )
-    return x, jax.tree.map(lambda flag, wanted: jnp.where(flag[..., None], 0, wanted), given, target)
+    return x, jax.tree.map(lambda flag, wanted: jnp.where(flag[..., None], 0, wanted), known, target)
 
 
 def diffusion_loss(
     denoise: Denoise,
-    level: Level,
-    clean: Nodes,
-    noise: Nodes,
-    masks: Nodes,
-    given: Nodes,
+    level: NoiseLevel,
+    clean: PerType,
+    noise: PerType,
+    masks: PerType,
+    known: PerType,
     *,
     prediction: Prediction = "noise",
     agent_weight: Float[Array, "b agents"] | None = None,
-    count_given: bool = False,
+    count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, " b"]]]:
     """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
@@ -80,7 +80,7 @@ def diffusion_loss(
       denoise: (noisy latents, times) -> network output.
       level: of noise, one a scene.
       prediction: what ``denoise`` estimates.
-      count_given: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
+      count_known: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
         noise must be found; a scene in which every token of a kind is given has loss 0 there.
       penalty: added to the loss of every scene, from the estimate of x_0 with given tokens as they are.
 
@@ -88,9 +88,9 @@ def diffusion_loss(
       loss, and its terms a scene [B]: agent, lane, total, and penalty where there is one.
     """
     clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
-    x, target = noised(level, clean, noise, given, prediction)
+    x, target = noised(level, clean, noise, known, prediction)
     eps = denoise(x, jnp.asarray(level.time))
-    counted = masks if count_given else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+    counted = masks if count_known else jax.tree.map(lambda mask, flag: mask & ~flag, masks, known)
     weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, eps)
     if agent_weight is not None:
         weights = weights.replace(agents=weights.agents * jnp.where(counted.agents, agent_weight, 0))
@@ -100,7 +100,7 @@ def diffusion_loss(
     found = {"agent": terms.agents, "lane": terms.lanes}
     if penalty is not None:
         estimate = estimate_x0(level, x, eps, prediction)
-        estimate = jax.tree.map(lambda flag, x0, guess: jnp.where(flag[..., None], x0, guess), given, clean, estimate)
+        estimate = jax.tree.map(lambda flag, x0, guess: jnp.where(flag[..., None], x0, guess), known, clean, estimate)
         found["penalty"] = penalty(estimate, level)
         total = total + found["penalty"]
     return total.mean(), {**found, "total": total}
@@ -115,10 +115,10 @@ def training_loss(
     *,
     null_label: int,
     prediction: Prediction = "noise",
-    times: Times = Times(),  # noqa: B008 - frozen
+    times: TimestepSampling = TimestepSampling(),  # noqa: B008 - frozen
     label_dropout: float | Float[Array, ""] = 0.1,
     condition_dropout: float | Float[Array, ""] = 0.1,
-    count_given: bool = False,
+    count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.
@@ -131,7 +131,7 @@ def training_loss(
     scenes = batch.label.shape
     level = draw_levels(key_step, len(batch.label), schedule, prediction, times)
     noise = jax.tree.map(
-        lambda k, x: jax.random.normal(k, x.shape, x.dtype), Nodes(agents=key_agents, lanes=key_lanes), batch.latents
+        lambda k, x: jax.random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
     )
     label = jnp.where(jax.random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
     cache = None
@@ -141,14 +141,14 @@ def training_loss(
             dropped = dropped | ~batch.has_condition
         cache = network.apply(params, batch.condition, dropped, method="encode_condition")
 
-    aux: dict[str, Aux] = {}
+    aux: dict[str, AuxOutputs] = {}
 
-    def denoise(z: Nodes, t: Real[Array, " b"]) -> Nodes:
-        return network.apply(params, z, t, label, batch.masks, batch.given, cache, aux=aux)
+    def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
+        return network.apply(params, z, t, label, batch.masks, batch.known, cache, aux=aux)
 
     loss, terms = diffusion_loss(
-        denoise, level, batch.latents, noise, batch.masks, batch.given,
-        prediction=prediction, agent_weight=batch.agent_weight, count_given=count_given, penalty=penalty,
+        denoise, level, batch.latents, noise, batch.masks, batch.known,
+        prediction=prediction, agent_weight=batch.agent_weight, count_known=count_known, penalty=penalty,
     )  # fmt: skip
     means = {name: term.mean() for name, term in terms.items()}
     own = [told.loss for told in aux.values() if told.loss is not None]

@@ -14,7 +14,7 @@ from scjax.scene.pytree import pytree
 
 
 @pytree
-class Level:
+class NoiseLevel:
     """One level a scene [B], or the levels of a schedule [S], index 0 the least noisy.
 
     Attributes:
@@ -26,10 +26,10 @@ class Level:
     signal: Float[Array | np.ndarray, "*n"]
     noise: Float[Array | np.ndarray, "*n"]
 
-    def __getitem__(self, step: Int[Array | np.ndarray, "*b"]) -> Level:
+    def __getitem__(self, step: Int[Array | np.ndarray, "*b"]) -> NoiseLevel:
         """The levels at indices of a schedule."""
         time, signal, noise = (jnp.asarray(x)[step] for x in (self.time, self.signal, self.noise))
-        return Level(time=time, signal=signal, noise=noise)
+        return NoiseLevel(time=time, signal=signal, noise=noise)
 
     def host(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(signal, noise) of every level of a schedule, and of the next one towards the data; NumPy, float64.
@@ -40,7 +40,7 @@ class Level:
         return signal, noise, np.append(1.0, signal[:-1]), np.append(0.0, noise[:-1])
 
 
-def spaced(total: int, steps: int, last: float = 1.0) -> Int[np.ndarray, " steps"]:
+def trailing_timesteps(total: int, steps: int, last: float = 1.0) -> Int[np.ndarray, " steps"]:
     """Which of ``total`` times, 0 the least noisy, a sampler of fewer steps visits.
 
     Even steps down from the last time, whose state is pure noise as the sampler's start is (Lin et al. 2023,

@@ -9,20 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from scjax.diffusion.noise_level import Level
+from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 Scale = Float[Array | np.ndarray, " b"]
 
 
-def q_sample(level: Level, clean: Nodes, noise: Nodes) -> Nodes:
+def q_sample(level: NoiseLevel, clean: PerType, noise: PerType) -> PerType:
     """signal x_0 + noise eps."""
     return _combine(level.signal, clean, level.noise, noise)
 
 
-def target(level: Level, clean: Nodes, noise: Nodes, prediction: Prediction) -> Nodes:
+def target(level: NoiseLevel, clean: PerType, noise: PerType, prediction: Prediction) -> PerType:
     """What the network is to return for ``q_sample(level, clean, noise)``.
 
     At the last times of the cosine schedule abar_t is about 1e-7, and x_0 hangs on a hair of the noise: a network that
@@ -36,7 +36,7 @@ def target(level: Level, clean: Nodes, noise: Nodes, prediction: Prediction) -> 
     return jax.tree.map(jnp.subtract, noise, clean)
 
 
-def estimate_x0(level: Level, x: Nodes, output: Nodes, prediction: Prediction) -> Nodes:
+def estimate_x0(level: NoiseLevel, x: PerType, output: PerType, prediction: Prediction) -> PerType:
     """x_0 from x and what the network returned for it; not clipped."""
     if prediction == "velocity":
         return _combine(level.signal, x, -level.noise, output)
@@ -46,7 +46,7 @@ def estimate_x0(level: Level, x: Nodes, output: Nodes, prediction: Prediction) -
     return _combine(inverse, x, -level.noise * inverse, output)
 
 
-def output_for(level: Level, x: Nodes, x0: Nodes, prediction: Prediction) -> Nodes:
+def output_for(level: NoiseLevel, x: PerType, x0: PerType, prediction: Prediction) -> PerType:
     """What the network would have to return for x to mean x_0: the inverse of ``estimate_x0`` where there is noise."""
     inverse = 1 / jnp.asarray(level.noise)
     if prediction == "flow":
@@ -56,7 +56,7 @@ def output_for(level: Level, x: Nodes, x0: Nodes, prediction: Prediction) -> Nod
     return _combine(inverse, x, -level.signal * inverse, x0)
 
 
-def posterior_mean(schedule: Schedule, clean: Nodes, x: Nodes, step: Int[Array, " b"]) -> Nodes:
+def posterior_mean(schedule: Schedule, clean: PerType, x: PerType, step: Int[Array, " b"]) -> PerType:
     """Mean of q(x_{t-1} | x_t, x_0)."""
     one, two = (jnp.asarray(x)[step] for x in (schedule.posterior_mean_coef1, schedule.posterior_mean_coef2))
     return _combine(one, clean, two, x)
@@ -68,6 +68,6 @@ def posterior_std(schedule: Schedule, step: Int[Array, " b"]) -> Float[Array, " 
     return jnp.where(step == 0, 0, std)
 
 
-def _combine(a: Scale, x: Nodes, b: Scale, y: Nodes) -> Nodes:
+def _combine(a: Scale, x: PerType, b: Scale, y: PerType) -> PerType:
     a, b = jnp.asarray(a)[:, None, None], jnp.asarray(b)[:, None, None]
     return jax.tree.map(lambda x, y: a * x + b * y, x, y)

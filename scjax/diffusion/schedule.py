@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from scjax.diffusion.noise_level import Level, spaced
+from scjax.diffusion.noise_level import NoiseLevel, trailing_timesteps
 from scjax.scene.pytree import pytree
 
 OFFICIAL_STEPS = 100
@@ -37,9 +37,9 @@ class Schedule:
         return len(self.timesteps)
 
     @property
-    def levels(self) -> Level:
+    def levels(self) -> NoiseLevel:
         """Of every step [S]."""
-        return Level(
+        return NoiseLevel(
             time=self.timesteps, signal=self.sqrt_alphas_cumprod, noise=self.sqrt_one_minus_alphas_cumprod
         )  # fmt: skip
 
@@ -60,16 +60,16 @@ def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
 
 
 def respaced(schedule: Schedule, steps: int, last: float = 1.0, least_signal: float = 0.0) -> Schedule:
-    """Fewer sampling steps: the times of ``schedule`` that ``spaced`` chooses, with betas between them.
+    """Fewer sampling steps: the times of ``schedule`` that ``trailing_timesteps`` chooses, with betas between them.
 
     Args:
       least_signal: noisier times, whose sqrt(abar_t) is less, are left out as far as ``steps`` allows.
     """
-    kept = spaced(schedule.steps, steps, last)
+    kept = trailing_timesteps(schedule.steps, steps, last)
     if steps == schedule.steps:
         return schedule
     usable = int((np.asarray(schedule.sqrt_alphas_cumprod) >= least_signal).sum())
-    kept = spaced(max(usable, steps), steps, last)
+    kept = trailing_timesteps(max(usable, steps), steps, last)
     cumulative = np.asarray(schedule.alphas_cumprod)[kept]
     exact = cumulative.astype(np.float64)
     alphas = exact / np.concatenate([[1.0], exact[:-1]])

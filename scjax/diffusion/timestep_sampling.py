@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from scjax.diffusion.flow import flow_level
-from scjax.diffusion.noise_level import Level
+from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
 
@@ -20,7 +20,7 @@ DRAWS = ("uniform", "logit-normal")
 
 
 @dataclasses.dataclass(frozen=True)
-class Times:
+class TimestepSampling:
     """How levels are drawn.
 
     Attributes:
@@ -40,7 +40,9 @@ class Times:
             raise ValueError(f"Times.std must be positive, not {self.std}")
 
 
-def draw_levels(key: Array, scenes: int, schedule: Schedule, prediction: Prediction, times: Times) -> Level:
+def draw_levels(
+    key: Array, scenes: int, schedule: Schedule, prediction: Prediction, times: TimestepSampling
+) -> NoiseLevel:
     """A level a scene [B].
 
     Args:
@@ -65,9 +67,9 @@ def draw_levels(key: Array, scenes: int, schedule: Schedule, prediction: Predict
     return level_at(step, schedule, prediction)
 
 
-def level_at(step: Int[Array, " b"], schedule: Schedule, prediction: Prediction) -> Level:
+def level_at(step: Int[Array, " b"], schedule: Schedule, prediction: Prediction) -> NoiseLevel:
     """The levels of timesteps [B]: those of the schedule, or as many of the straight path of a rectified flow."""
     if prediction != "flow":
         return schedule.levels[step]
     level = flow_level((step + 1) / schedule.steps, schedule.steps)
-    return Level(time=step, signal=level.signal, noise=level.noise)
+    return NoiseLevel(time=step, signal=level.signal, noise=level.noise)

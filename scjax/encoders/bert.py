@@ -12,7 +12,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.attention import attend
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
@@ -59,15 +59,15 @@ class BertConfig:
 class BertLayer(nnx.Module):
     """x = LN(x + attention(x)), x = LN(x + MLP(x))."""
 
-    def __init__(self, config: BertConfig, *, draws: Draws):
+    def __init__(self, config: BertConfig, *, init: ParamInit):
         width, eps = config.hidden_size, config.layer_norm_eps
-        self.query = Linear(width, width, draws=draws, std=_STD)
-        self.key = Linear(width, width, draws=draws, std=_STD)
-        self.value = Linear(width, width, draws=draws, std=_STD)
-        self.out = Linear(width, width, draws=draws, std=_STD)
+        self.query = Linear(width, width, init=init, std=_STD)
+        self.key = Linear(width, width, init=init, std=_STD)
+        self.value = Linear(width, width, init=init, std=_STD)
+        self.out = Linear(width, width, init=init, std=_STD)
         self.norm = LayerNorm(width, eps)
-        self.up = Linear(width, config.intermediate_size, draws=draws, std=_STD)
-        self.down = Linear(config.intermediate_size, width, draws=draws, std=_STD)
+        self.up = Linear(width, config.intermediate_size, init=init, std=_STD)
+        self.down = Linear(config.intermediate_size, width, init=init, std=_STD)
         self.out_norm = LayerNorm(width, eps)
         self.heads = config.num_attention_heads
 
@@ -80,15 +80,15 @@ class BertLayer(nnx.Module):
 class Bert(nnx.Module):
     """Token ids -> last hidden states."""
 
-    def __init__(self, config: BertConfig, *, draws: Draws):
+    def __init__(self, config: BertConfig, *, init: ParamInit):
         def table(rows: int) -> nnx.Param:
-            return nnx.Param(draws.normal((rows, config.hidden_size), _STD))
+            return nnx.Param(init.normal((rows, config.hidden_size), _STD))
 
         self.words, self.positions, self.kinds = (
             table(config.vocab_size), table(config.max_position_embeddings), table(config.type_vocab_size)
         )  # fmt: skip
         self.norm = LayerNorm(config.hidden_size, config.layer_norm_eps)
-        self.layers = nnx.List([BertLayer(config, draws=draws) for _ in range(config.num_hidden_layers)])
+        self.layers = nnx.List([BertLayer(config, init=init) for _ in range(config.num_hidden_layers)])
 
     def __call__(self, ids: Int[Array, "b t"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
         """Features of every token; padding (``mask`` False) never changes those of others."""

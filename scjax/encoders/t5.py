@@ -17,7 +17,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.attention import merge_heads, split_heads
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
@@ -86,17 +86,17 @@ class RMSNorm(nnx.Module):
 class T5Layer(nnx.Module):
     """x = x + attention(norm(x)), x = x + MLP(norm(x)); no biases."""
 
-    def __init__(self, config: T5Config, has_bias: bool, *, draws: Draws):
+    def __init__(self, config: T5Config, has_bias: bool, *, init: ParamInit):
         width, inner = config.d_model, config.num_heads * config.d_kv
 
         def linear(before: int, after: int) -> Linear:
-            return Linear(before, after, draws=draws, bias=False, std=_STD)
+            return Linear(before, after, init=init, bias=False, std=_STD)
 
         self.norm = RMSNorm(width, config.layer_norm_epsilon)
         self.query, self.key, self.value = (linear(width, inner) for _ in range(3))
         self.out = linear(inner, width)
         shape = (config.relative_attention_num_buckets, config.num_heads)
-        self.biases = nnx.Param(draws.normal(shape, _STD)) if has_bias else None
+        self.biases = nnx.Param(init.normal(shape, _STD)) if has_bias else None
         self.mlp_norm = RMSNorm(width, config.layer_norm_epsilon)
         self.gate = linear(width, config.d_ff) if config.feed_forward_proj == _GATED else None
         self.up = linear(width, config.d_ff)
@@ -120,10 +120,10 @@ class T5Layer(nnx.Module):
 class T5(nnx.Module):
     """Token ids -> features after the last norm."""
 
-    def __init__(self, config: T5Config, *, draws: Draws):
-        self.words = nnx.Param(draws.normal((config.vocab_size, config.d_model), 1.0))
+    def __init__(self, config: T5Config, *, init: ParamInit):
+        self.words = nnx.Param(init.normal((config.vocab_size, config.d_model), 1.0))
         self.layers = nnx.List(
-            [T5Layer(config, config.bias_per_layer or k == 0, draws=draws) for k in range(config.num_layers)]
+            [T5Layer(config, config.bias_per_layer or k == 0, init=init) for k in range(config.num_layers)]
         )
         self.norm = RMSNorm(config.d_model, config.layer_norm_epsilon)
         self.config = config

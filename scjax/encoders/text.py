@@ -135,7 +135,7 @@ def _load(folder: Path) -> TextEncoder:
 @functools.lru_cache(maxsize=8)
 def _network(config: bert.BertConfig | t5.T5Config):
     make = bert.Bert if isinstance(config, bert.BertConfig) else t5.T5
-    return functional(lambda draws: make(config, draws=draws))  # type: ignore[arg-type]
+    return functional(lambda init: make(config, init=init))  # type: ignore[arg-type]
 
 
 @functools.lru_cache(maxsize=8)

@@ -19,11 +19,11 @@ from scjax.evaluate.sources import BUCKET, Npz, Source, digest, row_text
 from scjax.generate.best_of import make as pick
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
-from scjax.generate.prompts import with_tokens
+from scjax.generate.prompts import encode_prompts
 from scjax.generate.sample import reconstruct, sample_many
 from scjax.scene import Scene, empty, stack
 from scjax.scene.io import save_npz
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 CANDIDATES = 8  # for each scene of a row "picked"
 PART = 250  # scenes a file
@@ -44,8 +44,8 @@ class Sampling:
     seed: int = 0
     steps: int | None = None
     guidance: float | None = None
-    temperature: Nodes | None = None
-    steering: bool | None = None
+    temperature: PerType | None = None
+    energy_guidance: bool | None = None
     picked: bool = False
 
 
@@ -79,15 +79,15 @@ def sampled(
         conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
         part_key = jax.random.fold_in(key, number)
         options: dict[str, Any] = {
-            "steps": how.steps, "guidance": how.guidance, "temperature": how.temperature, "steering": how.steering,
+            "steps": how.steps, "guidance": how.guidance, "temperature": how.temperature, "energy_guidance": how.energy_guidance,
         }  # fmt: skip
         if not how.picked:
             return sample_many(part_key, conditions, model=model, **options)
         prompts = [condition.prompt or "" for condition in conditions]
-        told = with_tokens(conditions, model)
+        told = encode_prompts(conditions, model)
         return pick(part_key, prompts, told, model=model, pick=CANDIDATES, **options)
 
-    own = str((model.temperature, model.steering))  # not among the weights, and models differ by them alone
+    own = str((model.temperature, model.energy_guidance))  # not among the weights, and models differ by them alone
     name = digest("sampled", weights_hash(model), own, reference.fingerprint, row_text(rows), title, str(how))
     return _in_files(folder, name, rows, reference, make, title, shard)
 
@@ -98,7 +98,7 @@ def decoded(
     """The autoencoder's reconstruction of every row of the reference, from its posterior mean."""
 
     def make(part: Sequence[int], number: int) -> list[Scene]:
-        scenes = [clip_counts(model.representation.select(scene), BUCKET) for scene in reference.read(part)]
+        scenes = [clip_counts(model.codec.select(scene), BUCKET) for scene in reference.read(part)]
         return reconstruct(model, scenes)
 
     name = digest("decoded", weights_hash(model), reference.fingerprint, row_text(rows))
@@ -123,7 +123,7 @@ def lanes_of(model: Model, scene: Scene, domain: str | None) -> Condition:
     """A request for traffic on a scene's own lanes, at its number of agents."""
     bare = empty(0, 0)
     agents = ("agents", "agent_types", "agent_mask", "agent_known")
-    known = model.representation.select(scene).replace(**{name: getattr(bare, name) for name in agents})
+    known = model.codec.select(scene).replace(**{name: getattr(bare, name) for name in agents})
     return dataclasses.replace(counts_of(model, scene, domain), num_lanes=len(known.lane_mask) or 1, known=known)
 
 

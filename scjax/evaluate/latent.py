@@ -56,7 +56,7 @@ def _embedded(model: Model, source: Source, rows: Sequence[int], title: str) -> 
     found: list[Embedding] = []
     for start in tqdm(range(0, len(rows), _PART), f"embedding {title}", unit=f"x{_PART} scenes", mininterval=1.0):
         scenes = source.read(rows[start : start + _PART])
-        found += embed(model, [clip_counts(model.representation.select(scene), BUCKET) for scene in scenes])
+        found += embed(model, [clip_counts(model.codec.select(scene), BUCKET) for scene in scenes])
     return found
 
 

@@ -22,7 +22,7 @@ DECODED, DRAWN = "decoded", "drawn"
 REQUESTS = {"counts": counts_of, "lanes": lanes_of, DRAWN: nothing_of, "prompt": prompt_of}
 OTHER = "other prompt"
 ASKED = (*REQUESTS, "prompt+counts", f"{OTHER}+counts")
-WAYS = {"steered": {"steering": True}, "unsteered": {"steering": False}, "picked": {"picked": True}}
+WAYS = {"guided": {"energy_guidance": True}, "unguided": {"energy_guidance": False}, "picked": {"picked": True}}
 """What a row may say behind the ?, as fields of ``Sampling``."""
 IN_ORDER = "inorder"
 BASELINES = (*RULES, *LADDER, "random on lanes", "copy")

@@ -9,16 +9,16 @@ import numpy as np
 
 from scjax.evaluate.population import Population
 from scjax.metrics.distributions import VEHICLE
-from scjax.metrics.measured import Measured
+from scjax.metrics.measured import SceneStats
 
-BETTER = {"M": 1, "joint_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
+BETTER = {"M": 1, "connection_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
 """Values of single scenes that galleries are sorted by, and whether more (1) or less (-1) is better."""
 
 SPREAD = 12  # references in a picture side by side
 EACH = 4  # scenes of each kind in a gallery
 
 
-def distributions(real: Measured, measured: Mapping[str, Measured], path: Path) -> None:
+def distributions(real: SceneStats, measured: Mapping[str, SceneStats], path: Path) -> None:
     """Histograms of the vehicles' quantities, real filled, populations as lines."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -59,7 +59,7 @@ def side_by_side(populations: Sequence[Population], path: Path) -> None:
     grid(scenes, columns=columns * (2 if columns < 5 else 1), titles=titles, path=path)
 
 
-def gallery(population: Population, measured: Measured, value: str, path: Path) -> bool:
+def gallery(population: Population, measured: SceneStats, value: str, path: Path) -> bool:
     """The best, the median and the worst scenes by a value, beside their references; False without any value."""
     from scjax.viz import grid
 

@@ -21,7 +21,7 @@ from scjax.evaluate.sources import Source, digest, row_text
 from scjax.language.agreement import agreement
 from scjax.language.facts import parse
 from scjax.metrics.measure import measure
-from scjax.metrics.measured import Measured, merged
+from scjax.metrics.measured import SceneStats, merged
 from scjax.metrics.placement import cone
 from scjax.metrics.pooling import Ratios
 from scjax.scene import Scene
@@ -72,7 +72,7 @@ class Population:
 
 def measured(
     populations: Sequence[Population], folder: Path, *, workers: int = 1, shard: tuple[int, int] = (0, 1)
-) -> list[Measured] | None:
+) -> list[SceneStats] | None:
     """All populations, or None where other shards have not done their parts yet.
 
     Args:
@@ -94,7 +94,7 @@ def measured(
             bar.update()
     if not all(_path(folder, p, start).exists() for p, start in parts):
         return None
-    return [merged([Measured.load(_path(folder, p, start)) for start in range(0, len(p), PART)]) for p in populations]
+    return [merged([SceneStats.load(_path(folder, p, start)) for start in range(0, len(p), PART)]) for p in populations]
 
 
 def _measure_part(folder: Path, population: Population, start: int) -> None:

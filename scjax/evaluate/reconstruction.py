@@ -28,7 +28,7 @@ def reconstruction_section(rows: Mapping[str, Population], models: Mapping[str, 
             continue
         chosen = range(min(len(population), len(population.references.clusters)))
         true = [
-            clip_counts(model.representation.select(scene), BUCKET)
+            clip_counts(model.codec.select(scene), BUCKET)
             for scene in population.references.read([population.rows[row] for row in chosen])
         ]
         pairs = zip(true, population.source.read(chosen), strict=True)

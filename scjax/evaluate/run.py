@@ -17,8 +17,8 @@ from scjax.evaluate.novelty import diversity_section, novelty_section, of_intere
 from scjax.evaluate.population import Population, measured
 from scjax.evaluate.reconstruction import reconstruction_section
 from scjax.evaluate.sources import open_source
-from scjax.metrics.measured import Measured
-from scjax.scene.per_type import Nodes
+from scjax.metrics.measured import SceneStats
+from scjax.scene.per_type import PerType
 
 SHOWN = 4  # rows that are drawn beside each other
 
@@ -38,7 +38,9 @@ def evaluate(config, workdir: Path) -> Path | None:
         raise ValueError(
             f"--config.temperature must be two numbers above 0, of agents and of lanes, not {config.temperature}"
         )
-    temperature = Nodes(agents=config.temperature[0], lanes=config.temperature[1]) if any(config.temperature) else None
+    temperature = (
+        PerType(agents=config.temperature[0], lanes=config.temperature[1]) if any(config.temperature) else None
+    )
     builder = Rows(
         reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
         Sampling(config.seed, config.steps or None, config.guidance or None, temperature),
@@ -127,7 +129,7 @@ def named(text: str, config) -> str:
 
 
 def draw(
-    workdir: Path, real: Measured, ours: Mapping[str, Measured], rows: Mapping[str, Population]
+    workdir: Path, real: SceneStats, ours: Mapping[str, SceneStats], rows: Mapping[str, Population]
 ) -> dict[str, Path]:
     """Distributions of the first rows, and galleries of the first."""
     folder = workdir / "pictures"

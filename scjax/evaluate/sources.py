@@ -12,17 +12,18 @@ import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from scjax.metrics.tally import group_of
-from scjax.scene import Layout, Link, Scene, empty, unpadded
+from scjax.scene import Crop, Link, Scene, empty, unpadded
 from scjax.scene.io import load_npz
 
 BUCKET = (61, 100)  # agents and lanes of a scene at most; crops hold the nearest first
 
 
+@runtime_checkable
 class Source(Protocol):
     """Scenes by row.
 
@@ -86,7 +87,7 @@ class Records:
         from scjax.data.loader import clip_counts
 
         record = records.decode(self._data[row])
-        return clip_counts(records.sample_scene(record, Layout.CENTRED, dx, dy, turn), BUCKET)
+        return clip_counts(records.sample_scene(record, Crop.CENTERED, dx, dy, turn), BUCKET)
 
     def __getstate__(self):
         return {name: value for name, value in vars(self).items() if name != "_data"}  # open files stay here

@@ -20,9 +20,9 @@ from scjax.metrics.measure import (
     precision_values,
     scene_values,
 )
-from scjax.metrics.measured import Measured
+from scjax.metrics.measured import SceneStats
 from scjax.metrics.pooling import Values, interval
-from scjax.metrics.tally import DRAWS, Tally
+from scjax.metrics.tally import DRAWS, ClusterSums
 from scjax.metrics.topology import Mode
 
 NAN = math.nan
@@ -64,7 +64,7 @@ class Section:
 
 
 def distribution_section(
-    measured: Mapping[str, Measured], real: Measured, bank: Measured | None, mode: Mode, *, draws: int = DRAWS
+    measured: Mapping[str, SceneStats], real: SceneStats, bank: SceneStats | None, mode: Mode, *, draws: int = DRAWS
 ) -> Section:
     """The published tables of lane graphs and vehicles, against ``real``; the floor comes from ``bank``, if any."""
 
@@ -81,13 +81,13 @@ def distribution_section(
     return Section(kind, NOTES[mode], rows, floor)
 
 
-def fault_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Section:
+def fault_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
     """What scenes show by themselves to be wrong."""
     rows = {name: _row(one, one, "scene/", lambda sums, _: scene_values(sums), draws) for name, one in measured.items()}
     return Section("Faults of single scenes", NOTES["faults"], rows)
 
 
-def match_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Section:
+def match_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
     """Agents against those of the reference; populations without references are left out."""
 
     def table(sums: Sums, _: Sums) -> Values:
@@ -104,7 +104,7 @@ def match_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Se
 
 
 def control_section(
-    measured: Mapping[str, Measured], real: Measured, rows: Mapping[str, Sequence[int]], *, seed: int = 0,
+    measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]], *, seed: int = 0,
     draws: int = 200,
 ) -> Section:  # fmt: skip
     """Adherence to the reference; ``rows``: population -> reference of every scene, where there are any.
@@ -126,7 +126,7 @@ def control_section(
 
 
 def gain_section(
-    measured: Mapping[str, Measured], real: Measured, rows: Mapping[str, Sequence[int]], pairs: Sequence[str], *,
+    measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]], pairs: Sequence[str], *,
     seed: int = 0, draws: int = 200,
 ) -> Section:  # fmt: skip
     """How much more control one population shows than another made for the same references; the interval is that of
@@ -159,7 +159,7 @@ def gain_section(
     return Section("Gains in control", NOTES["gains"], made)
 
 
-def _framed(real: Measured, chosen: tuple[int, ...], seed: int) -> tuple[ControlFrame, list[str]]:
+def _framed(real: SceneStats, chosen: tuple[int, ...], seed: int) -> tuple[ControlFrame, list[str]]:
     """What populations made for these references are compared by, and where those lie."""
     raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
     places = [real.clusters[row] for row in chosen]
@@ -175,7 +175,7 @@ def control_frame(raw: Descriptor, places: Sequence[str], seed: int) -> ControlF
         return ControlFrame.of(raw, places, rng, shuffles=0)
 
 
-def caption_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> Section:
+def caption_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
     """Which facts of the reference's caption the scenes show."""
     rows = {
         name: _row(one, one, "also/", lambda sums, _: also_values(sums), draws)
@@ -185,7 +185,7 @@ def caption_section(measured: Mapping[str, Measured], *, draws: int = DRAWS) -> 
     return Section("Facts of the captions", NOTES["captions"], rows)
 
 
-def count_section(measured: Mapping[str, Measured], real: Measured, rows: Mapping[str, Sequence[int]]) -> Section:
+def count_section(measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]]) -> Section:
     """Numbers of lanes and agents against the reference's."""
     made = {}
     for name, one in _paired(measured).items():
@@ -199,7 +199,7 @@ def count_section(measured: Mapping[str, Measured], real: Measured, rows: Mappin
     return Section("Numbers of lanes and agents", NOTES["counts"], made)
 
 
-def _row(one: Measured, real: Measured, prefix: str, table: Callable[[Sums, Sums], Values], draws: int) -> Row:
+def _row(one: SceneStats, real: SceneStats, prefix: str, table: Callable[[Sums, Sums], Values], draws: int) -> Row:
     ours, theirs = _only(one.tally, prefix), _only(real.tally, prefix)
     if not len(one) or not len(real):
         return Row({}, len(one), len(one.tally.clusters))
@@ -208,9 +208,9 @@ def _row(one: Measured, real: Measured, prefix: str, table: Callable[[Sums, Sums
     return Row(numbers, len(one), len(one.tally.clusters))
 
 
-def _only(tally: Tally, prefix: str) -> Tally:
+def _only(tally: ClusterSums, prefix: str) -> ClusterSums:
     """What one table needs: resampling is then cheap."""
-    return Tally(
+    return ClusterSums(
         {
             cluster: {name: value for name, value in sums.items() if name.startswith(prefix)}
             for cluster, sums in tally.clusters.items()
@@ -218,5 +218,5 @@ def _only(tally: Tally, prefix: str) -> Tally:
     )
 
 
-def _paired(measured: Mapping[str, Measured]) -> dict[str, Measured]:
+def _paired(measured: Mapping[str, SceneStats]) -> dict[str, SceneStats]:
     return {name: one for name, one in measured.items() if one.detections}

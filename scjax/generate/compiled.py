@@ -10,21 +10,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from scjax.diffusion.denoise_fn import estimator
+from scjax.diffusion.denoise_fn import make_denoise_fn
 from scjax.diffusion.energies import validity as soundness
-from scjax.diffusion.energy_guidance import Energy, Steering, steered
+from scjax.diffusion.energy_guidance import Energy, EnergyGuidance, with_energy_guidance
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, schedule_of
 from scjax.diffusion.samplers.loop import sample as sample_latents
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.codec import Representation, Tokens
+from scjax.models.codec import NormalizedScene, SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import Functional, Params
 from scjax.nn.sharding import spread
 from scjax.scene import Scene
-from scjax.scene.per_type import Nodes, generated
+from scjax.scene.per_type import PerType, generated_mask
 
 Program = Callable[..., Scene]
 
@@ -34,51 +34,53 @@ _QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passe
 
 @functools.lru_cache(maxsize=32)
 def sampling_program(
-    representation: Representation, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
-    guidance: Guidance | None, steering: Steering | None = None,
+    codec: SceneCodec, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
+    guidance: Guidance | None, energy_guidance: EnergyGuidance | None = None,
 ) -> Program:  # fmt: skip
     """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
 
-    ``guidance`` None is plain sampling, ``steering`` None leaves the estimates as they are.
+    ``guidance`` None is plain sampling, ``energy_guidance`` None leaves the estimates as they are.
     """
     coder, network = autoencoder(ae_config), denoiser(config)
     schedule = schedule_of(sampler, config.prediction, steps)
 
     def run(
-        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, layout, domain, known, features, away,
+        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, crop, domain, known_scenes, features, negative,
     ) -> Scene:  # fmt: skip
-        given = values = None
-        if known is not None:
-            tokens = representation.tokens(known)
-            given = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        known = values = None
+        if known_scenes is not None:
+            tokens = codec.normalize(known_scenes)
+            known = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
             posterior = coder.apply(ae, tokens, method="encode")
             values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
-        denoise = estimator(
-            network, config, params, config.domains * layout + domain, masks, times=schedule.levels.time, given=given,
-            features=features, away=away, guidance=guidance, weight=weight,
+        denoise = make_denoise_fn(
+            network, config, params, config.domains * crop + domain, masks, times=schedule.levels.time, known=known,
+            features=features, negative=negative, guidance=guidance, weight=weight,
         )  # fmt: skip
 
-        def decoded(latents: Nodes, **options) -> Scene:
+        def decoded(latents: PerType, **options) -> Scene:
             latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-            return decode(coder, ae, representation, latents, masks, layout, domain, **options)
+            return decode(coder, ae, codec, latents, masks, crop, domain, **options)
 
-        if steering is not None:
+        if energy_guidance is not None:
 
-            def energy_around(start: Nodes) -> Energy:
+            def energy_around(start: PerType) -> Energy:
                 links = decoded(start).links  # their head, over all pairs, would be most of a round
 
-                def energy(latents: Nodes) -> Float[Array, ""]:
+                def energy(latents: PerType) -> Float[Array, ""]:
                     scene = decoded(latents, through_pairs=False).replace(links=links)
                     return soundness.energy(scene).sum()
 
                 return energy
 
-            made = generated(masks, given)
-            denoise = steered(denoise, schedule.levels, config.prediction, energy_around, made, steering)
+            generated = generated_mask(masks, known)
+            denoise = with_energy_guidance(
+                denoise, schedule.levels, config.prediction, energy_around, generated, energy_guidance
+            )
         latents = sample_latents(
-            denoise, schedule, keys, masks, sampler=sampler, given=given, values=values, prediction=config.prediction,
-            widths=Nodes(agents=config.agent_latent, lanes=config.lane_latent),
-            most=Nodes(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
+            denoise, schedule, keys, masks, sampler=sampler, known=known, values=values, prediction=config.prediction,
+            widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
+            most=PerType(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
         return decoded(latents)
 
@@ -86,15 +88,15 @@ def sampling_program(
 
 
 @functools.lru_cache(maxsize=8)
-def reconstruction_program(representation: Representation, config: AutoencoderConfig) -> Program:
+def reconstruction_program(codec: SceneCodec, config: AutoencoderConfig) -> Program:
     """(parameters; scenes) -> the same scenes, encoded and decoded from the posterior mean."""
     coder = autoencoder(config)
 
     def run(params: Params, scenes: Scene) -> Scene:
-        tokens: Tokens = representation.tokens(scenes)
+        tokens: NormalizedScene = codec.normalize(scenes)
         posterior = coder.apply(params, tokens, method="encode")
-        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, representation, posterior.mean, masks, tokens.layout, tokens.domain)
+        masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        return decode(coder, params, codec, posterior.mean, masks, tokens.crop, tokens.domain)
 
     return compiled(run, shared=1)
 
@@ -108,15 +110,15 @@ def compiled(run: Program, shared: int) -> Program:
 
 
 def decode(
-    coder: Functional, params: Params, representation: Representation, latents: Nodes, masks: Nodes, layout, domain,
+    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain,
     **options,
 ) -> Scene:  # fmt: skip
     """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
     decoded = coder.apply(params, latents, masks, method="decode", **options)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
-    if representation.num_lane_types:
+    if codec.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
-    return representation.scene(
+    return codec.denormalize(
         decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
-        decoded.link_logits, layout, domain,
+        decoded.link_logits, crop, domain,
     )  # fmt: skip

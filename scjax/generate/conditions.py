@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array
 
-from scjax.scene import Layout, Scene
+from scjax.scene import Crop, Scene
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -17,7 +17,7 @@ class Condition:
     Attributes:
       num_lanes, num_agents: totals, ego and known elements included; by default drawn from the data's joint table.
       domain: a name or index from the model's list; by default drawn from the data's frequencies.
-      layout: which window: centred on the ego (the default), or ahead of it.
+      crop: which window: centred on the ego (the default), or ahead of it.
       prompt: what the scene shall show, for a model trained on text; its tokens come from the model's text encoder.
       negative_prompt: what it shall not show: guidance leads away from it instead of from no prompt at all.
       tokens: condition tokens [n, features] instead of a prompt.
@@ -33,7 +33,7 @@ class Condition:
     num_lanes: int | None = None
     num_agents: int | None = None
     domain: str | int | None = None
-    layout: Layout = Layout.CENTRED
+    crop: Crop = Crop.CENTERED
     prompt: str | None = None
     negative_prompt: str | None = None
     tokens: Array | np.ndarray | None = None
@@ -48,8 +48,8 @@ class Condition:
             value = getattr(self, name)
             if value is not None and (value != int(value) or value < 1):
                 raise ValueError(f"Condition.{name} must be a whole number of at least 1, not {value!r}")
-        if self.layout not in tuple(Layout):
-            raise ValueError(f"Condition.layout must be one of {[kind.name for kind in Layout]}, not {self.layout!r}")
+        if self.crop not in tuple(Crop):
+            raise ValueError(f"Condition.layout must be one of {[kind.name for kind in Crop]}, not {self.crop!r}")
         if self.known is not None and self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
@@ -67,9 +67,9 @@ class Condition:
                 raise ValueError(f"Condition.{name} must be [{axes}], not of shape {np.shape(features)}")
         if (self.image is None) != (self.depth is None):
             raise ValueError("Condition.image and Condition.depth belong together: give both or neither")
-        if self.image is not None and self.layout != Layout.FORWARD:
+        if self.image is not None and self.crop != Crop.FORWARD:
             raise ValueError(
-                f"Condition.image shows what lies ahead of the ego, but the layout is {Layout(self.layout).name}: "
+                f"Condition.image shows what lies ahead of the ego, but the layout is {Crop(self.crop).name}: "
                 "give layout=Layout.FORWARD"
             )
         if self.image is not None and (self.prompt is not None or self.tokens is not None):

@@ -18,9 +18,9 @@ from scjax.generate.model import Model
 from scjax.generate.sample import GROUP, bucket_of
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.codec import Representation
+from scjax.models.codec import SceneCodec
 from scjax.scene import Scene, stack
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 class Embedding(NamedTuple):
@@ -39,8 +39,8 @@ def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
     """
     if model.autoencoder is None or model.autoencoder_config is None:
         raise ValueError("this model has no autoencoder: scenes are embedded by a trained one")
-    program = _program(model.representation, model.autoencoder_config)
-    chosen = [model.representation.select(scene.to_numpy()) for scene in scenes]
+    program = _program(model.codec, model.autoencoder_config)
+    chosen = [model.codec.select(scene.to_numpy()) for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
     for row, scene in enumerate(chosen):
         groups.setdefault(bucket_of(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(row)
@@ -58,14 +58,14 @@ def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
 
 
 @functools.lru_cache(maxsize=8)
-def _program(representation: Representation, config: AutoencoderConfig) -> Callable:
+def _program(codec: SceneCodec, config: AutoencoderConfig) -> Callable:
     coder = autoencoder(config)
     state = f"enc/block{config.encoder_blocks - 1}/lane"
 
     def run(params, scenes: Scene):
-        tokens = representation.tokens(scenes)
+        tokens = codec.normalize(scenes)
         # Nothing is decoded: what does not reach the result is not computed.
-        latents = Nodes(
+        latents = PerType(
             agents=jnp.zeros((*tokens.agent_mask.shape, config.agent_latent)),
             lanes=jnp.zeros((*tokens.lane_mask.shape, config.lane_latent)),
         )

@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from scjax.diffusion.energy_guidance import Steering
-from scjax.diffusion.samplers.loop import TEMPERATURE
+from scjax.diffusion.energy_guidance import EnergyGuidance
+from scjax.diffusion.samplers.loop import DEFAULT_TEMPERATURE
+from scjax.generate.model_format import FORMAT, upgrade
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.codec import Representation
-from scjax.models.counts.predictor import CounterConfig
+from scjax.models.codec import SceneCodec
+from scjax.models.counts.predictor import CountPredictorConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
-from scjax.nn.cross_attention import described, named
+from scjax.nn.cross_attention import from_name, to_config
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.nn.safetensors import read_arrays, write_arrays
 from scjax.scene import AgentType, Link
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
-FORMAT = 1
 SHIPPED = Path(__file__).parents[1] / "pretrained"
 _JSON, _WEIGHTS, PROMPTS = "model.json", "weights.safetensors", "prompts.safetensors"
 
@@ -37,7 +37,7 @@ class Model:
     """Everything that sampling needs. Without a denoiser it only encodes and decodes.
 
     Attributes:
-      representation: types, columns and ranges.
+      codec: types, columns and ranges.
       autoencoder, autoencoder_config: parameters (nested dict) and sizes, or None.
       denoiser, denoiser_config: the same, or None.
       latents: mean and standard deviation of the latents of each kind.
@@ -45,13 +45,13 @@ class Model:
       domains: names behind the domain labels.
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
       prompts: features of texts that ship with the model, so that they need no encoder.
-      counter, counter_config: network that tells counts from a prompt (``scjax.models.counts.predictor``), or None.
+      count_predictor, count_predictor_config: network that tells counts from a prompt (``scjax.models.counts.predictor``), or None.
       temperature: scale of the sampler's noise a kind, unless ``sample`` is told another: what the network needs.
-      steering: how the sampler's estimates are led to sound scenes, unless ``sample`` is told; or None.
+      energy_guidance: how the sampler's estimates are led to sound scenes, unless ``sample`` is told; or None.
       notes: free JSON: training data, steps, licence.
     """
 
-    representation: Representation
+    codec: SceneCodec
     latents: LatentStatistics
     domains: tuple[str, ...]
     autoencoder: Params | None = None
@@ -61,10 +61,10 @@ class Model:
     counts: np.ndarray | None = None
     text_encoder: str = ""
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    counter: Params | None = None
-    counter_config: CounterConfig | None = None
-    temperature: Nodes = TEMPERATURE
-    steering: Steering | None = None
+    count_predictor: Params | None = None
+    count_predictor_config: CountPredictorConfig | None = None
+    temperature: PerType = DEFAULT_TEMPERATURE
+    energy_guidance: EnergyGuidance | None = None
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
@@ -77,18 +77,18 @@ def save(model: Model, folder: str | Path, *, dtype: str | None = None, largest:
     folder = Path(folder)
     description = {
         "format": FORMAT,
-        "representation": dataclasses.asdict(model.representation),
+        "codec": dataclasses.asdict(model.codec),
         "autoencoder": dataclasses.asdict(model.autoencoder_config) if model.autoencoder_config else None,
         "denoiser": _described(model.denoiser_config) if model.denoiser_config else None,
         "latents": dataclasses.asdict(model.latents),
         "domains": list(model.domains),
         "text_encoder": model.text_encoder,
-        "counter": dataclasses.asdict(model.counter_config) if model.counter_config else None,
+        "count_predictor": dataclasses.asdict(model.count_predictor_config) if model.count_predictor_config else None,
         "temperature": dataclasses.asdict(model.temperature),
-        "steering": dataclasses.asdict(model.steering) if model.steering else None,
+        "energy_guidance": dataclasses.asdict(model.energy_guidance) if model.energy_guidance else None,
         "notes": model.notes,
     }
-    networks = {name: getattr(model, name) or {} for name in ("autoencoder", "denoiser", "counter")}
+    networks = {name: getattr(model, name) or {} for name in ("autoencoder", "denoiser", "count_predictor")}
     arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(networks).items()}
     if model.counts is not None:
         arrays["counts"] = np.asarray(model.counts)
@@ -136,11 +136,12 @@ def _read(folder: Path) -> Model:
     if description.get("format", 0) > FORMAT:
         raise ValueError(f"{folder} has model format {description['format']}, this code reads {FORMAT}: update scjax")
     flat = read_arrays(folder, description.get("files", {_WEIGHTS: ""}))
+    description, flat = upgrade(description, flat)
     counts = flat.pop("counts", None)
     paths = {tuple(int(part) if part.isdigit() else part for part in name.split(".")): a for name, a in flat.items()}
     params = unflatten(paths)
     return Model(
-        representation=_representation(description["representation"]),
+        codec=_representation(description["codec"]),
         autoencoder=params.get("autoencoder"),
         autoencoder_config=AutoencoderConfig(**description["autoencoder"]) if description["autoencoder"] else None,
         denoiser=params.get("denoiser"),
@@ -150,17 +151,21 @@ def _read(folder: Path) -> Model:
         counts=counts,
         text_encoder=description.get("text_encoder", ""),
         prompts=load_prompts(folder / PROMPTS, description.get("text_encoder", "")),
-        counter=params.get("counter"),
-        counter_config=CounterConfig(**description["counter"]) if description.get("counter") else None,
-        temperature=Nodes(**description["temperature"]) if "temperature" in description else TEMPERATURE,
-        steering=Steering(**description["steering"]) if description.get("steering") else None,
+        count_predictor=params.get("count_predictor"),
+        count_predictor_config=CountPredictorConfig(**description["count_predictor"])
+        if description.get("count_predictor")
+        else None,
+        temperature=PerType(**description["temperature"]) if "temperature" in description else DEFAULT_TEMPERATURE,
+        energy_guidance=EnergyGuidance(**description["energy_guidance"])
+        if description.get("energy_guidance")
+        else None,
         notes=description["notes"],
     )
 
 
-def _representation(fields: dict[str, Any]) -> Representation:
+def _representation(fields: dict[str, Any]) -> SceneCodec:
     """JSON turns tuples into lists and enums into numbers; this turns them back."""
-    return Representation(
+    return SceneCodec(
         **{
             **fields,
             "agent_types": tuple(AgentType(kind) for kind in fields["agent_types"]),
@@ -175,8 +180,8 @@ def _representation(fields: dict[str, Any]) -> Representation:
 
 
 def _described(config: DenoiserConfig) -> dict[str, Any]:
-    """The fields of a denoiser's config; those of ``control`` with its name, which its type alone would tell."""
-    return {**dataclasses.asdict(config), "control": described(config.control)}
+    """The fields of a denoiser's config; those of ``cross_attention`` with its name, which its type alone would tell."""
+    return {**dataclasses.asdict(config), "cross_attention": to_config(config.cross_attention)}
 
 
 def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
@@ -186,4 +191,6 @@ def _denoiser_config(fields: dict[str, Any] | None) -> DenoiserConfig | None:
     if condition is not None:
         kind: Any = ImageCondition if "channels" in condition else TextCondition
         condition = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in condition.items()})
-    return DenoiserConfig(**{**fields, "condition": condition, "control": named(**fields["control"])})
+    return DenoiserConfig(
+        **{**fields, "condition": condition, "cross_attention": from_name(**fields["cross_attention"])}
+    )

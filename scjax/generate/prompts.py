@@ -13,11 +13,11 @@ from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.language.facts import parse
 from scjax.language.prompt_parser import Asked, met, read_prompt
-from scjax.metrics.realism import ON_LANE, OPEN_JOINT, joint_gaps, lane_offsets, overlapping_pairs
+from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
 
 
-def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder | None = None) -> list[Condition]:
+def encode_prompts(conditions: Sequence[Condition], model: Model, encoder: Encoder | None = None) -> list[Condition]:
     """Conditions whose prompts are replaced by token features; each different text is encoded once.
 
     Args:
@@ -58,7 +58,7 @@ def with_tokens(conditions: Sequence[Condition], model: Model, encoder: Encoder 
     return [told(cond) for cond in conditions]
 
 
-class Shortcomings(NamedTuple):
+class SceneScore(NamedTuple):
     """What is wrong with a scene for a prompt; the less, the better, the first number before the others.
 
     Attributes:
@@ -73,31 +73,31 @@ class Shortcomings(NamedTuple):
     gap: float
 
 
-def shortcomings(prompt: str, scene: Scene) -> Shortcomings:
+def score_scene(prompt: str, scene: Scene) -> SceneScore:
     """By the rules that read prompts and scenes (``captions.reading``)."""
-    gaps, (offsets, _) = joint_gaps(scene), lane_offsets(scene)
+    gaps, (offsets, _) = connection_gaps(scene), lane_offsets(scene)
     missed = sum(not good for good in met(read_prompt(prompt), parse(scene)).values())
     missed += int((offsets[:1] > ON_LANE).sum())
-    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_JOINT).sum()) + int((offsets > ON_LANE).sum())
-    return Shortcomings(missed, faults, float(gaps.sum()))
+    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int((offsets > ON_LANE).sum())
+    return SceneScore(missed, faults, float(gaps.sum()))
 
 
 def best(prompt: str, scenes: Sequence[Scene]) -> int:
-    """Index of the scene with the least ``shortcomings``, the first of equals.
+    """Index of the scene with the least ``score_scene``, the first of equals.
 
     Raises:
       ValueError: there are no scenes.
     """
     if not scenes:
         raise ValueError("there are no scenes to choose from: give at least one")
-    return min(range(len(scenes)), key=lambda k: shortcomings(prompt, scenes[k]))
+    return min(range(len(scenes)), key=lambda k: score_scene(prompt, scenes[k]))
 
 
 def _texts(cond: Condition) -> list[str]:
     return [text for text in (cond.prompt, cond.negative_prompt) if text is not None]
 
 
-def doubts(cond: Condition) -> list[str]:
+def prompt_warnings(cond: Condition) -> list[str]:
     """Sentences about what of a prompt will not come true: that no rule reads anything from it, so that no candidate is
     chosen by it; or numbers that given counts, which win, do not allow."""
     if cond.prompt is None:

@@ -13,25 +13,25 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.data.token_order import arrange
-from scjax.diffusion.energy_guidance import Steering
-from scjax.diffusion.guidance import WEIGHT, Guidance
-from scjax.diffusion.samplers import STEPS, Sampler, sampler_of
+from scjax.diffusion.energy_guidance import EnergyGuidance
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE, Guidance
+from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, sampler_of
 from scjax.generate.compiled import reconstruction_program, sampling_program
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import check_readable, features_of, text_features
 from scjax.generate.model import Model, load
-from scjax.generate.prompts import with_tokens
-from scjax.models.counts.predictor import CounterConfig, counter
+from scjax.generate.prompts import encode_prompts
+from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.counts.prior import draw_counts
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.nn.sharding import replicated
-from scjax.scene import Layout, Scene, empty, pad, permute, stack, unpadded
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop, Scene, empty, pad, permute, stack, unpadded
+from scjax.scene.per_type import PerType
 
 BUCKETS = ((16, 28), (32, 48), (61, 100))  # (agent, lane) slots; each is a program to compile
 GROUP = 4  # scenes a compiled call, when there is more than one; 8 would be a tenth faster a scene
 
-Tables = dict[tuple[int, int | None, Layout], np.ndarray | None]
+Tables = dict[tuple[int, int | None, Crop], np.ndarray | None]
 
 
 def sample(
@@ -43,8 +43,8 @@ def sample(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | Guidance | None = None,
-    temperature: float | Nodes | None = None,
-    steering: Steering | bool | None = None,
+    temperature: float | PerType | None = None,
+    energy_guidance: EnergyGuidance | bool | None = None,
 ) -> Scene:
     """``n`` scenes under one condition, [n, ...] in metres, padded to their largest size.
 
@@ -56,12 +56,12 @@ def sample(
       model: from ``scjax.load``; None: the one that ships.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, as ``scjax.diffusion.samplers.DDIM(eta=0.5)``.
-      steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.STEPS``.
+      steps: sampling steps, 2..100; by default those of ``scjax.diffusion.samplers.DEFAULT_STEPS``.
       guidance: w in u + w (c - u), of the estimates with and without condition; 1, the default of unconditional models,
         is plain sampling. ``Guidance`` also takes an interval of times and rescaling.
-      temperature: scale of the noise, above 0: one for both kinds, or ``scjax.scene.per_type.Nodes(agents=, lanes=)``; by
+      temperature: scale of the noise, above 0: one for both kinds, or ``scjax.scene.per_type.PerType(agents=, lanes=)``; by
         default the model's. Lower is tidier and less varied.
-      steering: True leads what is sampled to closed joints, boxes that do not overlap and vehicles on lanes
+      energy_guidance: True leads what is sampled to closed joints, boxes that do not overlap and vehicles on lanes
         (``scjax.diffusion.energy_guidance``), False does not; by default as the model has it.
 
     Raises:
@@ -73,7 +73,7 @@ def sample(
     conditions = [cond or Condition()] * n
     made = sample_many(
         key, conditions, model=model, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
-        steering=steering,
+        energy_guidance=energy_guidance,
     )  # fmt: skip
     return stack(made)
 
@@ -86,30 +86,30 @@ def sample_many(
     sampler: str | Sampler | None = None,
     steps: int | None = None,
     guidance: float | Guidance | None = None,
-    temperature: float | Nodes | None = None,
-    steering: Steering | bool | None = None,
+    temperature: float | PerType | None = None,
+    energy_guidance: EnergyGuidance | bool | None = None,
 ) -> list[Scene]:
     """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
     model = _with_denoiser(model)
     config = model.denoiser_config
     assert config is not None
-    conditions = with_tokens(conditions, model)
+    conditions = encode_prompts(conditions, model)
     check_readable(conditions, config.condition)
     sampler = sampler_of(sampler, config.prediction)
     if guidance is None:
-        guidance = WEIGHT if config.condition is not None else 1.0
+        guidance = DEFAULT_GUIDANCE_SCALE if config.condition is not None else 1.0
     if not isinstance(guidance, Guidance):
         guidance = Guidance(float(guidance))
     temperature = _temperature(model.temperature if temperature is None else temperature)
-    if steering is None or steering is True:
-        steering = model.steering or (Steering() if steering else None)
+    if energy_guidance is None or energy_guidance is True:
+        energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
     tables: Tables = {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     # The weight is an argument of the program: every other weight is the same program.
-    options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=WEIGHT)
-    steps = STEPS[config.prediction][sampler.name] if steps is None else steps
+    options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=DEFAULT_GUIDANCE_SCALE)
+    steps = DEFAULT_STEPS[config.prediction][sampler.name] if steps is None else steps
     program = sampling_program(
-        model.representation, model.autoencoder_config, config, sampler, steps, options, steering or None
+        model.codec, model.autoencoder_config, config, sampler, steps, options, energy_guidance or None
     )
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
@@ -147,14 +147,14 @@ def with_counts(key: Array, conditions: Sequence[Condition], *, model: Model | N
 def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     """Each scene encoded and decoded again from its posterior mean, unpadded, tokens in the given order.
 
-    The scenes must be of the model's types (``model.representation.select``), so that twins match by index.
+    The scenes must be of the model's types (``model.codec.select``), so that twins match by index.
 
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
     if model.autoencoder is None or model.autoencoder_config is None:
         raise ValueError("this model has no autoencoder: train that stage (or convert its checkpoint) first")
-    program = reconstruction_program(model.representation, model.autoencoder_config)
+    program = reconstruction_program(model.codec, model.autoencoder_config)
     results: dict[int, Scene] = {}
     chosen = [scene.to_numpy() for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
@@ -206,7 +206,7 @@ def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Requ
     assert config is not None
     known = None
     if cond.known is not None:
-        known = model.representation.select(unpadded(cond.known.to_numpy()))
+        known = model.codec.select(unpadded(cond.known.to_numpy()))
     least = (0, 0) if known is None else (known.agent_mask.shape[-1], known.lane_mask.shape[-1])
     for name, value, low, most in (
         ("num_agents", cond.num_agents, least[0], config.max_agents),
@@ -226,11 +226,11 @@ def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Requ
         raise ValueError(f"Condition.domain {domain} is outside 0..{len(model.domains) - 1} ({model.domains})")
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, 0xC0)))
     rng = np.random.default_rng(seed.astype(np.uint32))
-    told = id(cond.tokens), domain, cond.layout
+    told = id(cond.tokens), domain, cond.crop
     if told not in tables:  # many scenes of one prompt are common
         tables[told] = _count_table(cond, domain, model)
     domain, lanes, agents = draw_counts(
-        rng, tables[told], cond.layout, domain=domain, num_lanes=cond.num_lanes,
+        rng, tables[told], cond.crop, domain=domain, num_lanes=cond.num_lanes,
         num_agents=cond.num_agents, least_lanes=least[1], least_agents=least[0],
     )  # fmt: skip
     return _Request(key, (agents, lanes), domain, cond, known)
@@ -238,28 +238,28 @@ def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Requ
 
 def _count_table(cond: Condition, domain: int | None, model: Model) -> np.ndarray | None:
     """Probabilities of (domain, layout, N_l, N_o): of the prompt where the model has learnt that, else of the data."""
-    config = model.counter_config
-    if cond.tokens is None or model.counter is None or config is None or cond.layout == Layout.FORWARD:
+    config = model.count_predictor_config
+    if cond.tokens is None or model.count_predictor is None or config is None or cond.crop == Crop.FORWARD:
         return model.counts
     text = TextCondition(config.text_width)
     features = text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
     label = jnp.array([config.domains if domain is None else domain])
-    likely = np.asarray(_counter_program(config)(model.counter, features, label)[0], np.float64)
+    likely = np.asarray(_counter_program(config)(model.count_predictor, features, label)[0], np.float64)
     told = np.exp(config.sharpness * (likely - likely.max()))
-    table = np.broadcast_to(told / told.sum(), (1, len(Layout), *told.shape))
+    table = np.broadcast_to(told / told.sum(), (1, len(Crop), *told.shape))
     shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
     return (shares / shares.sum())[:, None, None, None] * table
 
 
 @functools.lru_cache(maxsize=4)
-def _counter_program(config: CounterConfig) -> Callable[..., Array]:
-    return jax.jit(counter(config).apply)
+def _counter_program(config: CountPredictorConfig) -> Callable[..., Array]:
+    return jax.jit(count_predictor(config).apply)
 
 
 def _collate(requests: list[_Request], bucket: tuple[int, int], config: DenoiserConfig):
     """Requests -> (keys, masks, layout, domain, known scenes, features, those of negative prompts), batched."""
     agent_slots, lane_slots = bucket
-    masks = Nodes(
+    masks = PerType(
         agents=np.stack([np.arange(agent_slots) < request.counts[0] for request in requests]),
         lanes=np.stack([np.arange(lane_slots) < request.counts[1] for request in requests]),
     )
@@ -267,12 +267,12 @@ def _collate(requests: list[_Request], bucket: tuple[int, int], config: Denoiser
     if any(request.known is not None for request in requests):
         none = empty(agent_slots, lane_slots)
         parts = [none if r.known is None else pad(r.known, agent_slots, lane_slots) for r in requests]
-        layouts = [np.asarray(request.cond.layout, np.int32) for request in requests]
-        known = stack([part.replace(layout=layout) for part, layout in zip(parts, layouts, strict=True)])
-    features, away = features_of([request.cond for request in requests], config.condition)
-    layout = np.array([request.cond.layout for request in requests], np.int32)
+        crops = [np.asarray(request.cond.crop, np.int32) for request in requests]
+        known = stack([part.replace(crop=crop) for part, crop in zip(parts, crops, strict=True)])
+    features, negative = features_of([request.cond for request in requests], config.condition)
+    crop = np.array([request.cond.crop for request in requests], np.int32)
     domain = np.array([request.domain for request in requests], np.int32)
-    return jnp.stack([request.key for request in requests]), masks, layout, domain, known, features, away
+    return jnp.stack([request.key for request in requests]), masks, crop, domain, known, features, negative
 
 
 def bucket_of(agents: int, lanes: int) -> tuple[int, int]:
@@ -283,8 +283,8 @@ def bucket_of(agents: int, lanes: int) -> tuple[int, int]:
     raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
 
 
-def _temperature(value: float | Nodes) -> Nodes:
-    both = value if isinstance(value, Nodes) else Nodes(agents=value, lanes=value)
+def _temperature(value: float | PerType) -> PerType:
+    both = value if isinstance(value, PerType) else PerType(agents=value, lanes=value)
     if not all(0 < one < math.inf for one in (both.agents, both.lanes)):
         raise ValueError(f"temperature must be positive for agents and lanes, not {value}: 1 is that of the training")
     return jax.tree.map(jnp.float32, both)

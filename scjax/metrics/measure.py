@@ -1,6 +1,6 @@
-"""All metrics of scenes in one pass (``Measured``), and the values of the tables from what it leaves.
+"""All metrics of scenes in one pass (``SceneStats``), and the values of the tables from what it leaves.
 
-Sums are pooled by location (``Tally``); kept are a descriptor (60 numbers) and the scored agents. A population of any
+Sums are pooled by location (``ClusterSums``); kept are a descriptor (60 numbers) and the scored agents. A population of any
 size is measured in parts, in any order, by any number of processes, and merged.
 """
 
@@ -15,13 +15,13 @@ from scjax.metrics.control import ControlFrame
 from scjax.metrics.descriptors import describe
 from scjax.metrics.detection import average_precision, consensus, detections
 from scjax.metrics.distributions import Sums, sums_by_mode, table
-from scjax.metrics.measured import Measured, stacked
+from scjax.metrics.measured import SceneStats, stacked
 from scjax.metrics.placement import Where, match, summarise
 from scjax.metrics.pooling import Ratios, Values, ratio, singles
 from scjax.metrics.realism import scene_realism
-from scjax.metrics.tally import Tally
+from scjax.metrics.tally import ClusterSums
 from scjax.metrics.topology import Mode
-from scjax.scene import AgentType, Layout, Scene
+from scjax.scene import AgentType, Crop, Scene
 
 MODES: tuple[Mode, ...] = ("strict", "compat")
 MATCHES: dict[str, dict[str, Any]] = {
@@ -47,7 +47,7 @@ def measure(
     ego: bool = True,
     where: Where | None = None,
     also: Also | None = None,
-) -> Measured:
+) -> SceneStats:
     """Measures single scenes in turn.
 
     Args:
@@ -63,7 +63,7 @@ def measure(
     """
     twins = None if references is None else singles(references)
     others = None if siblings is None else iter(siblings)
-    tally, rows, places, shown = Tally(), [describe([])], [], []
+    tally, rows, places, shown = ClusterSums(), [describe([])], [], []
     by_distance, by_consensus = [], []
     for scene, cluster in zip(singles(scenes), clusters, strict=True):
         reference = None if twins is None else _following(twins, len(places), "references")
@@ -81,7 +81,7 @@ def measure(
                 score = consensus(scene, _following(others, len(places) - 1, "lists of siblings"))
                 by_consensus.append(detections(reference, scene, score, **options))
     columns = {name: np.array([one[name] for one in shown]) for name in (shown[0] if shown else {})}
-    return Measured(tally, stacked(rows), places, by_distance, by_consensus, columns)
+    return SceneStats(tally, stacked(rows), places, by_distance, by_consensus, columns)
 
 
 def distribution_values(generated: Sums, real: Sums, mode: Mode) -> Values:
@@ -109,7 +109,7 @@ def also_values(sums: Sums) -> Values:
     return {name: ratio(*map(float, pair)) for name, pair in _named(sums, "also/").items()}
 
 
-def precision_values(measured: Measured) -> Values:
+def precision_values(measured: SceneStats) -> Values:
     """Average precision, scored by the distance to the ego and, where samples have siblings, by their agreement."""
     found = {f"AP {name}": value for name, value in average_precision(measured.detections).items()}
     if measured.consensus:
@@ -118,7 +118,7 @@ def precision_values(measured: Measured) -> Values:
 
 
 def control_values(
-    measured: Measured, reference: Measured, *, seed: int = 0, shuffles: int = 10, pairs: int = 200_000
+    measured: SceneStats, reference: SceneStats, *, seed: int = 0, shuffles: int = 10, pairs: int = 200_000
 ) -> Values:
     """CCS, SPG, CSC at the three levels; scene i of ``measured`` was made for scene i of ``reference``.
 
@@ -138,15 +138,15 @@ def _sums(scene: Scene, reference: Scene | None, ego: bool, where: Where | None)
         sums |= {f"{mode}/{name}": value for name, value in found.items()}
     ratios = scene_realism(scene, ego=ego)
     agents = np.asarray(scene.agents, np.float64)
-    if ego and len(agents) and scene.layout == Layout.CENTRED:
+    if ego and len(agents) and scene.crop == Crop.CENTERED:
         away, turned = np.linalg.norm(agents[0, :2]), np.abs(np.arctan2(agents[0, 5], agents[0, 4]))
         ratios["ego_away_m"] = float(away), 1.0
         ratios["ego_turned"] = float(turned > _TURNED), 1.0
     else:
         ratios |= dict.fromkeys(("ego_away_m", "ego_turned"), (0.0, 0.0))
     if reference is not None:
-        if reference.layout != scene.layout:
-            names = [Layout(int(one.layout)).name for one in (scene, reference)]
+        if reference.crop != scene.crop:
+            names = [Crop(int(one.crop)).name for one in (scene, reference)]
             raise ValueError(f"a {names[0]} scene has a {names[1]} reference: compare scenes of one window")
         for kind, options in MATCHES.items():
             matched = match(reference, scene, generated_ego=ego, where=where, **options)
@@ -158,7 +158,7 @@ def _shown(sums: Sums) -> Values:
     """What makes one scene worse or better than another."""
     found = {
         name: ratio(*map(float, sums[f"scene/{name}"]))
-        for name in ("joint_gap_m", "vehicles_on_lane", "vehicle_overlap_pairs")
+        for name in ("connection_gap_m", "vehicles_on_lane", "vehicle_overlap_pairs")
     }
     return found | ({"M": match_values(sums)["M"]} if "match/recall_1m" in sums else {})
 

@@ -14,13 +14,13 @@ from jaxtyping import Float64
 
 from scjax.metrics.descriptors import Descriptor, describe
 from scjax.metrics.detection import Detections
-from scjax.metrics.tally import Tally
+from scjax.metrics.tally import ClusterSums
 
 _TALLY, _SHOWN = "tally/", "shown/"
 
 
 @dataclasses.dataclass
-class Measured:
+class SceneStats:
     """Sums by location, and what has to be kept of every scene.
 
     Attributes:
@@ -32,7 +32,7 @@ class Measured:
       shown: name -> a value of every scene, by which the best and the worst are found; NaN where it has none.
     """
 
-    tally: Tally
+    tally: ClusterSums
     descriptors: Descriptor
     clusters: list[str]
     detections: list[Detections]
@@ -55,7 +55,7 @@ class Measured:
         temporary.replace(path)
 
     @classmethod
-    def load(cls, path: Path) -> Measured:
+    def load(cls, path: Path) -> SceneStats:
         """Inverse of ``save``.
 
         Raises:
@@ -65,7 +65,7 @@ class Measured:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 content = {name: data[name] for name in data.files}
             return cls(
-                tally=Tally.from_arrays(_under(content, _TALLY)),
+                tally=ClusterSums.from_arrays(_under(content, _TALLY)),
                 descriptors=Descriptor(*(content[name] for name in Descriptor._fields)),
                 clusters=[str(name) for name in content["scene_clusters"]],
                 detections=_unpacked("detections", content),
@@ -76,13 +76,13 @@ class Measured:
             raise ValueError(f"{path} holds no measured scenes ({error}): delete it and evaluate again") from error
 
 
-def merged(parts: Sequence[Measured]) -> Measured:
+def merged(parts: Sequence[SceneStats]) -> SceneStats:
     """Parts of one population as a whole, scenes in the order of the parts."""
-    tally = Tally()
+    tally = ClusterSums()
     for part in parts:
         tally.merge(part.tally)
     names = dict.fromkeys(name for part in parts for name in part.shown)
-    return Measured(
+    return SceneStats(
         tally=tally,
         descriptors=stacked([describe([]), *(part.descriptors for part in parts)]),
         clusters=[cluster for part in parts for cluster in part.clusters],

@@ -13,7 +13,7 @@ from scjax.scene import AgentType, Link, Scene
 from scjax.scene.boxes import intersection_areas, overlaps
 
 ON_LANE = 1.5  # metres from the nearest centreline (metrics.md §2)
-OPEN_JOINT = 1.0  # metres
+OPEN_CONNECTION = 1.0  # metres
 OVERLAPS = (0.01, 0.1)  # intersection over union
 OFF_HEADING = 45.0  # degrees from the nearest segment
 
@@ -26,7 +26,7 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
       ego: whether the ego counts among the vehicles and boxes.
 
     Returns:
-      joint_gap_m: end of lane i to start of lane j over predecessor links, in xy [m]; open_joints: share > 1 m.
+      connection_gap_m: end of lane i to start of lane j over predecessor links, in xy [m]; open_joints: share > 1 m.
       vehicles_on_lane: share of vehicles within 1.5 m of one of the scene's centrelines.
       lane_angle_deg: |heading - heading of the nearest segment| of those on a lane [degrees]; off_heading: share > 45.
       vehicles_overlapping: share of vehicles that overlap another vehicle (veh_obb in baselines.md).
@@ -36,7 +36,7 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
       Boxes of unrecorded size take no part in overlaps.
     """
     (scene,) = singles(scene)
-    gaps = joint_gaps(scene)
+    gaps = connection_gaps(scene)
     distance, angle = lane_offsets(scene, ego=ego)
     on_lane = distance <= ON_LANE
     pairs = overlapping_pairs(scene, ego=ego)
@@ -45,8 +45,8 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
     among = pairs[vehicle[pairs].all(-1)]
     boxes = vehicle & _boxed(scene, ego)
     return {
-        "joint_gap_m": (float(gaps.sum()), float(gaps.size)),
-        "open_joints": (float((gaps > OPEN_JOINT).sum()), float(gaps.size)),
+        "connection_gap_m": (float(gaps.sum()), float(gaps.size)),
+        "open_connections": (float((gaps > OPEN_CONNECTION).sum()), float(gaps.size)),
         "vehicles_on_lane": (float(on_lane.sum()), float(on_lane.size)),
         "lane_angle_deg": (float(angle[on_lane].sum()), float(on_lane.sum())),
         "off_heading": (float((angle[on_lane] > OFF_HEADING).sum()), float(on_lane.sum())),
@@ -63,7 +63,7 @@ def realism(scenes: Scene | Iterable[Scene], *, ego: bool = True) -> Values:
     return values(pool(scene_realism(scene, ego=ego) for scene in singles(scenes)))
 
 
-def joint_gaps(scene: Scene) -> Float64[np.ndarray, " joints"]:
+def connection_gaps(scene: Scene) -> Float64[np.ndarray, " joints"]:
     """Distance in xy from the end of lane i to the start of lane j, for every predecessor link of one scene [m]."""
     mask = np.asarray(scene.lane_mask)
     pairs = np.argwhere((np.asarray(scene.links) == Link.PREDECESSOR) & mask[:, None] & mask[None, :])

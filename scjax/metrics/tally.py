@@ -24,7 +24,7 @@ Table = Callable[[Sums, Sums], Values]
 
 
 @dataclasses.dataclass
-class Tally:
+class ClusterSums:
     """Cluster -> sums of its scenes."""
 
     clusters: dict[str, Sums] = dataclasses.field(default_factory=dict)
@@ -36,7 +36,7 @@ class Tally:
             dict(sums) if held is None else {name: held[name] + value for name, value in sums.items()}
         )
 
-    def merge(self, other: Tally) -> None:
+    def merge(self, other: ClusterSums) -> None:
         """Adds what another tally holds; the order does not matter."""
         for cluster, sums in other.clusters.items():
             self.add(sums, cluster)
@@ -58,7 +58,7 @@ class Tally:
         return content
 
     @classmethod
-    def from_arrays(cls, content: Mapping[str, np.ndarray]) -> Tally:
+    def from_arrays(cls, content: Mapping[str, np.ndarray]) -> ClusterSums:
         """Inverse of ``arrays``.
 
         Raises:
@@ -71,7 +71,7 @@ class Tally:
         return cls({cluster: {name: rows[k] for name, rows in sums.items()} for k, cluster in enumerate(names)})
 
     def intervals(
-        self, real: Tally, table: Table, *, draws: int = DRAWS, seed: int = 0, level: float = 0.95
+        self, real: ClusterSums, table: Table, *, draws: int = DRAWS, seed: int = 0, level: float = 0.95
     ) -> dict[str, tuple[float, float]]:
         """Bootstrap intervals of ``table(total, real.total)``, clusters of both sides drawn with replacement.
 
@@ -82,7 +82,7 @@ class Tally:
         return bounds(centre, drawn, level)
 
     def drawn(
-        self, real: Tally, table: Table, *, draws: int = DRAWS, seed: int = 0
+        self, real: ClusterSums, table: Table, *, draws: int = DRAWS, seed: int = 0
     ) -> dict[str, Float64[np.ndarray, " draws"]]:
         """The values in every draw of ``intervals``; empty with fewer than two clusters on a side.
 
@@ -146,7 +146,7 @@ class Tally:
 def bounds(
     centre: Values, drawn: Mapping[str, Float64[np.ndarray, " draws"]], level: float = 0.95
 ) -> dict[str, tuple[float, float]]:
-    """``Tally.intervals`` of values whose draws are at hand; NaN without any."""
+    """``ClusterSums.intervals`` of values whose draws are at hand; NaN without any."""
     tails = [(1 - level) / 2, (1 + level) / 2]
     found = {}
     for name, value in centre.items():

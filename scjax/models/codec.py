@@ -1,4 +1,4 @@
-"""What the networks see: Scene (metres) <-> Tokens (unit coordinates), under a preset of types, columns and ranges.
+"""What the networks see: Scene (metres) <-> NormalizedScene (unit coordinates), under a preset of types, columns and ranges.
 
 Sources: official-spec §1.2-1.6 for the official presets; the ranges of the scjax preset were read off statistics of
 real 64 m tiles. Every value maps linearly, v' = 2 (v - min) / (max - min) - 1; cos and sin stay as they are.
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Layout, Link, Scene, Signal
+from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Crop, Link, Scene, Signal
 from scjax.scene.pytree import pytree
 
 Range = tuple[float, float]
@@ -23,38 +23,38 @@ _LIGHT_OF_SIGNAL = {Signal.GO: 1, Signal.STOP: 2}  # lane classes of the officia
 
 
 @pytree
-class Tokens:
+class NormalizedScene:
     """A scene, or a batch, in unit coordinates and in a preset's types; fields and masks as in ``Scene``.
 
     Attributes:
       lane_types: the preset's lane class (signal state, or lane / green light / red light).
       lane_type_known: False where the class was not recorded: with signal states, in scenes without any signal.
-      agent_before, lane_before: the given half (x <= 0) of a partitioned scene; False everywhere in other layouts.
-      links: the preset's link ids, ``Representation.links[id]``.
+      agent_behind, lane_behind: the given half (x <= 0) of a partitioned scene; False everywhere in other layouts.
+      links: the preset's link ids, ``SceneCodec.links[id]``.
     """
 
     agents: Float[AnyArray, "*b agents columns"]
     agent_types: Int[AnyArray, "*b agents"]
     agent_mask: Bool[AnyArray, "*b agents"]
     agent_known: Bool[AnyArray, "*b agents columns"]
-    agent_before: Bool[AnyArray, "*b agents"]
+    agent_behind: Bool[AnyArray, "*b agents"]
     lanes: Float[AnyArray, "*b lanes points dims"]
     lane_types: Int[AnyArray, "*b lanes"]
     lane_type_known: Bool[AnyArray, "*b lanes"]
     lane_mask: Bool[AnyArray, "*b lanes"]
     lane_known: Bool[AnyArray, "*b lanes dims"]
-    lane_before: Bool[AnyArray, "*b lanes"]
+    lane_behind: Bool[AnyArray, "*b lanes"]
     links: Int[AnyArray, "*b lanes lanes"]
-    layout: Int[AnyArray, "*b"]
+    crop: Int[AnyArray, "*b"]
     domain: Int[AnyArray, "*b"]
 
     if TYPE_CHECKING:
 
-        def replace(self, **changes: Any) -> Tokens: ...
+        def replace(self, **changes: Any) -> NormalizedScene: ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Representation:
+class SceneCodec:
     """The types, columns and ranges of one family of models.
 
     Attributes:
@@ -101,7 +101,7 @@ class Representation:
         """Positions of ``columns`` in the nine state columns."""
         return np.array([STATE_COLUMNS.index(name) for name in self.columns])
 
-    def tokens(self, scene: Scene) -> Tokens:
+    def normalize(self, scene: Scene) -> NormalizedScene:
         """``scene`` in unit coordinates. Its agents and lanes must be of this preset (see ``select``)."""
         type_of = np.zeros(len(AgentType), np.int32)
         type_of[list(self.agent_types)] = np.arange(len(self.agent_types))
@@ -109,29 +109,29 @@ class Representation:
         link_of[list(self.links)] = np.arange(len(self.links))
         agent_types = jnp.asarray(type_of)[scene.agent_types]
         agents, lanes = self._turn(scene.agents, scene.lanes, 1)
-        agents = self.normalise_agents(agents, agent_types, scene.layout)
-        lanes = self.normalise_lanes(lanes[..., : self.point_dims], scene.layout)
-        partitioned = (jnp.asarray(scene.layout) == Layout.PARTITIONED)[..., None]
+        agents = self.normalize_agents(agents, agent_types, scene.crop)
+        lanes = self.normalize_lanes(lanes[..., : self.point_dims], scene.crop)
+        partitioned = (jnp.asarray(scene.crop) == Crop.PARTITIONED)[..., None]
         middle = scene.lanes.shape[-2] // 2 - 1
         signal = self.lane_classes == "signal"
-        return Tokens(
+        return NormalizedScene(
             agents=jnp.where(scene.agent_mask[..., None], agents, 0.0),
             agent_types=jnp.where(scene.agent_mask, agent_types, 0),
             agent_mask=scene.agent_mask,
             agent_known=scene.agent_known[..., self.column_indices],
-            agent_before=partitioned & scene.agent_mask & (scene.agents[..., 0] <= 0),
+            agent_behind=partitioned & scene.agent_mask & (scene.agents[..., 0] <= 0),
             lanes=jnp.where(scene.lane_mask[..., None, None], lanes, 0.0),
             lane_types=scene.signals if signal else self._light_classes(scene),
             lane_type_known=self._signals_told(scene) if signal else scene.lane_mask,
             lane_mask=scene.lane_mask,
             lane_known=scene.lane_known[..., : self.point_dims],
-            lane_before=partitioned & scene.lane_mask & (scene.lanes[..., middle, 0] <= 0),
+            lane_behind=partitioned & scene.lane_mask & (scene.lanes[..., middle, 0] <= 0),
             links=jnp.asarray(link_of)[scene.links],
-            layout=scene.layout,
+            crop=scene.crop,
             domain=scene.domain,
         )
 
-    def scene(
+    def denormalize(
         self,
         agents: Float[AnyArray, "*b agents columns"],
         agent_types: Int[AnyArray, "*b agents"],
@@ -140,7 +140,7 @@ class Representation:
         lane_types: Int[AnyArray, "*b lanes"],
         lane_mask: Bool[AnyArray, "*b lanes"],
         link_logits: Float[AnyArray, "*b lanes lanes kinds"],
-        layout: Int[AnyArray, "*b"],
+        crop: Int[AnyArray, "*b"],
         domain: Int[AnyArray, "*b"],
     ) -> Scene:
         """Decoder outputs as a scene in metres: headings made unit vectors, links made consistent.
@@ -149,8 +149,8 @@ class Representation:
         from j to i), so that ``links`` always satisfies ``validate``.
         """
         full = jnp.zeros((*agents.shape[:-1], len(STATE_COLUMNS)), agents.dtype)
-        metres = full.at[..., self.column_indices].set(self.denormalise_agents(agents, agent_types, layout))
-        points = self.denormalise_lanes(lanes, layout)
+        metres = full.at[..., self.column_indices].set(self.denormalize_agents(agents, agent_types, crop))
+        points = self.denormalize_lanes(lanes, crop)
         points = jnp.concatenate([points, jnp.zeros((*points.shape[:-1], 3 - self.point_dims), points.dtype)], -1)
         metres, points = self._turn(metres, points, -1)
         heading = metres[..., 4:6]
@@ -173,37 +173,37 @@ class Representation:
             lane_known=lane_mask[..., None] & _like(np.arange(3) < self.point_dims, points.ndim - 1),
             signals=jnp.where(lane_mask, signals, 0).astype(jnp.int32),
             links=jnp.where(pairs, self._consistent_links(link_logits), Link.NONE).astype(jnp.int32),
-            layout=layout,
+            crop=crop,
             domain=domain,
         )
 
-    def normalise_agents(
-        self, agents: Float[AnyArray, "*b n 9"], types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]
+    def normalize_agents(
+        self, agents: Float[AnyArray, "*b n 9"], types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
         """Metres -> unit, nothing clipped; ``types`` are this preset's, and only ``columns`` are kept."""
-        low, high = self._agent_ranges(types, layout)
+        low, high = self._agent_ranges(types, crop)
         return (2 * (jnp.asarray(agents) - low) / (high - low) - 1)[..., self.column_indices]
 
-    def denormalise_agents(
-        self, unit: Float[AnyArray, "*b n columns"], types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]
+    def denormalize_agents(
+        self, unit: Float[AnyArray, "*b n columns"], types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
         """Unit -> metres; every field is clipped to [-1, 1] first (official-spec §1.6)."""
-        low, high = (r[..., self.column_indices] for r in self._agent_ranges(types, layout))
+        low, high = (r[..., self.column_indices] for r in self._agent_ranges(types, crop))
         return (jnp.clip(unit, -1, 1) + 1) / 2 * (high - low) + low
 
-    def normalise_lanes(
-        self, lanes: Float[AnyArray, "*b n points dims"], layout: Int[AnyArray, "*b"]
+    def normalize_lanes(
+        self, lanes: Float[AnyArray, "*b n points dims"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n points dims"]:
         """Metres -> unit for the first ``point_dims`` coordinates."""
-        low, high = self._lane_ranges(layout)
+        low, high = self._lane_ranges(crop)
         return 2 * (jnp.asarray(lanes) - low) / (high - low) - 1
 
-    def denormalise_lanes(
-        self, unit: Float[AnyArray, "*b n points dims"], layout: Int[AnyArray, "*b"], clip: float | None = None
+    def denormalize_lanes(
+        self, unit: Float[AnyArray, "*b n points dims"], crop: Int[AnyArray, "*b"], clip: float | None = None
     ) -> Float[Array, "*b n points dims"]:
         """Unit -> metres; clipped to ``clip_lanes``, or to ``clip`` (the collision penalty uses 1)."""
         bound = self.clip_lanes if clip is None else clip
-        low, high = self._lane_ranges(layout)
+        low, high = self._lane_ranges(crop)
         return (jnp.clip(unit, -bound, bound) + 1) / 2 * (high - low) + low
 
     def select(self, scene: Scene) -> Scene:
@@ -229,28 +229,28 @@ class Representation:
             lane_known=scene.lane_known[rows], signals=signals, links=links,
         )  # fmt: skip
 
-    def _agent_ranges(self, types: Int[AnyArray, "*b n"], layout: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
+    def _agent_ranges(self, types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
         """(min, max) of the nine columns for every agent, [*b, n, 9]."""
         table = np.zeros((len(self.agent_types), 9, 2), np.float32)
         table[:, 2], table[:, 3], table[:, 4:6], table[:, 6:9] = self.agent_z, self.speed, (-1, 1), self.sizes
         rows = jnp.asarray(table)[types]
-        xy = self._window(layout)[..., None, :, :]
+        xy = self._window(crop)[..., None, :, :]
         rows = rows.at[..., :2, :].set(jnp.broadcast_to(xy, (*rows.shape[:-2], 2, 2)))
         return rows[..., 0], rows[..., 1]
 
-    def _lane_ranges(self, layout: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
+    def _lane_ranges(self, crop: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
         """(min, max) of x, y (, z), broadcastable to [*b, n, points, dims]."""
-        rows = self._window(layout)
+        rows = self._window(crop)
         z = jnp.broadcast_to(jnp.asarray(self.lane_z), (*rows.shape[:-2], 1, 2))
         rows = jnp.concatenate([rows, z], -2)[..., None, None, : self.point_dims, :]
         return rows[..., 0], rows[..., 1]
 
-    def _window(self, layout: Int[AnyArray, "*b"]) -> Float[Array, "*b 2 2"]:
+    def _window(self, crop: Int[AnyArray, "*b"]) -> Float[Array, "*b 2 2"]:
         """(min, max) of x and y: the square about the ego, or the 64 m ahead of it."""
         centred, ahead = (-32.0, 32.0), (0.0, 64.0)
         forward = (ahead, centred) if self.forward == "x" else (centred, ahead)
         table = jnp.asarray([(centred, centred), (centred, centred), forward])
-        return table[jnp.asarray(layout)]
+        return table[jnp.asarray(crop)]
 
     def _turn(self, agents, lanes, sign: int):
         """Agents and lanes from x-forward to this preset's axes (sign 1) or back (sign -1): a quarter turn or none."""
@@ -298,9 +298,9 @@ _OFFICIAL_LINKS = (Link.NONE, Link.PREDECESSOR, Link.SUCCESSOR, Link.SELF)
 _ALL_LINKS = tuple(Link)
 
 
-def scjax() -> Representation:
+def scjax() -> SceneCodec:
     """The default: four agent classes with ranges of their own, lanes with z, signal states and neighbours."""
-    return Representation(
+    return SceneCodec(
         name="scjax",
         agent_types=tuple(AgentType),
         lane_classes="signal",
@@ -318,10 +318,10 @@ def scjax() -> Representation:
     )
 
 
-def official_nuplan() -> Representation:
+def official_nuplan() -> SceneCodec:
     """The nuPlan models of the release (official-spec §1.6): 2-D lanes, lights as lane tokens, three agent classes."""
     sizes = ((0.09, 19.77), (0.14, 7.20), (0.2, 3.5))
-    return Representation(
+    return SceneCodec(
         name="official_nuplan",
         agent_types=(AgentType.VEHICLE, AgentType.PEDESTRIAN, AgentType.STATIC),
         lane_classes="lights",
@@ -334,10 +334,10 @@ def official_nuplan() -> Representation:
     )
 
 
-def official_waymo() -> Representation:
+def official_waymo() -> SceneCodec:
     """The Waymo models of the release: +y forward, no z and height, no lane classes, neighbours among the links."""
     sizes = ((-0.098, 22.929), (0.096, 12.527), (0.2, 3.5))
-    return Representation(
+    return SceneCodec(
         name="official_waymo",
         agent_types=(AgentType.VEHICLE, AgentType.PEDESTRIAN, AgentType.CYCLIST),
         columns=("x", "y", "speed", "cos", "sin", "length", "width"),

@@ -50,9 +50,9 @@ def denoiser_forward(config: DenoiserConfig, lanes: int, agents: int, context: i
     wide, narrow = config.lane_width, config.agent_width
 
     def cross(width: int, heads: int, targets: int) -> float:
-        if not context or isinstance(config.control, NoOptions):
+        if not context or isinstance(config.cross_attention, NoOptions):
             return 0
-        work = control_work(config.control, width, heads, config.context_layout, targets, context)
+        work = control_work(config.cross_attention, width, heads, config.context_spec, targets, context)
         return 3 * width**2 + work.attend + (0 if cached else work.encode)
 
     def stage(width: int, heads: int, targets: int, sources: int) -> float:
@@ -66,7 +66,7 @@ def denoiser_forward(config: DenoiserConfig, lanes: int, agents: int, context: i
     embed = lanes * (2 * config.lane_latent * wide + wide**2) + agents * (2 * config.agent_latent * narrow + narrow**2)
     heads = 2 * (wide**2 + narrow**2) + lanes * wide * config.lane_latent + agents * narrow * config.agent_latent
     project = 0
-    if isinstance(config.control, NoOptions):
+    if isinstance(config.cross_attention, NoOptions):
         context = 0  # nobody reads it
     if context and not cached and isinstance(config.condition, TextCondition):
         project = context * (config.condition.width * (wide + narrow) + wide**2 + narrow**2)

@@ -8,39 +8,39 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
 class LatentStatistics:
     """Mean and standard deviation of all latent numbers of a kind: Nodes of floats (or their dicts, from JSON)."""
 
-    mean: Nodes | Mapping[str, float]
-    std: Nodes | Mapping[str, float]
+    mean: PerType | Mapping[str, float]
+    std: PerType | Mapping[str, float]
 
     def __post_init__(self):
         for name in ("mean", "std"):
             value = getattr(self, name)
             if isinstance(value, Mapping):
-                object.__setattr__(self, name, Nodes(**value))
+                object.__setattr__(self, name, PerType(**value))
         if min(jax.tree.leaves(self.std)) <= 0:
             raise ValueError(f"standard deviations of latents must be positive, got {self.std}")
 
     @classmethod
     def identity(cls) -> LatentStatistics:
         """Leaves latents as they are."""
-        return cls(mean=Nodes(agents=0.0, lanes=0.0), std=Nodes(agents=1.0, lanes=1.0))
+        return cls(mean=PerType(agents=0.0, lanes=0.0), std=PerType(agents=1.0, lanes=1.0))
 
-    def normalise(self, latents: Nodes) -> Nodes:
+    def normalize(self, latents: PerType) -> PerType:
         """(z - mean) / std."""
         return jax.tree.map(lambda z, mean, std: (z - mean) / std, latents, self.mean, self.std)
 
-    def denormalise(self, latents: Nodes) -> Nodes:
+    def denormalize(self, latents: PerType) -> PerType:
         """z std + mean."""
         return jax.tree.map(lambda z, mean, std: z * std + mean, latents, self.mean, self.std)
 
 
-def statistics(latents: Sequence[Nodes], masks: Sequence[Nodes]) -> LatentStatistics:
+def statistics(latents: Sequence[PerType], masks: Sequence[PerType]) -> LatentStatistics:
     """Over the valid tokens of many batches of sampled latents [B, tokens, latent], masks [B, tokens]; float64.
 
     Raises:
@@ -56,4 +56,4 @@ def statistics(latents: Sequence[Nodes], masks: Sequence[Nodes]) -> LatentStatis
             raise ValueError(f"no valid {kind} in {len(latents)} batches of latents: their statistics are undefined")
         mean[kind] = float(total / count)
         std[kind] = float(np.sqrt(max(squares / count - mean[kind] ** 2, 1e-12)))
-    return LatentStatistics(mean=Nodes(**mean), std=Nodes(**std))
+    return LatentStatistics(mean=PerType(**mean), std=PerType(**std))

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from flax import nnx
 
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
 Params = dict[str, Any]
 Path = tuple[str | int, ...]
@@ -31,15 +31,15 @@ class Functional(NamedTuple):
     apply: Callable[..., Any]
 
 
-def functional(make: Callable[[Draws], nnx.Module]) -> Functional:
+def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
     """Turns a module constructor into pure functions; the module is traced abstractly once."""
-    counter = Draws()
+    counter = ParamInit()
     graphdef, abstract = nnx.split(nnx.eval_shape(lambda: make(counter)))
 
     def init(key: jax.Array) -> Params:
         # The open interval (-1, 1): the least float32 above -1 keeps the inverse error function finite.
         numbers = jax.random.uniform(key, (counter.used,), minval=np.nextafter(np.float32(-1), np.float32(0)))
-        return nnx.to_pure_dict(nnx.state(make(Draws(numbers))))
+        return nnx.to_pure_dict(nnx.state(make(ParamInit(numbers))))
 
     def apply(params: Params, *args, method: str = "__call__", **kwargs):
         state = jax.tree.map(lambda leaf: leaf, abstract)

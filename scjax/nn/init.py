@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Draws:
+class ParamInit:
     """Hands out initial values while a module is built.
 
     Without ``numbers`` it gives zeros and only counts (``used``): a first, abstract construction tells how many

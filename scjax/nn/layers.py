@@ -11,7 +11,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from scjax.nn.cpu.precision import Compute, matmul
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
 EPS = 1e-5  # of the official model's layer norms
 
@@ -24,13 +24,13 @@ class Linear(nnx.Module):
         features_in: int,
         features_out: int,
         *,
-        draws: Draws,
+        init: ParamInit,
         bias: bool = True,
         compute: Compute = "float32",
         std: float | None = None,
     ):
         shape = (features_in, features_out)
-        self.kernel = nnx.Param(draws.xavier(shape) if std is None else draws.normal(shape, std))
+        self.kernel = nnx.Param(init.xavier(shape) if std is None else init.normal(shape, std))
         self.bias = nnx.Param(jnp.zeros(features_out)) if bias else None
         self.compute: Compute = compute
 
@@ -40,7 +40,7 @@ class Linear(nnx.Module):
         return y if self.bias is None else y + _lift(self.bias[...], y.ndim)
 
 
-def together(linears: Sequence[Linear], x: Float[Array, "*b i"], zeros: int = 0) -> list[Float[Array, "*b _"]]:
+def fused_linear(linears: Sequence[Linear], x: Float[Array, "*b i"], zeros: int = 0) -> list[Float[Array, "*b _"]]:
     """Each layer's result for the same x by one product, which reads a long x once instead of once a layer.
 
     The last ``zeros`` numbers of each row of x are no feature of the layers and have no weight.
@@ -70,11 +70,11 @@ class LayerNorm(nnx.Module):
 
 def standardise(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:
     """Zero mean and unit (biased) variance over the last axis: layer norm without parameters."""
-    x = centred(x)
+    x = subtract_mean(x)
     return x * jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + eps)
 
 
-def centred(x: Float[Array, "*b c"]) -> Float[Array, "*b c"]:
+def subtract_mean(x: Float[Array, "*b c"]) -> Float[Array, "*b c"]:
     """Mean-free over the last axis. A centred kernel and bias make a product whose norm needs one pass less."""
     return x - x.mean(-1, keepdims=True)
 
@@ -90,17 +90,17 @@ class ResidualMLP(nnx.Module):
         features_in: int,
         width: int,
         *,
-        draws: Draws,
+        init: ParamInit,
         depth: int = 2,
         features_out: int | None = None,
         compute: Compute = "float32",
     ):
         sizes = [features_in] + [width] * depth
-        self.linears = nnx.List([Linear(i, o, draws=draws, compute=compute) for i, o in itertools.pairwise(sizes)])
+        self.linears = nnx.List([Linear(i, o, init=init, compute=compute) for i, o in itertools.pairwise(sizes)])
         self.norms = nnx.List([LayerNorm(width) for _ in range(depth)])
-        self.skip = Linear(features_in, width, draws=draws, compute=compute)
+        self.skip = Linear(features_in, width, init=init, compute=compute)
         self.skip_norm = LayerNorm(width)
-        self.out = None if features_out is None else Linear(width, features_out, draws=draws, compute=compute)
+        self.out = None if features_out is None else Linear(width, features_out, init=init, compute=compute)
 
     def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
         return self.after_first(self.linears[0](x), self.skip(x))

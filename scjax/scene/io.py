@@ -12,12 +12,14 @@ from typing import IO, Any
 
 import numpy as np
 
-from scjax.scene import POINTS_PER_LANE, STATE_COLUMNS, AgentType, Layout, Link, Scene, Signal, empty, stack, validate
+from scjax.scene import POINTS_PER_LANE, STATE_COLUMNS, AgentType, Crop, Link, Scene, Signal, empty, stack, validate
 
 NPZ_VERSION = 1
 JSON_FORMAT, JSON_VERSION = "scjax-scene", 1
 _UNITS = {"x, y, z, length, width, height": "m", "speed": "m/s", "heading": "rad, counter-clockwise from +x"}
 _DIGITS = 7  # float32 holds about seven
+_OLD_NAMES = {"layout": "crop"}  # names of earlier files -> names of today; both are read
+_OLD_CROPS = {"centred": "centered"}
 
 
 def save_npz(scene: Scene, path: str | Path) -> None:
@@ -40,7 +42,7 @@ def load_npz(path: str | Path) -> Scene:
     path = Path(path)
     try:
         with open(path, "rb") as handle, np.load(handle, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+            arrays = {_OLD_NAMES.get(name, name): file[name] for name in file.files}
     except FileNotFoundError:
         raise
     except (OSError, EOFError, ValueError, AttributeError, zipfile.BadZipFile) as error:
@@ -147,16 +149,17 @@ def _scene_text(scene: Scene) -> str:
     ]  # fmt: skip
     rows = {"agents": agents, "lanes": lanes}
     lists = ", ".join(f'"{key}": [' + ",".join(f"\n  {json.dumps(row)}" for row in rows[key]) + "]" for key in rows)
-    layout = Layout(int(scene.layout)).name.lower()
-    return f' {{"layout": "{layout}", "domain": {int(scene.domain)}, {lists}}}'
+    crop = Crop(int(scene.crop)).name.lower()
+    return f' {{"crop": "{crop}", "domain": {int(scene.domain)}, {lists}}}'
 
 
 def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
     agents, lanes = _field(data, "agents", name), _field(data, "lanes", name)
     num_agents = max([slots[0], *(_id(agent, f"{name}, agents") + 1 for agent in agents)])
     num_lanes = max([slots[1], *(_id(lane, f"{name}, lanes") + 1 for lane in lanes)])
-    layout = _enum(Layout, data.get("layout", "centred"), f"{name}, layout")
-    scene = _blank(num_agents, num_lanes, slots[2], Layout(layout), data.get("domain", 0))
+    word = data.get("crop", data.get("layout", "centered"))
+    crop = _enum(Crop, _OLD_CROPS.get(word, word), f"{name}, crop")
+    scene = _blank(num_agents, num_lanes, slots[2], Crop(crop), data.get("domain", 0))
     for agent in agents:
         i, where = agent["id"], f"{name}, agent {agent['id']}"
         _free(scene.agent_mask, i, where)
@@ -181,9 +184,9 @@ def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
     return scene
 
 
-def _blank(agents: int, lanes: int, points: int, layout: Layout = Layout.CENTRED, domain: int = 0) -> Scene:
+def _blank(agents: int, lanes: int, points: int, crop: Crop = Crop.CENTERED, domain: int = 0) -> Scene:
     """Padding only, with ``points`` points a lane."""
-    arrays = empty(agents, lanes, layout=layout, domain=domain).to_dict()
+    arrays = empty(agents, lanes, crop=crop, domain=domain).to_dict()
     return Scene(**{**arrays, "lanes": np.zeros((lanes, points, 3), np.float32)})
 
 

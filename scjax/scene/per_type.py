@@ -10,7 +10,7 @@ from scjax.scene.pytree import pytree
 
 
 @pytree
-class Nodes:
+class PerType:
     """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
 
     agents: Any
@@ -18,9 +18,9 @@ class Nodes:
 
     if TYPE_CHECKING:
 
-        def replace(self, **changes: Any) -> Nodes: ...
+        def replace(self, **changes: Any) -> PerType: ...
 
 
-def generated(masks: Nodes, given: Nodes | None) -> Nodes:
+def generated_mask(masks: PerType, given: PerType | None) -> PerType:
     """True at the tokens that are made: valid and not given."""
     return masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)

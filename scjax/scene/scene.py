@@ -54,10 +54,10 @@ class Link(enum.IntEnum):
 INVERSE_LINK = np.array([Link.NONE, Link.SUCCESSOR, Link.PREDECESSOR, Link.RIGHT, Link.LEFT, Link.SELF], np.int32)
 
 
-class Layout(enum.IntEnum):
+class Crop(enum.IntEnum):
     """Which window of the world a scene shows (official-spec §1.5)."""
 
-    CENTRED = 0  # |x|, |y| <= 32 m: F_P of the paper
+    CENTERED = 0  # |x|, |y| <= 32 m: F_P of the paper
     PARTITIONED = 1  # the same window, every lane cut at x = 0: for completion and outpainting
     FORWARD = 2  # 0 <= x <= 64 m, |y| <= 32 m: F_I of the paper
 
@@ -76,7 +76,7 @@ class Scene:
       lane_known: as ``agent_known``, for x, y, z of the whole lane.
       signals: ``Signal`` of each lane.
       links: ``Link`` of lane i (row) to lane j (column); SELF on the diagonal of real lanes.
-      layout: ``Layout``.
+      crop: ``Crop``.
       domain: index of the data set or city in the model's list of domains.
     """
 
@@ -89,7 +89,7 @@ class Scene:
     lane_known: Bool[AnyArray, "*b lanes 3"]
     signals: Int[AnyArray, "*b lanes"]
     links: Int[AnyArray, "*b lanes lanes"]
-    layout: Int[AnyArray, "*b"]
+    crop: Int[AnyArray, "*b"]
     domain: Int[AnyArray, "*b"]
 
     if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class Scene:
         if not self.batch_shape:
             raise IndexError("this is a single scene, not a batch: there is nothing to index")
         fields = {name: value[index] for name, value in self.to_dict().items()}
-        if isinstance(self.layout, np.ndarray):  # one element of a NumPy array is a scalar, no array any more
+        if isinstance(self.crop, np.ndarray):  # one element of a NumPy array is a scalar, no array any more
             fields = {name: np.asarray(value) for name, value in fields.items()}
         return self.replace(**fields)
 
@@ -129,7 +129,7 @@ class Scene:
         return self.replace(**{name: np.asarray(value) for name, value in self.to_dict().items()})
 
 
-def empty(num_agents: int, num_lanes: int, *, layout: Layout = Layout.CENTRED, domain: int = 0) -> Scene:
+def empty(num_agents: int, num_lanes: int, *, crop: Crop = Crop.CENTERED, domain: int = 0) -> Scene:
     """A NumPy scene of padding only, to be filled in: [num_agents], [num_lanes] slots, no batch axes."""
     return Scene(
         agents=np.zeros((num_agents, len(STATE_COLUMNS)), np.float32),
@@ -141,7 +141,7 @@ def empty(num_agents: int, num_lanes: int, *, layout: Layout = Layout.CENTRED, d
         lane_known=np.zeros((num_lanes, 3), bool),
         signals=np.zeros(num_lanes, np.int32),
         links=np.zeros((num_lanes, num_lanes), np.int32),
-        layout=np.asarray(layout, np.int32),
+        crop=np.asarray(crop, np.int32),
         domain=np.asarray(domain, np.int32),
     )
 
@@ -163,7 +163,7 @@ def pad(scene: Scene, num_agents: int, num_lanes: int) -> Scene:
     widths = {
         "agents": [*agents, (0, 0)], "agent_types": agents, "agent_mask": agents, "agent_known": [*agents, (0, 0)],
         "lanes": [*lanes, (0, 0), (0, 0)], "lane_mask": lanes, "lane_known": [*lanes, (0, 0)],
-        "signals": lanes, "links": [*lanes, (0, grow_lanes)], "layout": lead, "domain": lead,
+        "signals": lanes, "links": [*lanes, (0, grow_lanes)], "crop": lead, "domain": lead,
     }  # fmt: skip
     # np.pad refuses the empty widths of the scalars layout and domain.
     padded = {name: np.pad(np.asarray(getattr(scene, name)), width) for name, width in widths.items() if width}
@@ -223,7 +223,7 @@ def validate(scene: Scene) -> Scene:
         "agents": (*lead, num_agents, 9), "agent_types": (*lead, num_agents), "agent_known": (*lead, num_agents, 9),
         "lanes": (*lead, num_lanes, *host.lanes.shape[-2:-1], 3), "lane_mask": (*lead, num_lanes),
         "lane_known": (*lead, num_lanes, 3), "signals": (*lead, num_lanes), "links": (*lead, num_lanes, num_lanes),
-        "layout": lead, "domain": lead,
+        "crop": lead, "domain": lead,
     }  # fmt: skip
     for name, shape in expected.items():
         if getattr(host, name).shape != shape:
@@ -246,7 +246,7 @@ def validate(scene: Scene) -> Scene:
         ("agent_types", host.agent_mask, AgentType),
         ("signals", host.lane_mask, Signal),
         ("links", host.lane_mask[..., :, None] & host.lane_mask[..., None, :], Link),
-        ("layout", np.ones(lead, bool), Layout),
+        ("crop", np.ones(lead, bool), Crop),
     ):
         values = getattr(host, name)[mask]
         if values.size and not (0 <= values.min() and values.max() < len(kinds)):

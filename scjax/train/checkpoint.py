@@ -72,8 +72,8 @@ class Checkpoints:
                 f"{self._folder} was written by checkpoint format {written}, this code reads {FORMAT}: {cure}, "
                 "or choose another --workdir"
             )
-        described = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
-        theirs, ours = (_shaping(json.loads(json.dumps(c))) for c in (described["config"], self._config))
+        to_config = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
+        theirs, ours = (_shaping(json.loads(json.dumps(c))) for c in (to_config["config"], self._config))
         if theirs != ours:
             changed = sorted(key for key in {*theirs, *ours} if theirs.get(key) != ours.get(key))
             raise ValueError(
@@ -99,4 +99,7 @@ def _one_copy(leaf: Any) -> Any:
 
 def _shaping(config: dict[str, Any]) -> dict[str, Any]:
     """The fields of a resolved config that decide what the parameters mean."""
-    return {**config["model"], **{name: config[name] for name in ("control", "control_options") if name in config}}
+    return {
+        **config["model"],
+        **{name: config[name] for name in ("cross_attention", "cross_attention_options") if name in config},
+    }

@@ -23,13 +23,13 @@ Vectors = dict[str, Any]
 """Group -> vector of all its numbers; groups without any are left out."""
 
 
-class Packing(NamedTuple):
+class FlatParams(NamedTuple):
     """Which parameters lie where: of each group, paths (``functional.flatten``) and shapes in their order."""
 
     groups: dict[str, tuple[tuple[Path, tuple[int, ...]], ...]]
 
     @classmethod
-    def of(cls, params: Params, kept: frozenset[Path] = frozenset()) -> Packing:
+    def of(cls, params: Params, kept: frozenset[Path] = frozenset()) -> FlatParams:
         """For parameters of these shapes (also abstract ones); those at paths in ``kept`` have a group of their own."""
         groups: dict[str, list] = {KERNEL: [], REST: [], KEPT: []}
         decays = flatten(decayed(params))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from optax.contrib import MuonDimensionNumbers
 from optax.contrib import muon as optax_muon
 
-from scjax.train.flat_params import KEPT, Packing, Vectors
+from scjax.train.flat_params import KEPT, FlatParams, Vectors
 from scjax.train.optimizer import KERNEL, clip_by_global_norm, learning_rates
 
 _RMS = 0.2
@@ -21,7 +21,7 @@ _RMS = 0.2
 
 
 def muon(
-    packing: Packing,
+    packing: FlatParams,
     *,
     learning_rate: float,
     steps: int,

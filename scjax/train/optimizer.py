@@ -63,7 +63,7 @@ def learning_rates(
 
 
 def decayed(params: Params) -> Params:
-    """True at the leaves that weight decay acts on: ``KERNEL`` of a linear layer, or of all (``Packing``)."""
+    """True at the leaves that weight decay acts on: ``KERNEL`` of a linear layer, or of all (``FlatParams``)."""
     return jax.tree_util.tree_map_with_path(lambda path, _: getattr(path[-1], "key", None) == KERNEL, params)
 
 

@@ -14,12 +14,12 @@ from jax.sharding import NamedSharding, PartitionSpec
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, PipelineConfig
 from scjax.generate.model import Model
-from scjax.models.codec import Representation
+from scjax.models.codec import SceneCodec
 from scjax.nn.functional import Params
 from scjax.nn.sharding import AXIS, scene_mesh
 from scjax.scene.pytree import pytree
 from scjax.train.ema import update_ema
-from scjax.train.flat_params import Packing, Vectors, trained
+from scjax.train.flat_params import FlatParams, Vectors, trained
 from scjax.train.muon import muon
 from scjax.train.optimizer import adamw
 from scjax.train.reporter import Reporter
@@ -31,12 +31,12 @@ Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, ja
 
 @pytree
 class TrainState:
-    """Step counter, parameters and their moving average as vectors (``Packing``), and the optimiser's moments."""
+    """Step counter, parameters and their moving average as vectors (``FlatParams``), and the optimiser's moments."""
 
     step: jax.Array
     params: Vectors
     ema: Vectors
-    optimiser: Any
+    optimizer: Any
 
     if TYPE_CHECKING:
 
@@ -50,7 +50,7 @@ class Stage(NamedTuple):
     ``prepare`` completes the state of a run that begins, where something has to be fitted first.
     """
 
-    representation: Representation
+    codec: SceneCodec
     init: Callable[[jax.Array], TrainState]
     step: Callable[[TrainState, Example], tuple[TrainState, dict[str, jax.Array]]]
     evaluate: Callable[[TrainState], dict[str, float]]
@@ -61,13 +61,13 @@ class Stage(NamedTuple):
     prepare: Callable[[TrainState], TrainState] = lambda state: state
 
 
-def optimiser_of(config, packing: Packing) -> optax.GradientTransformation:
-    """What ``config.optimiser`` describes, over ``config.steps``.
+def make_optimizer(config, packing: FlatParams) -> optax.GradientTransformation:
+    """What ``config.optimizer`` describes, over ``config.steps``.
 
     Raises:
       ValueError: unknown kind, or a schedule that ends before its warm-up does.
     """
-    options = config.optimiser.to_dict()
+    options = config.optimizer.to_dict()
     kind = options.pop("kind")
     if kind == "adamw":
         return adamw(**options, steps=config.steps)
@@ -76,19 +76,19 @@ def optimiser_of(config, packing: Packing) -> optax.GradientTransformation:
     raise ValueError(f'--config.optimiser.kind must be "adamw" or "muon", not {kind!r}')
 
 
-def initial(params: Params, packing: Packing, optimiser: optax.GradientTransformation) -> TrainState:
+def initial(params: Params, packing: FlatParams, optimizer: optax.GradientTransformation) -> TrainState:
     """Step 0; the average starts as a copy, since donated buffers may not be shared."""
     vectors = packing.pack(jax.device_get(params))
     return TrainState(
         step=jnp.zeros((), jnp.int32), params=vectors, ema=jax.tree.map(jnp.copy, vectors),
-        optimiser=optimiser.init(trained(vectors)),
+        optimizer=optimizer.init(trained(vectors)),
     )  # fmt: skip
 
 
 def training_step(
     objective: Objective,
-    packing: Packing,
-    optimiser: optax.GradientTransformation,
+    packing: FlatParams,
+    optimizer: optax.GradientTransformation,
     *,
     ema_decay: float,
     seed: int,
@@ -159,11 +159,11 @@ def training_step(
             out_specs=(PartitionSpec(), jax.tree.map(place, trained(state.params))), check_vma=False,
         )  # fmt: skip
         (loss, terms), gradients = gradients_of(state.params, batch, key)
-        updates, moments = optimiser.update(gradients, state.optimiser, trained(state.params))
+        updates, moments = optimizer.update(gradients, state.optimizer, trained(state.params))
         params = state.params | optax.apply_updates(trained(state.params), updates)
         ema = update_ema(state.ema, params, state.step + 1, ema_decay)
         norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
-        new = TrainState(step=state.step + 1, params=params, ema=ema, optimiser=moments)
+        new = TrainState(step=state.step + 1, params=params, ema=ema, optimizer=moments)
         return jax.lax.with_sharding_constraint(new, places(new)), {"loss": loss, **terms, **norms}
 
     program = jax.jit(step, donate_argnums=0)

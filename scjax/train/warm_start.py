@@ -51,13 +51,13 @@ def denoiser_base(base: Model, autoencoder: Params, domains: Sequence[str]) -> P
     names = list(base.domains)
     if names != list(domains):
         rows = [
-            known * layout + names.index(domain) if domain in names else base.denoiser_config.null_label
-            for layout in range(base.denoiser_config.layouts)
+            known * crop + names.index(domain) if domain in names else base.denoiser_config.null_label
+            for crop in range(base.denoiser_config.crops)
             for domain in domains or ("",)
         ]
         params["labels"] = np.asarray(params["labels"])[[*rows, base.denoiser_config.null_label]]
-    if "anchors" in params and not _same(base.autoencoder, autoencoder):
-        del params["anchors"]
+    if "position_heads" in params and not _same(base.autoencoder, autoencoder):
+        del params["position_heads"]
     return params
 
 

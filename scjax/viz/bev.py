@@ -12,12 +12,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from scjax.scene import TILE_SIZE, AgentType, Layout, Link, Scene, Signal
+from scjax.scene import TILE_SIZE, AgentType, Crop, Link, Scene, Signal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from scjax.scene.per_type import Nodes
+    from scjax.scene.per_type import PerType
 
 PAPER, ROAD, GIVEN_ROAD, INK, GRID = "#fbfaf7", "#e9e8e4", "#d6dde4", "#3b4048", "#d9d7d0"
 EGO = "#cf3b3b"
@@ -38,7 +38,7 @@ def plot(
     *,
     ax: Axes | None = None,
     title: str | None = None,
-    known: Nodes | None = None,
+    known: PerType | None = None,
     speeds: bool = False,
 ) -> Axes:
     """Draws one scene in its own frame: x (forward) to the right, y (left) up, metres.
@@ -61,18 +61,18 @@ def plot(
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
     scale = _points_per_metre(ax)
-    lanes_given = np.zeros(len(scene.lane_mask), bool) if known is None else np.asarray(known.lanes, bool)
+    known_lanes_share = np.zeros(len(scene.lane_mask), bool) if known is None else np.asarray(known.lanes, bool)
     agents_given = np.zeros(len(scene.agent_mask), bool) if known is None else np.asarray(known.agents, bool)
-    _draw_lanes(ax, scene, lanes_given, scale)
+    _draw_lanes(ax, scene, known_lanes_share, scale)
     _draw_agents(ax, scene, agents_given, scale, speeds)
-    _draw_frame(ax, Layout(int(scene.layout)), title)
+    _draw_frame(ax, Crop(int(scene.crop)), title)
     return ax
 
 
-def window(layout: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
+def window(crop: Crop) -> tuple[tuple[float, float], tuple[float, float]]:
     """(x min, x max), (y min, y max) of a layout's square [m]."""
     half = TILE_SIZE / 2
-    return ((0.0, TILE_SIZE) if layout == Layout.FORWARD else (-half, half)), (-half, half)
+    return ((0.0, TILE_SIZE) if crop == Crop.FORWARD else (-half, half)), (-half, half)
 
 
 def _points_per_metre(ax: Axes) -> float:
@@ -185,8 +185,8 @@ def _draw_agents(ax: Axes, scene: Scene, given: np.ndarray, scale: float, speeds
         )  # fmt: skip
 
 
-def _draw_frame(ax: Axes, layout: Layout, title: str | None) -> None:
-    (x_min, x_max), (y_min, y_max) = window(layout)
+def _draw_frame(ax: Axes, crop: Crop, title: str | None) -> None:
+    (x_min, x_max), (y_min, y_max) = window(crop)
     ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max), aspect="equal", facecolor=PAPER)
     ticks = np.arange(0, TILE_SIZE + 1, TILE_SIZE / 4)
     ax.set_xticks(ticks + x_min)
@@ -198,7 +198,7 @@ def _draw_frame(ax: Axes, layout: Layout, title: str | None) -> None:
     ax.set_axisbelow(True)
     for spine in ax.spines.values():
         spine.set(color="#b9b6ae", linewidth=0.6)
-    if layout == Layout.PARTITIONED:
+    if crop == Crop.PARTITIONED:
         ax.axvline(0, color=INK, linewidth=0.7, linestyle=(0, (6, 4)), zorder=4)
     if title is not None:
         ax.set_title(title, fontsize=8, color=INK, pad=4)

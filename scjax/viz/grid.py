@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from scjax.scene import Scene, Signal
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot
 
 _CELL = 2.6  # inches
@@ -24,7 +24,7 @@ def grid(
     *,
     columns: int | None = None,
     titles: Sequence[str] | None = None,
-    known: Nodes | Sequence[Nodes] | None = None,
+    known: PerType | Sequence[PerType] | None = None,
     speeds: bool = False,
     path: str | Path | None = None,
     dpi: int = 130,
@@ -48,8 +48,8 @@ def grid(
             raise ValueError(f"grid draws a batch [n] or a list of scenes, this is {scenes.batch_shape}: flatten it")
         host = scenes.to_numpy()
         scenes = [host[i] for i in range(host.batch_shape[0])] if host.batch_shape else [host]
-    if isinstance(known, Nodes):
-        known = [Nodes(agents=known.agents[i], lanes=known.lanes[i]) for i in range(len(known.agents))]
+    if isinstance(known, PerType):
+        known = [PerType(agents=known.agents[i], lanes=known.lanes[i]) for i in range(len(known.agents))]
     if not scenes:
         raise ValueError("there are no scenes to draw: give at least one")
     for name, items in (("titles", titles), ("known", known)):

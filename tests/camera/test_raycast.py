@@ -7,7 +7,7 @@ import pytest
 
 from scjax.camera.raycast import CLASSES, EYE, FAR, GRID, GROUND, LANE, NOTHING, RAYS, View, look, stand_in
 from scjax.camera.raycast import _rays as rays
-from scjax.scene import AgentType, Layout, Scene, empty, pad, permute
+from scjax.scene import AgentType, Crop, Scene, empty, pad, permute
 from scjax.viz import camera_view as ahead
 from tests.factories.examples import example_scene
 
@@ -16,7 +16,7 @@ VEHICLE, PEDESTRIAN = int(AgentType.VEHICLE), int(AgentType.PEDESTRIAN)
 
 def world(*boxes, lanes=()) -> Scene:
     """An ego, and boxes (x, y, heading in degrees, length, width, height, type) on flat ground."""
-    scene = empty(1 + len(boxes), len(lanes), layout=Layout.FORWARD)
+    scene = empty(1 + len(boxes), len(lanes), crop=Crop.FORWARD)
     for k, (x, y, degrees, length, width, height, kind) in enumerate([(0, 0, 0, 4.5, 2, 1.6, VEHICLE), *boxes]):
         turn = np.deg2rad(degrees)
         scene.agents[k] = [x, y, height / 2, 0, np.cos(turn), np.sin(turn), length, width, height]
@@ -59,7 +59,7 @@ def test_a_wall_has_its_depth_in_its_cells(x):
 
 def test_shares_add_up_and_depths_are_finite():
     for seed in range(5):
-        features = stand_in(example_scene(seed, agents=12, lanes=9, layout=Layout.FORWARD))
+        features = stand_in(example_scene(seed, agents=12, lanes=9, crop=Crop.FORWARD))
         assert features.image.shape == (len(CLASSES), *GRID) and features.depth.shape == GRID
         np.testing.assert_allclose(features.image.sum(0), 1, atol=1e-6)
         assert (features.depth > 0).all() and (features.depth <= 1).all()
@@ -141,7 +141,7 @@ def test_lanes_are_ribbons_on_the_ground():
 
 
 def test_padding_order_and_the_ego_are_not_seen():
-    scene = example_scene(3, agents=9, lanes=6, padding=0, layout=Layout.FORWARD)
+    scene = example_scene(3, agents=9, lanes=6, padding=0, crop=Crop.FORWARD)
     assert same(scene, pad(scene, 20, 30))
     rng = np.random.default_rng(0)
     assert same(scene, permute(scene, np.concatenate([[0], 1 + rng.permutation(8)]), rng.permutation(6)))

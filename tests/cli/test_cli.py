@@ -16,7 +16,7 @@ from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.generate import best_of as scenes
-from scjax.generate.prompts import Shortcomings, best
+from scjax.generate.prompts import SceneScore, best
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene import empty
 from scjax.scene.io import load_json, load_npz, save_npz
@@ -120,7 +120,7 @@ def test_best_of_keeps_the_candidate_that_shows_most(monkeypatch, folder, prompt
 
     monkeypatch.setattr(scenes, "sample_many", made)
     monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
-    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(
+    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: SceneScore(
         int(len(scene.lanes) != len(prompt)), len(scene.lanes), 0.0
     ))  # fmt: skip
     found = scenes.make(jax.random.key(0), prompts, [scjax.Condition()] * 2, model=scjax.load(folder), pick=2, raw=True)
@@ -144,7 +144,7 @@ def test_a_candidate_without_fault_ends_the_search(monkeypatch, folder, faults, 
 
     monkeypatch.setattr(scenes, "sample_many", made)
     monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
-    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: Shortcomings(0, len(scene.lanes) - 1, 0.0))
+    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: SceneScore(0, len(scene.lanes) - 1, 0.0))
     model, told = scjax.load(folder), [scjax.Condition()]
     (found,) = scenes.make(jax.random.key(0), ["a"], told, model=model, pick=8, raw=True)
     assert len(found.lanes) - 1 == kept and asked == calls and not list(left)

@@ -9,7 +9,7 @@ from scjax.data.captions import add_captions, captions_path, read_captions
 from scjax.data.loader import PipelineConfig, training_batches
 from scjax.data.readers.base import BuildOptions
 from scjax.models.codec import scjax
-from scjax.scene import Layout
+from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
 from tests.generate.test_prompts import Words
 
@@ -58,8 +58,8 @@ def test_batches_carry_a_caption_of_their_scene(folder):
     for _ in range(4):
         batch = next(batches)
         assert batch.tokens.shape == (4, 40, store.width) and batch.tokens.dtype == np.float16
-        for layout, tokens, mask in zip(batch.scene.layout, batch.tokens, batch.token_mask, strict=True):
-            assert mask.any() == (layout != Layout.FORWARD)
+        for crop, tokens, mask in zip(batch.scene.crop, batch.tokens, batch.token_mask, strict=True):
+            assert mask.any() == (crop != Crop.FORWARD)
             if mask.any():
                 assert tokens[mask].tobytes() in texts
     state = batches.state()

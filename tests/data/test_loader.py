@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from scjax.data.loader import Batches, PipelineConfig, bucket_of, clip_counts, training_batches, validation_scenes
+from scjax.data.loader import BatchLoader, PipelineConfig, bucket_of, clip_counts, training_batches, validation_scenes
 from scjax.data.token_order import arrange
 from scjax.models.codec import official_nuplan, scjax
-from scjax.scene import AgentType, Layout, Scene, unpadded, validate
+from scjax.scene import AgentType, Crop, Scene, unpadded, validate
 from tests.factories.examples import example_scene
 from tests.factories.worlds import make_records
 
@@ -22,7 +22,7 @@ def equal(first: Scene, second: Scene) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(first.to_dict().values(), second.to_dict().values(), strict=True))
 
 
-def take(batches: Batches, number: int) -> list[Scene]:
+def take(batches: BatchLoader, number: int) -> list[Scene]:
     return [next(batches).scene for _ in range(number)]
 
 
@@ -34,8 +34,8 @@ def test_batches_are_valid_scenes_of_one_bucket(records):
 
 
 def test_all_layouts_occur(records):
-    layouts = np.concatenate([batch.layout for batch in take(training_batches(records, scjax(), CONFIG), 10)])
-    assert set(layouts.tolist()) == set(Layout)
+    crops = np.concatenate([batch.crop for batch in take(training_batches(records, scjax(), CONFIG), 10)])
+    assert set(crops.tolist()) == set(Crop)
 
 
 def test_resumes_to_the_very_next_batch(records):
@@ -92,7 +92,7 @@ def test_too_many_elements_are_cut_and_no_bucket_is_an_error():
     [
         ("batch_size", 0, "batch_size"),
         ("buckets", ((9, 9), (4, 4)), "smallest first"),
-        ("layouts", (0.0, 0.0, 0.0), "frequencies"),
+        ("crops", (0.0, 0.0, 0.0), "frequencies"),
     ],
 )
 def test_bad_config(field, value, message):

@@ -8,7 +8,7 @@ from scjax.data.agents import clean
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.readers.scene_json import read_scene
 from scjax.data.tiles import find_poses
-from scjax.scene import AgentType, Layout, Link, Signal, validate
+from scjax.scene import AgentType, Crop, Link, Signal, validate
 from tests.factories import raw_scenes
 
 
@@ -37,32 +37,32 @@ def test_records_hold_eighty_metres(tmp_path):
     assert len(record.context.points) < 20  # straight lanes need two points
 
 
-@pytest.mark.parametrize("layout", list(Layout))
-def test_scenes_of_a_record(tmp_path, layout):
+@pytest.mark.parametrize("crop", list(Crop))
+def test_scenes_of_a_record(tmp_path, crop):
     record, _ = make(tmp_path, pose=1)
-    scene = validate(records.sample_scene(record, layout))
-    assert scene.layout == layout and scene.domain == 0
+    scene = validate(records.sample_scene(record, crop))
+    assert scene.crop == crop and scene.domain == 0
     assert (scene.links == Link.LEFT).any() and (scene.signals == Signal.STOP).any()
     assert set(scene.agent_types.tolist()) >= {AgentType.VEHICLE, AgentType.PEDESTRIAN, AgentType.STATIC}
     np.testing.assert_allclose(scene.agents[0], [0, 0, 0.8, 10, 1, 0, 4.5, 2, 1.6], atol=1e-6)
-    parked = records.sample_scene(record, layout, off_road=True)
-    assert len(parked.agents) == len(scene.agents) + (layout != Layout.FORWARD)
+    parked = records.sample_scene(record, crop, off_road=True)
+    assert len(parked.agents) == len(scene.agents) + (crop != Crop.FORWARD)
 
 
 def test_the_ego_stays_agent_zero(tmp_path):
     record, _ = make(tmp_path)
     for dx in (-2.0, 2.0):
-        scene = validate(records.sample_scene(record, Layout.FORWARD, dx, 0.5, 0.1))
+        scene = validate(records.sample_scene(record, Crop.FORWARD, dx, 0.5, 0.1))
         np.testing.assert_allclose(np.hypot(*scene.agents[0, :2]), np.hypot(dx, 0.5), rtol=1e-5)
         assert scene.agents[0, 3] == 10
 
 
 def test_offsets_beyond_the_record_are_refused(tmp_path):
     record, _ = make(tmp_path)
-    records.sample_scene(record, Layout.FORWARD, 8.0)
+    records.sample_scene(record, Crop.FORWARD, 8.0)
     with pytest.raises(ValueError, match=r"FORWARD window then reaches 80\.6 m"):
-        records.sample_scene(record, Layout.FORWARD, 9.0)
-    records.sample_scene(record, Layout.CENTRED, 30.0, -10.0)
+        records.sample_scene(record, Crop.FORWARD, 9.0)
+    records.sample_scene(record, Crop.CENTERED, 30.0, -10.0)
 
 
 def test_unknown_and_impossible_values(tmp_path):

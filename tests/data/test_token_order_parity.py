@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.data.token_order import arrange, in_view, order, partition
-from scjax.scene import Layout
+from scjax.scene import Crop
 from tests.factories import golden
 
 AXES = {"nuplan": "xy", "waymo": "yx"}
@@ -24,7 +24,7 @@ def test_ordering_parity(vectors, source):
     inputs, outputs = vectors
     seen = 0
     for case in sorted({key.split("/")[0] for key in inputs}):
-        layout = int(inputs[f"{case}/scene_type"])
+        crop = int(inputs[f"{case}/scene_type"])
         agents, lanes = inputs[f"{case}/agent_states"][:, :2], inputs[f"{case}/lane_points"]
         perms = order(lanes, agents, axes=AXES[source])
         agents, lanes = agents[perms.agents], lanes[perms.lanes]
@@ -33,9 +33,9 @@ def test_ordering_parity(vectors, source):
         values = {
             "agent_perm": perms.agents,
             "lane_perm": perms.lanes,
-            "agent_partition_mask": given.agents & (layout == Layout.PARTITIONED),
-            "lane_partition_mask": given.lanes & (layout == Layout.PARTITIONED),
-            "agent_fov_mask": in_view(agents) | (layout != Layout.FORWARD),
+            "agent_partition_mask": given.agents & (crop == Crop.PARTITIONED),
+            "lane_partition_mask": given.lanes & (crop == Crop.PARTITIONED),
+            "agent_fov_mask": in_view(agents) | (crop != Crop.FORWARD),
             "lane_connections": links,
         }
         for name, value in values.items():
@@ -60,7 +60,7 @@ def test_arrange_agrees_with_unit_order():
     np.testing.assert_array_equal(lane_perm, perms.lanes)
     np.testing.assert_array_equal(arranged.lanes, scene.lanes[lane_perm])
 
-    partitioned, agent_perm, _ = arrange(scene.replace(layout=np.asarray(Layout.PARTITIONED, np.int32)))
+    partitioned, agent_perm, _ = arrange(scene.replace(crop=np.asarray(Crop.PARTITIONED, np.int32)))
     given = partition(partitioned.lanes[..., :2], partitioned.agents[..., :2])
     assert agent_perm[0] == 0
     assert (np.diff(given.lanes.astype(int)) <= 0).all() and (np.diff(given.agents[1:].astype(int)) <= 0).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.diffusion import denoise_fn as module
-from scjax.diffusion.denoise_fn import estimator, modulation_ahead
+from scjax.diffusion.denoise_fn import make_denoise_fn, modulation_ahead
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import DPMSolver, Heun, schedule_of
 from scjax.diffusion.samplers.loop import sample
@@ -16,20 +16,20 @@ from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.cross_attention import CrossGlobalOptions
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
-WIDTHS, MOST = Nodes(agents=3, lanes=5), Nodes(agents=4, lanes=6)
-MASKS = Nodes(agents=jnp.arange(4)[None] < jnp.array([[4], [2]]), lanes=jnp.arange(6)[None] < jnp.array([[3], [6]]))
-GIVEN = Nodes(agents=MASKS.agents & (jnp.arange(4) < 1)[None], lanes=MASKS.lanes & (jnp.arange(6) < 2)[None])
+WIDTHS, MOST = PerType(agents=3, lanes=5), PerType(agents=4, lanes=6)
+MASKS = PerType(agents=jnp.arange(4)[None] < jnp.array([[4], [2]]), lanes=jnp.arange(6)[None] < jnp.array([[3], [6]]))
+GIVEN = PerType(agents=MASKS.agents & (jnp.arange(4) < 1)[None], lanes=MASKS.lanes & (jnp.arange(6) < 2)[None])
 
 
-def made(prediction):
+def generated(prediction):
     """(network, config, params): every leaf random."""
     config = DenoiserConfig(
         lane_width=16, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-        max_lanes=6, max_agents=4, control=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
-        given_embedding=True, prediction=prediction,
+        max_lanes=6, max_agents=4, cross_attention=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
+        known_embedding=True, prediction=prediction,
     )  # fmt: skip
     network = denoiser(config)
     rng = np.random.default_rng(0)
@@ -46,7 +46,7 @@ def made(prediction):
 )
 def test_modulation_of_all_steps_at_once_changes_nothing(sampler, prediction, guidance):
     """Whole samples in float64, with given tokens, caches and both branches."""
-    network, config, params = made(prediction)
+    network, config, params = generated(prediction)
     schedule = schedule_of(sampler, prediction, 5)
     with jax.enable_x64(True):
         rng = np.random.default_rng(1)
@@ -55,13 +55,13 @@ def test_modulation_of_all_steps_at_once_changes_nothing(sampler, prediction, gu
         params = jax.tree.map(jnp.asarray, params)
 
         def run(most_ahead):
-            denoise = estimator(
-                network, config, params, jnp.array([1, 5]), MASKS, times=schedule.levels.time, given=GIVEN,
+            denoise = make_denoise_fn(
+                network, config, params, jnp.array([1, 5]), MASKS, times=schedule.levels.time, known=GIVEN,
                 features=features, guidance=guidance, weight=3.0, most_ahead=most_ahead,
             )  # fmt: skip
             return sample(
                 denoise, schedule, jax.random.split(jax.random.key(0)), MASKS, sampler=sampler, prediction=prediction,
-                given=GIVEN, values=values, widths=WIDTHS, most=MOST, dtype=jnp.float64,
+                known=GIVEN, values=values, widths=WIDTHS, most=MOST, dtype=jnp.float64,
             )  # fmt: skip
 
         ahead, within = (golden.jit(run, static_argnums=0)(most) for most in (2**25, 0))
@@ -71,14 +71,14 @@ def test_modulation_of_all_steps_at_once_changes_nothing(sampler, prediction, gu
 
 def test_one_evaluation_in_float32_agrees_to_rounding():
     """To 1e-6 a branch; guidance 2 (c - u) + u = 2 c - u makes three of them."""
-    network, config, params = made("velocity")
+    network, config, params = generated("velocity")
     params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
     rng = np.random.default_rng(2)
     z = jax.tree.map(lambda m, w: jnp.asarray(rng.normal(size=(*m.shape, w)), jnp.float32), MASKS, WIDTHS)
     times = np.array([3, 40, 99])
 
     def at(most_ahead, t):
-        denoise = estimator(
+        denoise = make_denoise_fn(
             network, config, params, jnp.array([1, 5]), MASKS, times=times, guidance=Guidance(), weight=2.0,
             most_ahead=most_ahead,
         )  # fmt: skip
@@ -93,7 +93,7 @@ def test_one_evaluation_in_float32_agrees_to_rounding():
 
 def test_too_many_numbers_are_not_held():
     """A row of this network: six chunks in each stage, six of the source, three of the cross attention; the heads."""
-    network, _, params = made("velocity")
+    network, _, params = generated("velocity")
     params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
     label, times = jnp.array([1, 5]), np.arange(7)
     lane, agent = 16, 8
@@ -101,4 +101,4 @@ def test_too_many_numbers_are_not_held():
     for most, held in ((7 * 2 * row, True), (7 * 2 * row - 1, False)):
         ahead = modulation_ahead(network, params, times, label, MASKS, most)
         assert (ahead(jnp.array([3, 3])) is not None) == held
-    assert module.MOST_AHEAD * 4 == 128 * 2**20  # bytes, as its docstring says
+    assert module.MAX_PRECOMPUTED * 4 == 128 * 2**20  # bytes, as its docstring says

@@ -14,15 +14,15 @@ from scjax.diffusion.process import q_sample, target
 from scjax.diffusion.samplers import Euler, Heun
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.timestep_sampling import Times, draw_levels
-from scjax.scene.per_type import Nodes
+from scjax.diffusion.timestep_sampling import TimestepSampling, draw_levels
+from scjax.scene.per_type import PerType
 
 SCHEDULE = cosine_schedule()
 
 
 def pair(seed):
     keys = jax.random.split(jax.random.key(seed))
-    return Nodes(agents=jax.random.normal(keys[0], (3, 2, 4)), lanes=jax.random.normal(keys[1], (3, 5, 6)))
+    return PerType(agents=jax.random.normal(keys[0], (3, 2, 4)), lanes=jax.random.normal(keys[1], (3, 5, 6)))
 
 
 def test_the_path_is_straight_and_the_target_is_its_velocity():
@@ -45,7 +45,7 @@ def test_timesteps_lie_on_the_levels_between_them():
 @pytest.mark.parametrize("prediction", ["velocity", "flow"])
 @pytest.mark.parametrize("draw", ["uniform", "logit-normal"])
 def test_drawn_timesteps_have_the_levels_of_the_schedule(prediction, draw):
-    level = draw_levels(jax.random.key(0), 4000, SCHEDULE, prediction, Times(draw))
+    level = draw_levels(jax.random.key(0), 4000, SCHEDULE, prediction, TimestepSampling(draw))
     expected = (SCHEDULE if prediction == "velocity" else flow_schedule(100)).levels[level.time]
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), level, expected)
     share = np.mean((np.asarray(level.time) >= 25) & (np.asarray(level.time) < 75))
@@ -55,16 +55,16 @@ def test_drawn_timesteps_have_the_levels_of_the_schedule(prediction, draw):
 
 
 def test_continuous_times_lie_between_the_timesteps():
-    level = draw_levels(jax.random.key(0), 4000, SCHEDULE, "flow", Times(continuous=True))
+    level = draw_levels(jax.random.key(0), 4000, SCHEDULE, "flow", TimestepSampling(continuous=True))
     s = np.asarray(level.noise)
     np.testing.assert_allclose(np.quantile(s, [0.1, 0.5, 0.9]), [0.1, 0.5, 0.9], atol=0.03)
     np.testing.assert_allclose(level.time, 100 * s - 1, rtol=1e-5)
-    noisy = draw_levels(jax.random.key(0), 4000, SCHEDULE, "flow", Times("logit-normal", True, mean=1.0))
+    noisy = draw_levels(jax.random.key(0), 4000, SCHEDULE, "flow", TimestepSampling("logit-normal", True, mean=1.0))
     assert abs(np.median(noisy.noise) - 1 / (1 + np.exp(-1))) < 0.02
     with pytest.raises(ValueError, match="leave continuous times to flow"):
-        draw_levels(jax.random.key(0), 4, SCHEDULE, "velocity", Times(continuous=True))
+        draw_levels(jax.random.key(0), 4, SCHEDULE, "velocity", TimestepSampling(continuous=True))
     with pytest.raises(ValueError, match="uniform or logit-normal"):
-        Times("often")
+        TimestepSampling("often")
 
 
 def test_training_learns_two_modes():
@@ -83,45 +83,45 @@ def test_training_learns_two_modes():
     def data(key):
         signs, spread = jax.random.split(key)
         x = jax.random.rademacher(signs, (batch, 4, 1), jnp.float32) + 0.1 * jax.random.normal(spread, (batch, 4, 1))
-        return Nodes(agents=x[:, :2], lanes=x[:, 2:])
+        return PerType(agents=x[:, :2], lanes=x[:, 2:])
 
-    mask = Nodes(agents=jnp.ones((batch, 2), bool), lanes=jnp.ones((batch, 2), bool))
+    mask = PerType(agents=jnp.ones((batch, 2), bool), lanes=jnp.ones((batch, 2), bool))
     nothing = jax.tree.map(jnp.zeros_like, mask)
 
     def loss(params, key):
         keys = jax.random.split(key, 3)
-        level = draw_levels(keys[0], batch, SCHEDULE, "flow", Times(continuous=True))
+        level = draw_levels(keys[0], batch, SCHEDULE, "flow", TimestepSampling(continuous=True))
         args = level, data(keys[1]), data_noise(keys[2]), mask, nothing
         return diffusion_loss(lambda z, t: network(params, z, t), *args, prediction="flow")[0]
 
     def data_noise(key):
         x = jax.random.normal(key, (batch, 4, 1))
-        return Nodes(agents=x[:, :2], lanes=x[:, 2:])
+        return PerType(agents=x[:, :2], lanes=x[:, 2:])
 
     keys = jax.random.split(jax.random.key(0), 3)
     params = {
         "in": jax.random.normal(keys[0], (3, width)) * jnp.array([[2.0], [2.0], [2.0]]),
         "bias": jax.random.normal(keys[1], (width,)), "out": jnp.zeros((width, 1)),
     }  # fmt: skip
-    optimiser = optax.adam(1e-2)
+    optimizer = optax.adam(1e-2)
 
     @jax.jit
     def trained(params):
         def update(carry, step):
             params, state = carry
             gradient = jax.grad(loss)(params, jax.random.fold_in(keys[2], step))
-            updates, state = optimiser.update(gradient, state)
+            updates, state = optimizer.update(gradient, state)
             return (optax.apply_updates(params, updates), state), None
 
-        return jax.lax.scan(update, (params, optimiser.init(params)), jnp.arange(500))[0][0]
+        return jax.lax.scan(update, (params, optimizer.init(params)), jnp.arange(500))[0][0]
 
     params = trained(params)
     for sampler, steps in ((Euler(), 50), (Heun(), 20)):
         found = jax.jit(
             lambda keys, s=sampler, n=steps: sample(
                 lambda z, t: network(params, z, t), flow_schedule(n, last=s.last), keys, mask, sampler=s,
-                widths=Nodes(agents=1, lanes=1), most=Nodes(agents=2, lanes=2), prediction="flow",
-                temperature=Nodes(agents=1.0, lanes=1.0),
+                widths=PerType(agents=1, lanes=1), most=PerType(agents=2, lanes=2), prediction="flow",
+                temperature=PerType(agents=1.0, lanes=1.0),
             )
         )(jax.random.split(jax.random.key(1), batch))  # fmt: skip
         x = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(found)])

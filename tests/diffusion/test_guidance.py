@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from scjax.diffusion.guidance import Guidance, guided, join, rescaled
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories.sampler_oracles import CASES, drawn, masks, normal
 
 
 def ones(batch, agents, lanes):
-    return Nodes(agents=jnp.ones((batch, agents, 3)), lanes=jnp.ones((batch, lanes, 5)))
+    return PerType(agents=jnp.ones((batch, agents, 3)), lanes=jnp.ones((batch, lanes, 5)))
 
 
 def test_guidance_joins_both_branches_in_one_batch():
@@ -96,15 +96,17 @@ def test_scenes_at_different_times_have_their_own_weights():
 def test_rescaling_leads_the_deviation_back():
     rng = np.random.default_rng(0)
     led, conditional = (
-        Nodes(agents=jnp.asarray(scale * rng.normal(size=(2, 4, 3))), lanes=jnp.asarray(rng.normal(size=(2, 6, 5))))
+        PerType(agents=jnp.asarray(scale * rng.normal(size=(2, 4, 3))), lanes=jnp.asarray(rng.normal(size=(2, 6, 5))))
         for scale in (7.0, 1.0)
     )
-    made = Nodes(agents=jnp.arange(4)[None] < jnp.array([[3], [4]]), lanes=jnp.arange(6)[None] < jnp.array([[6], [2]]))
+    generated = PerType(
+        agents=jnp.arange(4)[None] < jnp.array([[3], [4]]), lanes=jnp.arange(6)[None] < jnp.array([[6], [2]])
+    )
 
     def deviation(pair, kind, scene):
-        return np.std(np.asarray(getattr(pair, kind))[scene][np.asarray(getattr(made, kind))[scene]])
+        return np.std(np.asarray(getattr(pair, kind))[scene][np.asarray(getattr(generated, kind))[scene]])
 
-    whole, half, none = (rescaled(led, conditional, share, made) for share in (1.0, 0.5, 0.0))
+    whole, half, none = (rescaled(led, conditional, share, generated) for share in (1.0, 0.5, 0.0))
     for kind in ("agents", "lanes"):
         for scene in (0, 1):
             wanted, found = (deviation(pair, kind, scene) for pair in (conditional, led))
@@ -112,9 +114,11 @@ def test_rescaling_leads_the_deviation_back():
             np.testing.assert_allclose(deviation(half, kind, scene), (wanted + found) / 2, rtol=1e-5)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6), none, led)
     spoilt = led.replace(lanes=led.lanes.at[1, 2:].set(1e6))
-    np.testing.assert_allclose(rescaled(spoilt, conditional, 1.0, made).lanes[1, :2], whole.lanes[1, :2], rtol=1e-5)
+    np.testing.assert_allclose(
+        rescaled(spoilt, conditional, 1.0, generated).lanes[1, :2], whole.lanes[1, :2], rtol=1e-5
+    )
     nothing = jax.tree.map(jnp.zeros_like, led)
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(rescaled(nothing, conditional, 1.0, made)))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(rescaled(nothing, conditional, 1.0, generated)))
 
 
 @pytest.mark.parametrize(

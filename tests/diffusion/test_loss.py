@@ -12,18 +12,18 @@ import pytest
 
 from scjax.diffusion.loss import LatentBatch, diffusion_loss, training_loss
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.timestep_sampling import Times
+from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
 from scjax.models.denoiser.context import TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.cross_attention import CrossGlobalOptions
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 CONFIG = DenoiserConfig(
     lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-    max_lanes=9, max_agents=7, control=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
-    given_embedding=True,
+    max_lanes=9, max_agents=7, cross_attention=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
+    known_embedding=True,
 )  # fmt: skip
 NETWORK = denoiser(CONFIG)
 SCHEDULE = cosine_schedule()
@@ -33,23 +33,23 @@ SCHEDULE = cosine_schedule()
 def _params():
     params = NETWORK.init(jax.random.key(0))
     leaves, tree = jax.tree.flatten(params)
-    draws = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
-    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, draws, strict=True)])
+    init = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
+    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, init, strict=True)])
 
 
 def _batch(garbage=0.0):
     rng = np.random.default_rng(0)
-    masks = Nodes(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
+    masks = PerType(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
     latents = jax.tree.map(
         lambda mask, width: np.where(mask[..., None], rng.normal(size=(*mask.shape, width)), garbage),
         masks,
-        Nodes(agents=3, lanes=5),
+        PerType(agents=3, lanes=5),
     )
-    given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.3), masks)
+    known = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.3), masks)
     read = np.arange(3)[None] < np.array([[3], [2]])
     tokens = np.where(read[..., None], rng.normal(size=(2, 3, 4)), garbage).astype(np.float32)
     batch = LatentBatch(
-        latents=latents, masks=masks, given=given, label=np.array([1, 7]),
+        latents=latents, masks=masks, known=known, label=np.array([1, 7]),
         condition=TextFeatures(tokens=tokens, mask=read), has_condition=np.array([True, True]),
         agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
     )  # fmt: skip
@@ -91,8 +91,8 @@ def test_a_flow_network_that_says_nothing_has_the_loss_of_its_target():
     """The target is eps - x_0: per number 1 + x_0^2 on average, halved, agents once and lanes ten times."""
     network = denoiser(dataclasses.replace(CONFIG, prediction="flow"))
     params, batch = network.init(jax.random.key(0)), _batch()  # its heads are zero
-    batch = batch.replace(agent_weight=None, given=jax.tree.map(jnp.zeros_like, batch.given))
-    times = Times("logit-normal", continuous=True)
+    batch = batch.replace(agent_weight=None, known=jax.tree.map(jnp.zeros_like, batch.known))
+    times = TimestepSampling("logit-normal", continuous=True)
 
     @golden.jit
     def losses(keys):
@@ -115,7 +115,7 @@ def test_a_flow_network_that_says_nothing_has_the_loss_of_its_target():
 def test_agent_weights_choose_the_agents_that_count():
     batch = _batch()
     some = jnp.zeros_like(batch.agent_weight).at[:, 0].set(1)
-    nothing = jax.tree.map(jnp.zeros_like, batch.given)
+    nothing = jax.tree.map(jnp.zeros_like, batch.known)
     noise = jax.tree.map(jnp.ones_like, batch.latents)
 
     def denoise(z, t):

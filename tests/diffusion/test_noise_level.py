@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.diffusion.noise_level import spaced
+from scjax.diffusion.noise_level import trailing_timesteps
 
 
 def test_steps_are_even_down_from_the_noisiest():
-    np.testing.assert_array_equal(spaced(100, 4), [24, 49, 74, 99])
-    np.testing.assert_array_equal(spaced(100, 100), np.arange(100))
-    np.testing.assert_array_equal(spaced(100, 100, last=0.5), np.arange(100))
+    np.testing.assert_array_equal(trailing_timesteps(100, 4), [24, 49, 74, 99])
+    np.testing.assert_array_equal(trailing_timesteps(100, 100), np.arange(100))
+    np.testing.assert_array_equal(trailing_timesteps(100, 100, last=0.5), np.arange(100))
 
 
 @pytest.mark.parametrize("last", [1.0, 0.5])
 def test_every_number_of_steps_has_so_many_different_times_and_the_noisiest(last):
     for steps in range(2, 101):
-        times = spaced(100, steps, last)
+        times = trailing_timesteps(100, steps, last)
         assert len(times) == steps and times[-1] == 99 and times[0] >= 0 and (np.diff(times) > 0).all(), steps
         lengths = np.diff(times, prepend=-1)
         assert np.ptp(lengths[1:]) <= 1 and abs(lengths[0] - last * 100 / (steps - 1 + last)) <= 0.51, steps
@@ -26,4 +26,4 @@ def test_every_number_of_steps_has_so_many_different_times_and_the_noisiest(last
 @pytest.mark.parametrize("steps", [0, 1, 101])
 def test_impossible_numbers_are_refused(steps):
     with pytest.raises(ValueError, match=r"2\.\.100"):
-        spaced(100, steps)
+        trailing_timesteps(100, steps)

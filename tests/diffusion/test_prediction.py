@@ -12,7 +12,7 @@ from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.process import estimate_x0, q_sample, target
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 SCHEDULE = cosine_schedule()
 LEVELS = {
@@ -22,7 +22,7 @@ LEVELS = {
 
 def _pair(seed, batch=100):
     keys = jax.random.split(jax.random.key(seed), 2)
-    return Nodes(agents=jax.random.normal(keys[0], (batch, 3, 4)), lanes=jax.random.normal(keys[1], (batch, 5, 6)))
+    return PerType(agents=jax.random.normal(keys[0], (batch, 3, 4)), lanes=jax.random.normal(keys[1], (batch, 5, 6)))
 
 
 @pytest.mark.parametrize("prediction", LEVELS)
@@ -56,24 +56,24 @@ def test_a_network_that_knows_the_velocity_leads_to_the_data(steps):
         noise = jax.tree.map(lambda x, x0: (x - jnp.sqrt(a) * x0) / jnp.sqrt(1 - a), x, clean)
         return jax.tree.map(lambda e, x0: jnp.sqrt(a) * e - jnp.sqrt(1 - a) * x0, noise, clean)
 
-    masks = Nodes(agents=jnp.ones((4, 3), bool), lanes=jnp.ones((4, 5), bool))
-    made = jax.jit(
+    masks = PerType(agents=jnp.ones((4, 3), bool), lanes=jnp.ones((4, 5), bool))
+    generated = jax.jit(
         lambda keys: sample(
-            denoise, schedule, keys, masks, widths=Nodes(agents=4, lanes=6), most=Nodes(agents=3, lanes=5),
+            denoise, schedule, keys, masks, widths=PerType(agents=4, lanes=6), most=PerType(agents=3, lanes=5),
             prediction="velocity",
         )
     )(jax.random.split(jax.random.key(2), 4))  # fmt: skip
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-3), made, clean)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-3), generated, clean)
 
 
 def test_the_velocity_loss_is_zero_at_the_target_and_given_tokens_do_not_count():
     clean, noise, level = _pair(0, batch=8), _pair(1, batch=8), SCHEDULE.levels[jnp.arange(8) * 12]
-    masks = Nodes(agents=jnp.ones((8, 3), bool), lanes=jnp.ones((8, 5), bool))
-    given = Nodes(agents=jnp.zeros((8, 3), bool), lanes=jnp.arange(5)[None] < jnp.full((8, 1), 2))
+    masks = PerType(agents=jnp.ones((8, 3), bool), lanes=jnp.ones((8, 5), bool))
+    known = PerType(agents=jnp.zeros((8, 3), bool), lanes=jnp.arange(5)[None] < jnp.full((8, 1), 2))
     wanted = target(level, clean, noise, "velocity")
 
     def loss(denoise):
-        return diffusion_loss(denoise, level, clean, noise, masks, given, prediction="velocity")[0]
+        return diffusion_loss(denoise, level, clean, noise, masks, known, prediction="velocity")[0]
 
     assert float(loss(lambda x, t: wanted)) == 0
     spoilt = wanted.replace(lanes=wanted.lanes.at[:, :2].set(7.0))

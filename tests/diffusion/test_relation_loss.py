@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.relation_loss import estimate_weight, joint_error, offset_error
+from scjax.diffusion.relation_loss import connection_error, estimate_weight, offset_error
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.scene import Link, Scene, empty, pad, stack
 
@@ -32,22 +32,22 @@ def moved(scene: Scene, lanes=(0, 0), agents=(0, 0), lane=slice(None)) -> Scene:
     return scene
 
 
-def error(function, made: Scene, scene: Scene) -> float:
-    return float(function(stack([made]), stack([scene]))[0])
+def error(function, generated: Scene, scene: Scene) -> float:
+    return float(function(stack([generated]), stack([scene]))[0])
 
 
 def test_lanes_that_move_together_stay_joined():
     scene = road()
-    assert error(joint_error, moved(scene, (3, -2)), scene) == pytest.approx(0, abs=1e-5)
-    assert error(joint_error, moved(scene, (3, -4), lane=1), scene) == pytest.approx(5, abs=0.06)
+    assert error(connection_error, moved(scene, (3, -2)), scene) == pytest.approx(0, abs=1e-5)
+    assert error(connection_error, moved(scene, (3, -4), lane=1), scene) == pytest.approx(5, abs=0.06)
     unlinked = scene.replace(links=np.diag([Link.SELF, Link.SELF]).astype(np.int32))
-    assert error(joint_error, moved(scene, (3, -4), lane=1), unlinked) == 0
+    assert error(connection_error, moved(scene, (3, -4), lane=1), unlinked) == 0
 
 
 def test_an_open_joint_of_the_scene_is_no_error():
     scene = moved(road(), (0, 2), lane=1)
-    assert error(joint_error, scene, scene) == pytest.approx(0, abs=1e-6)
-    assert error(joint_error, road(), scene) == pytest.approx(2, abs=0.06)
+    assert error(connection_error, scene, scene) == pytest.approx(0, abs=1e-6)
+    assert error(connection_error, road(), scene) == pytest.approx(2, abs=0.06)
 
 
 def test_offsets_count_across_the_lane_only():
@@ -59,18 +59,18 @@ def test_offsets_count_across_the_lane_only():
     assert error(offset_error, moved(away, agents=(0, 2)), away) == 0
 
 
-@pytest.mark.parametrize("function", [joint_error, offset_error])
+@pytest.mark.parametrize("function", [connection_error, offset_error])
 def test_padding_and_other_scenes_change_nothing_and_gradients_are_finite(function):
-    scene, made = road(), moved(moved(road(), agents=(1, 0.7)), (0.5, 1), lane=1)
-    alone = error(function, made, scene)
+    scene, generated = road(), moved(moved(road(), agents=(1, 0.7)), (0.5, 1), lane=1)
+    alone = error(function, generated, scene)
     nobody = empty(0, 0)
-    made, scene = (stack([pad(one, 5, 7), pad(nobody, 5, 7)]) for one in (made, scene))
-    np.testing.assert_allclose(function(made, scene), [alone, 0], rtol=1e-6)
+    generated, scene = (stack([pad(one, 5, 7), pad(nobody, 5, 7)]) for one in (generated, scene))
+    np.testing.assert_allclose(function(generated, scene), [alone, 0], rtol=1e-6)
 
     def total(lanes, agents):
-        return function(made.replace(lanes=lanes, agents=agents), scene).sum()
+        return function(generated.replace(lanes=lanes, agents=agents), scene).sum()
 
-    lanes, agents = jax.grad(total, (0, 1))(jnp.asarray(made.lanes), jnp.asarray(made.agents))
+    lanes, agents = jax.grad(total, (0, 1))(jnp.asarray(generated.lanes), jnp.asarray(generated.agents))
     assert np.isfinite(lanes).all() and np.isfinite(agents).all()
     assert not lanes[1].any() and not agents[1].any() and not lanes[0, 2:].any() and not agents[0, 2:].any()
     perfect = jax.grad(lambda lanes: function(scene.replace(lanes=lanes), scene).sum())(jnp.asarray(scene.lanes))

@@ -12,11 +12,11 @@ import pytest
 from scjax.convert.denoiser import convert_denoiser
 from scjax.diffusion.guidance import guided, join
 from scjax.diffusion.samplers import DDPM
-from scjax.diffusion.samplers.base import Problem
-from scjax.diffusion.samplers.loop import CLIP, TEMPERATURE, clamp
+from scjax.diffusion.samplers.base import SamplingContext
+from scjax.diffusion.samplers.loop import CLIP, DEFAULT_TEMPERATURE, clamp
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 GUIDANCE = 4.0
@@ -33,7 +33,7 @@ WHOLE = [name for name, (kind, *_) in CHAINS.items() if kind == "uncond"]
 
 
 def _pair(data, prefix):
-    return Nodes(agents=data[f"{prefix}_agent"], lanes=data[f"{prefix}_lane"])
+    return PerType(agents=data[f"{prefix}_agent"], lanes=data[f"{prefix}_lane"])
 
 
 def _pad(pair, axis=1):
@@ -45,7 +45,7 @@ def _pad(pair, axis=1):
         widths[axis] = (0, rows - x.shape[axis])
         return jnp.asarray(np.pad(np.asarray(x), widths))
 
-    return jax.tree.map(pad, pair, Nodes(agents=ROWS[0], lanes=ROWS[1]))
+    return jax.tree.map(pad, pair, PerType(agents=ROWS[0], lanes=ROWS[1]))
 
 
 def _masks(inputs, prefix):
@@ -90,11 +90,11 @@ def _evaluate(config, kind, params, inputs, states, times, prefix):
 
 def _step(denoise, x, step, noise, clip=CLIP):
     """As the loop does, with given noise."""
-    scaled = jax.tree.map(lambda noise, scale: scale * noise, noise, TEMPERATURE)
+    scaled = jax.tree.map(lambda noise, scale: scale * noise, noise, DEFAULT_TEMPERATURE)
     schedule = cosine_schedule()
-    problem = Problem(
+    problem = SamplingContext(
         denoise=lambda x, step: denoise(x, jnp.broadcast_to(jnp.asarray(schedule.timesteps)[step], len(x.agents))),
-        draw=lambda step: scaled, schedule=schedule, prediction="noise", made=None,
+        draw=lambda step: scaled, schedule=schedule, prediction="noise", generated=None,
     )  # fmt: skip
     x, _ = DDPM().step(problem, x, step, ())
     return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
@@ -149,7 +149,7 @@ def _given(name, inputs):
     if name == "lane_conditioned":
         flags = flags.replace(lanes=jnp.ones_like(flags.lanes))
     elif name == "inpainting":
-        flags = Nodes(agents=jnp.asarray(inputs["s/agent_given_mask"])[None], lanes=inputs["s/lane_given_mask"][None])
+        flags = PerType(agents=jnp.asarray(inputs["s/agent_given_mask"])[None], lanes=inputs["s/lane_given_mask"][None])
         flags = jax.tree.map(jnp.asarray, flags)
     return flags, values
 
@@ -167,8 +167,8 @@ def test_chain_steps_parity(parity_dir, name):
     eps = _evaluate(config, kind, params, inputs, before, times, "s/given")
     value = _steps(before, eps, times, noise, CLIP)
     if name in ("lane_conditioned", "inpainting"):
-        given = jax.tree.map(lambda x: jnp.repeat(x, STEPS, 0), _given(name, inputs))
-        value = clamp(value, *given)
+        known = jax.tree.map(lambda x: jnp.repeat(x, STEPS, 0), _given(name, inputs))
+        value = clamp(value, *known)
     for node in ("agents", "lanes"):
         for k, step in enumerate(times):
             tolerance = 5e-4 if step == STEPS - 1 else 1e-4
@@ -187,8 +187,8 @@ def test_whole_chains_parity(parity_dir):
     network = denoiser(config)
     stack = lambda trees: jax.tree.map(lambda *x: jnp.concatenate(x), *trees)  # noqa: E731
     start = stack([_pad(_pair(data, "init_noise"), 0) for data in inputs])
-    start = jax.tree.map(lambda x, rows: x.reshape(len(WHOLE), rows, -1), start, Nodes(agents=ROWS[0], lanes=ROWS[1]))
-    start = jax.tree.map(lambda x, scale: scale * x, start, TEMPERATURE)
+    start = jax.tree.map(lambda x, rows: x.reshape(len(WHOLE), rows, -1), start, PerType(agents=ROWS[0], lanes=ROWS[1]))
+    start = jax.tree.map(lambda x, scale: scale * x, start, DEFAULT_TEMPERATURE)
     noise = [_pad(_pair(data, "step_noise")) for data in inputs]
     noise = jax.tree.map(lambda *x: jnp.stack(x, 1), *noise)
     masks = stack([_masks(data, "s/given") for data in inputs])

@@ -11,7 +11,7 @@ import pytest
 
 from scjax.diffusion.process import estimate_x0, posterior_mean, posterior_std, q_sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 
@@ -34,7 +34,7 @@ def test_q_sample_parity(parity_dir):
     inputs, outputs = (golden.load(parity_dir, f"q_sample_{part}.npz") for part in ("inputs", "outputs"))
     schedule = cosine_schedule()
     times = sorted({int(key.split("/")[0][1:]) for key in outputs})
-    both = lambda x: Nodes(agents=x, lanes=x)  # noqa: E731
+    both = lambda x: PerType(agents=x, lanes=x)  # noqa: E731
     repeat = lambda x: jnp.repeat(jnp.asarray(x)[None], len(times), 0)  # noqa: E731
     clean, noise, steps = both(repeat(inputs["x0"])), both(repeat(inputs["noise"])), jnp.asarray(times)
     stored = both(jnp.stack([outputs[f"t{t}/x_t"] for t in times]))

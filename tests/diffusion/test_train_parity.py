@@ -12,7 +12,7 @@ from scjax.diffusion.loss import diffusion_loss, noised
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.state_dict import flatten, unflatten
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 TOLERANCE = 1e-5
@@ -28,7 +28,7 @@ def case(request, parity_dir):
     leaves = flatten(convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config))
     network = denoiser(config)
     names = [f"s{k}" for k in range(golden.scenes(inputs))]
-    clean, noise, given = (
+    clean, noise, known = (
         golden.pair(inputs, names, *keys) for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
     )
     masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
@@ -51,7 +51,7 @@ def case(request, parity_dir):
             return estimates[-1]
 
         total, terms = diffusion_loss(
-            denoise, level, clean, noise, masks, given, agent_weight=agent_weight, count_given=True
+            denoise, level, clean, noise, masks, known, agent_weight=agent_weight, count_known=True
         )
         return total, (terms, estimates[-1])
 
@@ -74,7 +74,7 @@ def case(request, parity_dir):
         for name, arguments in variants.items()
         if f"{name}/mean/total" in expected
     }
-    inputs_at_t = noised(level, clean, noise, given)[0]
+    inputs_at_t = noised(level, clean, noise, known)[0]
     return {
         "kind": kind, "expected": expected, "stored": stored, "rules": rules, "names": names, "x_t": inputs_at_t,
         "results": results,
@@ -113,14 +113,14 @@ def test_train_gradients_parity(case):
 
 
 def test_given_tokens_leave_the_mean_by_default():
-    flags = Nodes(agents=jnp.array([[True, False]]), lanes=jnp.array([[True, True]]))
-    ones = Nodes(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 4)))
+    flags = PerType(agents=jnp.array([[True, False]]), lanes=jnp.array([[True, True]]))
+    ones = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 4)))
     masks = jax.tree.map(jnp.ones_like, flags)
 
-    def loss(count_given):
+    def loss(count_known):
         return diffusion_loss(
             lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z), cosine_schedule().levels[jnp.array([50])],
-            ones, ones, masks, flags, count_given=count_given,
+            ones, ones, masks, flags, count_known=count_known,
         )[1]  # fmt: skip
 
     assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is given

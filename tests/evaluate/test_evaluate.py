@@ -10,7 +10,7 @@ import types
 import numpy as np
 import pytest
 
-from scjax.diffusion.energy_guidance import Steering
+from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.evaluate import generated as made
 from scjax.evaluate import methods as rows_module
 from scjax.evaluate import run as program
@@ -21,11 +21,11 @@ from scjax.evaluate.population import Population, measured
 from scjax.evaluate.retrieval import RULES, Index, retrieve, tf_idf
 from scjax.evaluate.sources import Chosen, EvaluationTiles, Npz, open_source
 from scjax.metrics.measure import distribution_values, match_values, measure
-from scjax.metrics.tally import Tally
+from scjax.metrics.tally import ClusterSums
 from scjax.models.codec import scjax
 from scjax.scene import stack
 from scjax.scene.io import save_npz
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories.traffic import agent, lane, scene
 from tests.metrics.test_distributions import traffic
 
@@ -206,16 +206,16 @@ def stand_in(monkeypatch):
     """A model that answers with a road of the asked number of agents, and an autoencoder that keeps all."""
     asked = []
 
-    def sample_many(key, conditions, *, model, steps, guidance, temperature, steering):
+    def sample_many(key, conditions, *, model, steps, guidance, temperature, energy_guidance):
         asked.extend(conditions)
-        model.ways.append((temperature, steering))
+        model.ways.append((temperature, energy_guidance))
         return [
             scene([agent(6.0 * k, 0, 0, 5) for k in range(one.num_agents or 2)], [lane((-30, 0), (30, 0))])
             for one in conditions
         ]
 
-    model = types.SimpleNamespace(domains=(), representation=scjax(), autoencoder={"w": np.ones(3)}, denoiser={})
-    model.temperature = model.steering = None
+    model = types.SimpleNamespace(domains=(), codec=scjax(), autoencoder={"w": np.ones(3)}, denoiser={})
+    model.temperature = model.energy_guidance = None
     model.ways = []  # (temperature, steering) of every call
     monkeypatch.setattr(rows_module, "load", lambda folder: model)
     monkeypatch.setattr(made, "sample_many", sample_many)
@@ -247,8 +247,8 @@ def test_how_a_row_is_sampled(worlds, tmp_path, stand_in):
     ways = model.ways
     assert ways == [(None, None), (None, True), (None, False)]
     program.evaluate(config(worlds, rows=rows[:1], novelty=0, temperature=(0.75, 0.5)), tmp_path / "out")
-    assert ways[3:] == [(Nodes(agents=0.75, lanes=0.5), None)]  # other scenes than before
-    model.steering = Steering()
+    assert ways[3:] == [(PerType(agents=0.75, lanes=0.5), None)]  # other scenes than before
+    model.energy_guidance = EnergyGuidance()
     for _ in range(2):
         program.evaluate(config(worlds, rows=rows[:1], novelty=0), tmp_path / "out")
     assert len(ways) == 5  # the same weights, led by default: others again, and these once
@@ -437,7 +437,7 @@ def test_chance_and_copy_are_as_published(eval_dir, tmp_path):
     assert 0.0221 < chance["M"] < 0.0299 and 0.0199 < chance["P"] < 0.0296 and copy["M"] == 1
     for name, low, high in (("lane CCS", -0.04, 0.0), ("agent CCS", -0.023, 0.024), ("glob CCS", 0.9749, 0.9765)):
         assert low - 0.02 < shown["chance"].numbers[name].value < high + 0.02
-    floor = Tally.floor(real.tally, lambda a, b: distribution_values(a, b, "compat"), splits=100)
+    floor = ClusterSums.floor(real.tally, lambda a, b: distribution_values(a, b, "compat"), splits=100)
     for name, value in FLOOR.items():
         assert floor[name][0] == pytest.approx(value, rel=0.3), name
     published = {"lane SPG": 0.999, "agent SPG": 0.990, "glob SPG": 0.0240, "lane CSC": 1, "agent CSC": 1}

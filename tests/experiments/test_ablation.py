@@ -32,9 +32,9 @@ from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.data.readers.base import BuildOptions
 from scjax.models.denoiser.config import ImageCondition
-from scjax.nn.cross_attention import OPTIONS, ContextLayout, named
+from scjax.nn.cross_attention import OPTIONS, ContextSpec, from_name
 from scjax.nn.cross_attention.flops import control_work
-from scjax.scene import Layout
+from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
 from tests.factories.worlds import AUTOENCODER, DENOISER, tiny_model
 from tests.generate.test_prompts import Words
@@ -55,7 +55,7 @@ def folder(tmp_path_factory):
 def configured(folder):
     config = get_config("smoke")
     config.records, config.autoencoder = str(folder / "records"), str(folder / "autoencoder")
-    config.training.optimiser.learning_rate, config.training.ema_decay = 0.05, 0.5  # three steps leave a trace
+    config.training.optimizer.learning_rate, config.training.ema_decay = 0.05, 0.5  # three steps leave a trace
     sizes = dataclasses.asdict(DENOISER)
     config.training.model.update({name: sizes[name] for name in ("lane_width", "agent_width", "lane_heads", "blocks")})
     return config
@@ -104,13 +104,13 @@ def test_two_mechanisms_end_to_end_go_on_where_they_were(folder, tmp_path):
 def test_mechanisms_differ_in_nothing_but_themselves(folder):
     config = configured(folder)
     one, other = (run_config(config, "base", ENTRIES[name], "text", 2).to_dict() for name in ("full", "linear"))
-    assert {field for field in one if one[field] != other[field]} == {"control"}
+    assert {field for field in one if one[field] != other[field]} == {"cross_attention"}
     seeds = [run_config(config, "base", ENTRIES["full"], "image", seed) for seed in (0, 1)]
     assert [made.batch.seed for made in seeds] == [made.seed for made in seeds] == [0, 1]
-    assert seeds[0].batch.layouts == (0.0, 0.0, 1.0)
-    assert config.training.seed == 0 and config.training.control_options.windowed.window == 0  # left as it was
+    assert seeds[0].batch.crops == (0.0, 0.0, 1.0)
+    assert config.training.seed == 0 and config.training.cross_attention_options.windowed.window == 0  # left as it was
     window = run_config(config, "base", ENTRIES["windowed_padded"], "text", 0)
-    assert window.control_options.windowed.alignment == "fa2" and window.model.attend_padding
+    assert window.cross_attention_options.windowed.alignment == "fa2" and window.model.attend_padding
 
 
 def test_recipes_differ_in_the_share_dropped_or_in_what_is_trained(folder):
@@ -133,12 +133,12 @@ def test_recipes_differ_in_the_share_dropped_or_in_what_is_trained(folder):
 def test_every_entry_has_options_that_its_mechanism_takes(kind):
     """All ten are there; on 40 tokens of text a window reads a third, probes a quarter of the keys."""
     names = chosen(tuple(ENTRIES), kind)
-    assert names[0] == "none" and {ENTRIES[name].control for name in names} == set(OPTIONS)
-    layout = ContextLayout(kind="text") if kind == "text" else ContextLayout(kind="image", grid=(14, 14), modalities=2)
+    assert names[0] == "none" and {ENTRIES[name].cross_attention for name in names} == set(OPTIONS)
+    crop = ContextSpec(kind="text") if kind == "text" else ContextSpec(kind="image", grid=(14, 14), modalities=2)
     work = {}
     for name in names:
-        options = named(ENTRIES[name].control, **ENTRIES[name].options_of(kind))
-        work[name] = control_work(options, 128, 4, layout, 26, 40 if kind == "text" else 392)
+        options = from_name(ENTRIES[name].cross_attention, **ENTRIES[name].options_of(kind))
+        work[name] = control_work(options, 128, 4, crop, 26, 40 if kind == "text" else 392)
     assert work["windowed"].attend < work["full"].attend
     if kind == "text":
         projections = 2 * 26 * 128 * 128
@@ -164,7 +164,7 @@ def test_scenes_larger_than_those_trained_on_are_passed_over(folder):
 def test_image_requests_are_of_forward_windows_with_another_scenes_image(folder):
     requests = requests_of("image", str(folder / "records"), 4, tiny_model())
     for scene, own, shuffled in zip(requests.references, requests.own, requests.shuffled, strict=True):
-        assert own.layout == Layout.FORWARD and int(scene.layout) == Layout.FORWARD
+        assert own.crop == Crop.FORWARD and int(scene.crop) == Crop.FORWARD
         np.testing.assert_array_equal(own.image, stand_in(scene).image)
         assert (own.num_lanes, own.num_agents, own.domain) == (
             shuffled.num_lanes, shuffled.num_agents, shuffled.domain

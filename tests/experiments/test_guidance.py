@@ -24,7 +24,7 @@ def test_curves_are_the_rows_in_order_of_their_weights(tmp_path):
     curves, record = read(path)
     assert curves["layout [% met]"] == [(1, 12.5), (2, 25), (4, 50)]
     assert curves["vehicles [% met]"] == [(1, 50), (2, 50), (4, 50)]
-    assert curves[SOUND["joint_gap_m"]] == [(w, 0.5) for w in (1, 2, 4)]
+    assert curves[SOUND["connection_gap_m"]] == [(w, 0.5) for w in (1, 2, 4)]
     assert curves[f"{SOUND['open_joints']} [%]"][0] == (1, 50)
     assert record["layout [% met]"] == 87.5
     figure = draw({"a": (curves, record), "b": (curves, record)}, tmp_path / "b.png")

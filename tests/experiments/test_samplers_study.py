@@ -100,9 +100,14 @@ def rows(spread=0.1):
 def test_worse_is_what_chance_does_not_explain():
     reference, few = rows()
     assert worse(few, reference) == [] == worse(reference, reference)
-    for name, off in (("open_joints", 0.4), ("off_heading", 0.2), ("vehicles_on_lane", 0.4), ("joint_gap_m", -0.4)):
+    for name, off in (
+        ("open_connections", 0.4),
+        ("off_heading", 0.2),
+        ("vehicles_on_lane", 0.4),
+        ("connection_gap_m", -0.4),
+    ):
         few["metrics"][name]["value"] += off  # of vehicles on a lane more is better, of gaps less
-    assert worse(few, reference) == ["open_joints"]  # two deviations are chance where sixteen are looked at
+    assert worse(few, reference) == ["open_connections"]  # two deviations are chance where sixteen are looked at
     few["metrics"]["vehicles_on_lane"]["value"] = float("nan")
     assert "vehicles_on_lane" in (worse(few, reference) or [])
     still = {**copy.deepcopy(reference), "metrics": few["metrics"]}

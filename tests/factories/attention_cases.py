@@ -8,60 +8,60 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.nn.cross_attention import ContextLayout, build, named
+from scjax.nn.cross_attention import ContextSpec, build, from_name
 from scjax.nn.functional import functional
 from tests.factories import golden
 
 WIDTH, HEADS = 8, 2
 QUERIES, KEYS = 6, 8
-TEXT = ContextLayout(kind="text")
-IMAGE = ContextLayout(kind="image", grid=(2, 2), modalities=2)
+TEXT = ContextSpec(kind="text")
+IMAGE = ContextSpec(kind="image", grid=(2, 2), modalities=2)
 
 _SAAP = {"buckets": 4, "probes": 2, "router_width": 5}
 _SQUEEZED = {"clusters": 3, "iterations": 3}
 CASES = {
-    "concat": (named("concat"), TEXT),
-    "full": (named("full"), TEXT),
-    "full memory": (named("full", memory_tokens=2), TEXT),
-    "gated": (named("gated", feed_forward=True), TEXT),
-    "linear": (named("linear"), TEXT),
-    "linear dwc": (named("linear", dwc="value", qk_norm=True), IMAGE),
-    "agent segment": (named("agent", tokens=3), TEXT),
-    "agent learned": (named("agent", tokens=3, pooling="learned"), TEXT),
-    "agent set": (named("agent", tokens=3, pooling="set"), TEXT),
-    "agent bias": (named("agent", tokens=3, grid_bias=True), IMAGE),
-    "saap": (named("saap", **_SAAP), TEXT),
-    "saap joint": (named("saap", mode="joint", form="gather", capacity=KEYS, **_SAAP), TEXT),
-    "windowed": (named("windowed", window=2), TEXT),
-    "windowed image": (named("windowed", window=1), IMAGE),
-    "windowed fa2": (named("windowed", window=2, alignment="fa2", form="gather"), TEXT),
-    "deformable text": (named("deformable", points=2), TEXT),
-    "deformable image": (named("deformable", points=2), IMAGE),
-    "squeezed": (named("squeezed", **_SQUEEZED), TEXT),
-    "squeezed top": (named("squeezed", rule="top", pool="none", form="gather", keep=0.5, **_SQUEEZED), TEXT),
-    "cross_global": (named("cross_global", latent_tokens=3), TEXT),
+    "concat": (from_name("concat"), TEXT),
+    "full": (from_name("full"), TEXT),
+    "full memory": (from_name("full", memory_tokens=2), TEXT),
+    "gated": (from_name("gated", feed_forward=True), TEXT),
+    "linear": (from_name("linear"), TEXT),
+    "linear dwc": (from_name("linear", dwc="value", qk_norm=True), IMAGE),
+    "agent segment": (from_name("agent", tokens=3), TEXT),
+    "agent learned": (from_name("agent", tokens=3, pooling="learned"), TEXT),
+    "agent set": (from_name("agent", tokens=3, pooling="set"), TEXT),
+    "agent bias": (from_name("agent", tokens=3, grid_bias=True), IMAGE),
+    "saap": (from_name("saap", **_SAAP), TEXT),
+    "saap joint": (from_name("saap", mode="joint", form="gather", capacity=KEYS, **_SAAP), TEXT),
+    "windowed": (from_name("windowed", window=2), TEXT),
+    "windowed image": (from_name("windowed", window=1), IMAGE),
+    "windowed fa2": (from_name("windowed", window=2, alignment="fa2", form="gather"), TEXT),
+    "deformable text": (from_name("deformable", points=2), TEXT),
+    "deformable image": (from_name("deformable", points=2), IMAGE),
+    "squeezed": (from_name("squeezed", **_SQUEEZED), TEXT),
+    "squeezed top": (from_name("squeezed", rule="top", pool="none", form="gather", keep=0.5, **_SQUEEZED), TEXT),
+    "cross_global": (from_name("cross_global", latent_tokens=3), TEXT),
 }
 
 
 @functools.lru_cache
-def module(options, layout=TEXT, width=WIDTH, heads=HEADS, compute="float32"):
+def module(options, spec=TEXT, width=WIDTH, heads=HEADS, compute="float32"):
     """The mechanism as pure functions."""
-    return functional(lambda draws: build(options, width, heads, layout, draws=draws, compute=compute))
+    return functional(lambda init: build(options, width, heads, spec, init=init, compute=compute))
 
 
 @functools.lru_cache
-def params_of(options, layout=TEXT, width=WIDTH, heads=HEADS):
+def params_of(options, spec=TEXT, width=WIDTH, heads=HEADS):
     """Every leaf random, so that no branch is idle, and the statistics as if they had been fitted."""
-    params = jax.device_get(module(options, layout, width, heads).init(jax.random.key(0)))
+    params = jax.device_get(module(options, spec, width, heads).init(jax.random.key(0)))
     rng = np.random.default_rng(1)
     params = jax.tree.map(lambda leaf: np.float64(leaf) + 0.4 * rng.normal(size=leaf.shape), params)
     fitted = {"fitted": np.ones(1), "threshold": np.full(1, 0.9)}
     return {**params, **{name: value for name, value in fitted.items() if name in params}}
 
 
-def apply(options, params, x, x_mask, context, mask, layout=TEXT, heads=HEADS, compute="float32"):
+def apply(options, params, x, x_mask, context, mask, spec=TEXT, heads=HEADS, compute="float32"):
     """y and aux: attend after encode."""
-    made = module(options, layout, x.shape[-1], heads, compute)
+    made = module(options, spec, x.shape[-1], heads, compute)
     params, x, x_mask, context, mask = jax.tree.map(jnp.asarray, (params, x, x_mask, context, mask))
     cache = made.apply(params, context, mask, method="encode")
     return made.apply(params, x, x_mask, cache, method="attend")
@@ -79,8 +79,8 @@ def call(options, *arguments, **choices):
 
 @functools.cache
 def _program(case: str):
-    options, layout = CASES[case]
-    made = module(options, layout)
+    options, spec = CASES[case]
+    made = module(options, spec)
 
     def loss(params, x, context, x_mask, mask):
         cache = made.apply(params, context, mask, method="encode")
@@ -99,11 +99,11 @@ def evaluate(case: str, x, x_mask, context, mask, params=None):
     return (float(loss), y, aux), gradients
 
 
-def scenes(layout=TEXT, seed=0):
+def scenes(spec=TEXT, seed=0):
     """x, x_mask, context, mask of two scenes of different sizes, padding zero; an image's grids are equally full."""
     rng = np.random.default_rng(seed)
     x_mask = np.arange(QUERIES)[None] < np.array([[4], [5]])
-    parts = layout.modalities
+    parts = spec.modalities
     cells = np.arange(KEYS // parts)[None] < np.array([[6], [4]]) // parts
     mask = np.concatenate([cells] * parts, 1)
     x, context = (rng.normal(size=(2, size, WIDTH)) for size in (QUERIES, KEYS))

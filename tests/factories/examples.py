@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.scene import AgentType, Layout, Link, Scene, Signal, empty, stack
+from scjax.scene import AgentType, Crop, Link, Scene, Signal, empty, stack
 
 
-def example_scene(seed: int = 0, *, agents: int = 4, lanes: int = 5, padding: int = 2, layout=Layout.CENTRED) -> Scene:
+def example_scene(seed: int = 0, *, agents: int = 4, lanes: int = 5, padding: int = 2, crop=Crop.CENTERED) -> Scene:
     """A chain of lanes, a pair of neighbours, some values unknown; ``padding`` empty slots of each kind at the end."""
     rng = np.random.default_rng(seed)
-    scene = empty(agents + padding, lanes + padding, layout=layout, domain=1)
+    scene = empty(agents + padding, lanes + padding, crop=crop, domain=1)
     heading = rng.uniform(-np.pi, np.pi, agents)
     states = rng.uniform(0.3, 1.4, (agents, 9))
-    ahead = np.array([32.0 if layout == Layout.FORWARD else 0.0, 0.0, 0.0])
+    ahead = np.array([32.0 if crop == Crop.FORWARD else 0.0, 0.0, 0.0])
     states[:, :2] = rng.uniform(-30, 30, (agents, 2)) + ahead[:2]
     states[:, 3] *= 8
     states[:, 4], states[:, 5] = np.cos(heading), np.sin(heading)

@@ -14,7 +14,7 @@ import pytest
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.nn.cross_attention import CrossGlobalOptions
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 # The networks are tiny and their programs large: most of a test's time is spent in the compiler.
 _QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
@@ -50,10 +50,10 @@ def denoiser_config(folder: Path, kind: str) -> DenoiserConfig:
     same = ["lane_width", "lane_heads", "agent_width", "agent_heads", "mlp_ratio", "blocks", "l2l_stages"]
     return DenoiserConfig(
         **{name: sizes[name] for name in same},
-        control=CrossGlobalOptions(latent_tokens=sizes["latent_tokens"]),
+        cross_attention=CrossGlobalOptions(latent_tokens=sizes["latent_tokens"]),
         **{name: limits[name] for name in ("lane_latent", "agent_latent", "max_lanes", "max_agents")},
         domains=sizes["map_ids"],
-        layouts=sizes["scene_types"],
+        crops=sizes["scene_types"],
         condition=condition,
         attend_padding=True,
         cross_adaln_init="xavier",
@@ -74,16 +74,16 @@ def padded(arrays: list[np.ndarray], rows: int | None = None, fill=0) -> jnp.nda
     return jnp.asarray(out)
 
 
-def pair(data: dict[str, np.ndarray], names: list[str], agent: str, lane: str, rows: tuple | None = None) -> Nodes:
+def pair(data: dict[str, np.ndarray], names: list[str], agent: str, lane: str, rows: tuple | None = None) -> PerType:
     """Padded batch of a pair of arrays over the scenes ``names``."""
     agents, lanes = rows or (None, None)
-    return Nodes(
+    return PerType(
         agents=padded([data[f"{s}/{agent}"] for s in names], agents),
         lanes=padded([data[f"{s}/{lane}"] for s in names], lanes),
     )
 
 
-def masks(data: dict[str, np.ndarray], names: list[str], agent: str, lane: str, rows: tuple | None = None) -> Nodes:
+def masks(data: dict[str, np.ndarray], names: list[str], agent: str, lane: str, rows: tuple | None = None) -> PerType:
     """True at the tokens that the scenes have, for the same arguments as ``pair``."""
     ones = {f"{s}/{key}": np.ones(len(data[f"{s}/{key}"]), bool) for s in names for key in (agent, lane)}
     return pair(ones, names, agent, lane, rows)

@@ -9,11 +9,11 @@ from scjax.diffusion.flow import flow_level
 from scjax.diffusion.samplers import DDIM, DDPM, DPMSolver, Euler, Heun, Threshold, schedule_of
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
-WIDTHS, MOST = Nodes(agents=3, lanes=5), Nodes(agents=7, lanes=9)
-EVEN = Nodes(agents=1.0, lanes=1.0)
+WIDTHS, MOST = PerType(agents=3, lanes=5), PerType(agents=7, lanes=9)
+EVEN = PerType(agents=1.0, lanes=1.0)
 CASES = {
     "ddpm": (DDPM(), "velocity"),
     "ddim": (DDIM(), "noise"),
@@ -46,7 +46,7 @@ def network(x0_of, prediction, total=100):
             eps = (x - signal * x0) / noise
             return {"noise": eps, "velocity": signal * eps - noise * x0, "flow": eps - x0}[prediction]
 
-        return jax.tree.map(output, z, Nodes(agents="agents", lanes="lanes"))
+        return jax.tree.map(output, z, PerType(agents="agents", lanes="lanes"))
 
     return denoise
 
@@ -79,7 +79,7 @@ def schedule(sampler, prediction, steps, total=100):
 def masks(sizes, agents=7, lanes=9):
     """True at valid tokens, from (agents, lanes) a scene."""
     sizes = jnp.asarray(sizes)
-    return Nodes(agents=jnp.arange(agents)[None] < sizes[:, :1], lanes=jnp.arange(lanes)[None] < sizes[:, 1:])
+    return PerType(agents=jnp.arange(agents)[None] < sizes[:, :1], lanes=jnp.arange(lanes)[None] < sizes[:, 1:])
 
 
 def drawn(case, denoise, keys, mask, steps, total=100, **options):
@@ -88,11 +88,11 @@ def drawn(case, denoise, keys, mask, steps, total=100, **options):
     levels = schedule(sampler, prediction, steps, total)
 
     @golden.jit
-    def run(keys, mask, given, values):
+    def run(keys, mask, known, values):
         return sample(
             denoise, levels, keys, mask, sampler=sampler, prediction=prediction, widths=WIDTHS, most=MOST,
-            given=given, values=values, **options,
+            known=known, values=values, **options,
         )  # fmt: skip
 
-    given = options.pop("given", None), options.pop("values", None)
-    return run(keys, mask, *given)
+    known = options.pop("known", None), options.pop("values", None)
+    return run(keys, mask, *known)

@@ -15,11 +15,11 @@ def get_config(stage: str = "autoencoder"):
     sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
     config.model = {"width": 8, "queries": 2, "heads": 2}
     if stage in sizes:
-        config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "control"}
+        config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "cross_attention"}
     config.batch.batch_size = 2
     config.batch.buckets = ((52, 64),)
     config.steps = 9
-    config.optimiser.warmup = 2
+    config.optimizer.warmup = 2
     config.log_every = config.checkpoint_every = 3
     config.evaluate_every = config.picture_every = 9
     config.tensorboard = False

@@ -12,7 +12,7 @@ import numpy as np
 from scjax.data.build import build
 from scjax.data.readers.base import BuildOptions
 from scjax.generate.model import Model
-from scjax.models import codec as representation
+from scjax.models import codec as codec
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.counts.prior import count_table
@@ -39,7 +39,7 @@ def tiny_model(condition=None, **changes) -> Model:
     config = dataclasses.replace(DENOISER, condition=condition, **changes)
     rows = [(0, 0, 3, 2), (0, 0, 4, 3), (1, 0, 6, 5), (1, 2, 5, 4)]
     return Model(
-        representation=representation.scjax(),
+        codec=codec.scjax(),
         autoencoder=jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1))),
         autoencoder_config=AUTOENCODER,
         latents=LatentStatistics.identity(),

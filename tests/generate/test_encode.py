@@ -14,16 +14,16 @@ from scjax.camera.raycast import CLASSES, GRID, stand_in
 from scjax.generate.conditions import Condition
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten, unflatten
-from scjax.scene import Layout
+from scjax.scene import Crop
 from tests.factories.examples import example_scene
 from tests.factories.worlds import tiny_model
 
 READS = ImageCondition(len(CLASSES), GRID, patch=1)
-FIXED = {"num_lanes": 5, "num_agents": 4, "domain": 0, "layout": Layout.FORWARD}
+FIXED = {"num_lanes": 5, "num_agents": 4, "domain": 0, "crop": Crop.FORWARD}
 
 
 def seen(seed: int) -> Condition:
-    features = stand_in(example_scene(seed, agents=10, lanes=8, layout=Layout.FORWARD))
+    features = stand_in(example_scene(seed, agents=10, lanes=8, crop=Crop.FORWARD))
     return Condition(image=features.image, depth=features.depth, **FIXED)
 
 
@@ -68,7 +68,7 @@ def test_scenes_without_an_image_are_not_touched_by_others(model):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"layout": Layout.CENTRED}, r"layout is CENTRED: give layout=Layout\.FORWARD"),
+        ({"crop": Crop.CENTERED}, r"layout is CENTRED: give layout=Layout\.FORWARD"),
         ({"depth": None}, "belong together"),
         ({"image": np.zeros((14, 14))}, r"\[channels, rows, columns\], not of shape \(14, 14\)"),
         ({"depth": np.zeros(14)}, r"\[height, width\], not of shape \(14,\)"),

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.diffusion.energy_guidance import Steering
+from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.generate.model import _shipped, load, save
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories.worlds import tiny_model
 
 
@@ -22,7 +22,7 @@ def test_round_trip(tmp_path, condition):
     again = load(save(model, tmp_path / "model"))
     assert again.denoiser_config == model.denoiser_config
     assert again.autoencoder_config == model.autoencoder_config
-    assert again.representation == model.representation
+    assert again.codec == model.codec
     assert again.domains == model.domains
     assert again.latents == model.latents
     for name in ("autoencoder", "denoiser"):
@@ -86,14 +86,14 @@ def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypa
 
 def test_a_model_keeps_how_it_is_sampled_and_older_ones_do_as_the_release(tmp_path):
     cold = dataclasses.replace(
-        tiny_model(), temperature=Nodes(agents=0.5, lanes=0.25), steering=Steering(rounds=3, lanes=0.01)
+        tiny_model(), temperature=PerType(agents=0.5, lanes=0.25), energy_guidance=EnergyGuidance(rounds=3, lanes=0.01)
     )
     folder = save(cold, tmp_path / "model")
-    assert load(folder).temperature == cold.temperature and load(folder).steering == cold.steering
+    assert load(folder).temperature == cold.temperature and load(folder).energy_guidance == cold.energy_guidance
     description = json.loads((folder / "model.json").read_text())
     del description["temperature"], description["steering"]
     (folder / "model.json").write_text(json.dumps(description))
-    assert load(folder).temperature == Nodes(agents=1.0, lanes=0.75) and load(folder).steering is None
+    assert load(folder).temperature == PerType(agents=1.0, lanes=0.75) and load(folder).energy_guidance is None
 
 
 def test_weights_in_several_files_of_half_precision(tmp_path):

@@ -13,9 +13,9 @@ import scjax
 from scjax.encoders.text import Tokens
 from scjax.generate.conditions import Condition
 from scjax.generate.prompt_cache import load_prompts, write_prompts
-from scjax.generate.prompts import best, doubts, with_tokens
+from scjax.generate.prompts import best, encode_prompts, prompt_warnings
 from scjax.generate.sample import with_counts
-from scjax.models.counts.predictor import CounterConfig, counter
+from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import TextCondition
 from tests.factories.worlds import tiny_model
 from tests.scene.test_repair import chain, queue
@@ -58,7 +58,7 @@ def draw(model, condition, seed=0, **options):
 def test_each_text_is_encoded_once(model):
     encoder = Words()
     wanted = [Condition(prompt="two  cars "), Condition(prompt="two cars", negative_prompt="rain"), Condition()]
-    told = with_tokens(wanted, model, encoder)
+    told = encode_prompts(wanted, model, encoder)
     assert encoder.calls == ["two cars", "rain"]
     np.testing.assert_array_equal(told[0].tokens, told[1].tokens)
     assert told[1].negative_tokens.shape == (1, WIDTH) and told[2].tokens is None
@@ -66,26 +66,26 @@ def test_each_text_is_encoded_once(model):
 
 
 def test_a_prompt_of_the_model_needs_no_encoder(model):
-    (told,) = with_tokens([Condition(prompt="a road")], model)
+    (told,) = encode_prompts([Condition(prompt="a road")], model)
     assert told.tokens.shape == (2, WIDTH)
 
 
 def test_refusals(model):
     with pytest.raises(ValueError, match="not trained on text"):
-        with_tokens([Condition(prompt="a road")], tiny_model())
+        encode_prompts([Condition(prompt="a road")], tiny_model())
     other = Words()
     other.name = "words-2"
     with pytest.raises(ValueError, match="words-2, but this model was trained with words-1"):
-        with_tokens([Condition(prompt="a street")], model, other)
+        encode_prompts([Condition(prompt="a street")], model, other)
     with pytest.raises(ValueError, match="prompt is empty"):
-        with_tokens([Condition(prompt="  ")], model)
+        encode_prompts([Condition(prompt="  ")], model)
     with pytest.raises(ValueError, match="both given"):
         Condition(prompt="a road", tokens=np.zeros((2, WIDTH)))
 
 
 def test_a_long_prompt_is_cut_with_a_warning(model):
     with pytest.warns(UserWarning, match="10000 words is too long"):
-        with_tokens([Condition(prompt="road " * 10_000)], model, Words())
+        encode_prompts([Condition(prompt="road " * 10_000)], model, Words())
 
 
 def test_prompts_and_negative_prompts_change_the_scene(model):
@@ -113,12 +113,14 @@ def test_scenes_without_a_negative_prompt_are_not_touched_by_others(model):
 
 
 def test_counts_follow_the_prompt(model):
-    config = CounterConfig(text_width=WIDTH, domains=2, width=8, queries=1, heads=1, max_lanes=100, max_agents=61)
-    params = counter(config).init(jax.random.key(0))
+    config = CountPredictorConfig(
+        text_width=WIDTH, domains=2, width=8, queries=1, heads=1, max_lanes=100, max_agents=61
+    )
+    params = count_predictor(config).init(jax.random.key(0))
     for name, number in (("lanes", 7), ("agents", 3)):
         params[name]["kernel"] = np.zeros_like(params[name]["kernel"])
         params[name]["bias"] = np.where(np.arange(len(params[name]["bias"])) == number, 50.0, 0.0).astype(np.float32)
-    counting = dataclasses.replace(model, counter=params, counter_config=config)
+    counting = dataclasses.replace(model, count_predictor=params, count_predictor_config=config)
     made = draw(counting, Condition(prompt="a road"))
     assert (made.num_lanes, made.num_agents) == (7, 3)
     made = draw(counting, Condition(prompt="a road", num_agents=5))  # what is given wins
@@ -126,8 +128,8 @@ def test_counts_follow_the_prompt(model):
 
 
 def test_sharp_counts_keep_to_the_likely_numbers(model):
-    config = CounterConfig(text_width=WIDTH, domains=2, width=8, queries=1, heads=1, max_lanes=9, max_agents=5)
-    params = counter(config).init(jax.random.key(0))
+    config = CountPredictorConfig(text_width=WIDTH, domains=2, width=8, queries=1, heads=1, max_lanes=9, max_agents=5)
+    params = count_predictor(config).init(jax.random.key(0))
     for name in ("lanes", "agents"):
         params[name]["kernel"] = np.zeros_like(params[name]["kernel"])
         params[name]["bias"] = np.full(len(params[name]["bias"]), -50.0, np.float32)
@@ -135,18 +137,18 @@ def test_sharp_counts_keep_to_the_likely_numbers(model):
     drawn = {}
     for sharpness in (1.0, 100.0):
         sharp = dataclasses.replace(config, sharpness=sharpness)
-        counting = dataclasses.replace(model, counter=params, counter_config=sharp)
-        told = with_counts(jax.random.key(0), with_tokens([Condition(prompt="a road")] * 30, model), model=counting)
+        counting = dataclasses.replace(model, count_predictor=params, count_predictor_config=sharp)
+        told = with_counts(jax.random.key(0), encode_prompts([Condition(prompt="a road")] * 30, model), model=counting)
         drawn[sharpness] = {cond.num_lanes for cond in told}
     assert drawn == {1.0: {2, 3}, 100.0: {2}}
 
 
 def test_doubts_are_told():
-    assert doubts(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=4))
-    assert not doubts(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=8))
-    assert not doubts(Condition(prompt="a four-way intersection", num_agents=1))
-    assert not doubts(Condition(prompt="no cars")) and not doubts(Condition())
-    (doubt,) = doubts(Condition(prompt="Kreuzung mit vier Autos und roter Ampel", num_agents=4))
+    assert prompt_warnings(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=4))
+    assert not prompt_warnings(Condition(prompt="a road with five vehicles and two pedestrians", num_agents=8))
+    assert not prompt_warnings(Condition(prompt="a four-way intersection", num_agents=1))
+    assert not prompt_warnings(Condition(prompt="no cars")) and not prompt_warnings(Condition())
+    (doubt,) = prompt_warnings(Condition(prompt="Kreuzung mit vier Autos und roter Ampel", num_agents=4))
     assert "read from 'Kreuzung mit vier" in doubt and "Plain English" in doubt
 
 

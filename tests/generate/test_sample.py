@@ -9,14 +9,14 @@ import pytest
 
 import scjax
 from scjax import Guidance
-from scjax.diffusion.energies.validity import joint_energy, overlap_energy
-from scjax.diffusion.energy_guidance import Steering
+from scjax.diffusion.energies.validity import connection_energy, overlap_energy
+from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.samplers import DDIM
 from scjax.generate import compiled as programs
 from scjax.generate.conditions import Condition
 from scjax.models.denoiser.config import TextCondition
-from scjax.scene import Layout, Link, unpadded, validate
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop, Link, unpadded, validate
+from scjax.scene.per_type import PerType
 from tests.factories.examples import example_scene
 from tests.factories.worlds import tiny_model
 
@@ -40,9 +40,9 @@ def test_scenes_are_valid_and_in_metres(model):
 
 
 def test_counts_domain_and_layout_are_met(model):
-    scenes = draw(model, Condition(num_lanes=7, num_agents=4, domain="there", layout=Layout.FORWARD), n=2)
+    scenes = draw(model, Condition(num_lanes=7, num_agents=4, domain="there", crop=Crop.FORWARD), n=2)
     assert scenes.num_lanes.tolist() == [7, 7] and scenes.num_agents.tolist() == [4, 4]
-    assert scenes.domain.tolist() == [1, 1] and scenes.layout.tolist() == [2, 2]
+    assert scenes.domain.tolist() == [1, 1] and scenes.crop.tolist() == [2, 2]
 
 
 def test_a_scene_depends_on_its_own_key_only(model):
@@ -100,24 +100,24 @@ def test_steering_closes_joints_and_parts_boxes_but_moves_nothing_known(model):
     """An untrained model's scenes are heaps of boxes and lanes: steered ones are less so, with the same links."""
     known = unpadded(example_scene(2, agents=3, lanes=4))
     condition = Condition(known=known, num_lanes=9, num_agents=6)
-    strong = Steering(rounds=30, below=0.0, agents=0.02, lanes=0.005)
-    plain, led = (draw(model, condition, n=2, steering=steering) for steering in (False, strong))
+    strong = EnergyGuidance(rounds=30, below=0.0, agents=0.02, lanes=0.005)
+    plain, led = (draw(model, condition, n=2, energy_guidance=energy_guidance) for energy_guidance in (False, strong))
     validate(led)
     assert np.array_equal(led.agents[0, :3], known.agents) and np.array_equal(led.lanes[1, :4], known.lanes)
     linked = led.replace(links=plain.links)
-    before, after = (float((joint_energy(scenes) + overlap_energy(scenes)).sum()) for scenes in (plain, linked))
+    before, after = (float((connection_energy(scenes) + overlap_energy(scenes)).sum()) for scenes in (plain, linked))
     assert after < 0.8 * before
-    many, one = (draw(model, condition, n=n, steering=Steering(rounds=2)) for n in (2, 1))
+    many, one = (draw(model, condition, n=n, energy_guidance=EnergyGuidance(rounds=2)) for n in (2, 1))
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
 
 def test_steering_is_the_models_unless_told(model):
     condition = Condition(num_lanes=5, num_agents=3)
-    plain, told = draw(model, condition), draw(model, condition, steering=True)
-    steered = dataclasses.replace(model, steering=Steering())
+    plain, told = draw(model, condition), draw(model, condition, energy_guidance=True)
+    with_energy_guidance = dataclasses.replace(model, energy_guidance=EnergyGuidance())
     assert not np.array_equal(plain.lanes, told.lanes)
-    chex.assert_trees_all_equal(draw(steered, condition).to_dict(), told.to_dict())
-    chex.assert_trees_all_equal(draw(steered, condition, steering=False).to_dict(), plain.to_dict())
+    chex.assert_trees_all_equal(draw(with_energy_guidance, condition).to_dict(), told.to_dict())
+    chex.assert_trees_all_equal(draw(with_energy_guidance, condition, energy_guidance=False).to_dict(), plain.to_dict())
 
 
 def test_the_default_fits_what_the_network_estimates(model):
@@ -135,7 +135,7 @@ def test_the_default_fits_what_the_network_estimates(model):
 
 def test_temperature_is_the_models_unless_told(model):
     condition = Condition(num_lanes=5, num_agents=3)
-    cold = dataclasses.replace(model, temperature=Nodes(agents=0.5, lanes=0.5))
+    cold = dataclasses.replace(model, temperature=PerType(agents=0.5, lanes=0.5))
     told = draw(model, condition, temperature=0.5)
     chex.assert_trees_all_equal(draw(cold, condition).to_dict(), told.to_dict())
     chex.assert_trees_all_equal(
@@ -143,7 +143,7 @@ def test_temperature_is_the_models_unless_told(model):
     )
     assert not np.allclose(told.agents, draw(model, condition).agents, atol=0.05)
     with pytest.raises(ValueError, match="temperature must be positive"):
-        draw(model, condition, temperature=Nodes(agents=1.0, lanes=0.0))
+        draw(model, condition, temperature=PerType(agents=1.0, lanes=0.0))
 
 
 def test_guidance_with_options(model):

@@ -21,8 +21,8 @@ from scjax.generate.encode import features_of
 from scjax.generate.model import SHIPPED
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.model import denoiser
-from scjax.scene import Layout, stack
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop, stack
+from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
 from tests.factories.worlds import make_records
 
@@ -38,7 +38,7 @@ def test_files_stay_small():
 
 
 def test_every_part_is_there_and_finite(model):
-    for part in (model.autoencoder, model.denoiser, model.counter):
+    for part in (model.autoencoder, model.denoiser, model.count_predictor):
         assert part is not None and all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(part))
     assert model.counts is not None and model.text_encoder
 
@@ -58,16 +58,16 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
     """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
     coder, config = autoencoder(model.autoencoder_config), model.denoiser_config
     tiles = records.source(make_records(tmp_path), "train")
-    scenes = [arrange(records.sample_scene(records.decode(tile), Layout.CENTRED))[0] for tile in tiles]
+    scenes = [arrange(records.sample_scene(records.decode(tile), Crop.CENTERED))[0] for tile in tiles]
     scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
-    tokens = model.representation.tokens(stack(scenes, (16, 28)))
+    tokens = model.codec.normalize(stack(scenes, (16, 28)))
     clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder)
 
     # Every scene at every time, in one batch.
     times = np.array([0, 2, 10, 30, 60, 99])
     row, step = (part.ravel() for part in np.meshgrid(np.arange(len(scenes)), times))
-    masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-    clean, masks = jax.tree.map(lambda x: jnp.asarray(x)[row], (model.latents.normalise(clean), masks))
+    masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+    clean, masks = jax.tree.map(lambda x: jnp.asarray(x)[row], (model.latents.normalize(clean), masks))
     rng, level = np.random.default_rng(0), cosine_schedule().levels[step]
     noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
     prompts = list(model.prompts.values())
@@ -83,7 +83,7 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
         both = output, estimate_x0(level, noisy, output, config.prediction)
         return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), both, (masks, masks))
 
-    def squares(x: Nodes) -> np.ndarray:
+    def squares(x: PerType) -> np.ndarray:
         return np.stack([sum(np.square(np.asarray(part)[step == time]).sum() for part in jax.tree.leaves(x))
                          for time in times])  # fmt: skip
 

@@ -14,10 +14,10 @@ from scjax.metrics.measure import (
     precision_values,
     scene_values,
 )
-from scjax.metrics.measured import Measured, merged
+from scjax.metrics.measured import SceneStats, merged
 from scjax.metrics.placement import placement
 from scjax.metrics.realism import realism
-from scjax.scene import Layout
+from scjax.scene import Crop
 from tests.factories.traffic import agent, scene
 from tests.metrics.test_distributions import traffic
 
@@ -94,7 +94,7 @@ def test_a_file_keeps_everything(whole, tmp_path):
     siblings = [[SCENES[k - 1]] for k in range(12)]
     made = measure(SCENES, PLACES, OTHERS, siblings=siblings, also=lambda scene, reference: {"twice": (2.0, 1.0)})
     made.save(tmp_path / "part.npz")
-    again = Measured.load(tmp_path / "part.npz")
+    again = SceneStats.load(tmp_path / "part.npz")
     assert again.clusters == PLACES and again.shown.keys() == made.shown.keys()
     np.testing.assert_array_equal(again.shown["M"], made.shown["M"])
     assert also_values(again.tally.total) == {"twice": 2.0}
@@ -105,17 +105,17 @@ def test_a_file_keeps_everything(whole, tmp_path):
     assert control_values(again, whole) == control_values(made, whole)
     bare = measure(SCENES[:1], PLACES[:1])
     bare.save(tmp_path / "bare.npz")
-    assert Measured.load(tmp_path / "bare.npz").detections == []
+    assert SceneStats.load(tmp_path / "bare.npz").detections == []
     (tmp_path / "cut.npz").write_bytes((tmp_path / "part.npz").read_bytes()[:500])
     with pytest.raises(ValueError, match=r"cut.npz holds no measured scenes .* evaluate again"):
-        Measured.load(tmp_path / "cut.npz")
+        SceneStats.load(tmp_path / "cut.npz")
 
 
 def test_another_frame_shows_and_another_window_is_refused():
     turned = scene([agent(0, 0, 90), agent(3, 4)])
     shown = scene_values(measure([turned, scene([agent(3, 4)])], ["a", "b"]).tally.total)
     assert shown["ego_turned"] == 0.5 and shown["ego_away_m"] == pytest.approx(2.5)
-    ahead = turned.replace(layout=np.int32(Layout.FORWARD))
+    ahead = turned.replace(crop=np.int32(Crop.FORWARD))
     assert np.isnan(scene_values(measure([ahead], ["a"]).tally.total)["ego_away_m"])
     with pytest.raises(ValueError, match="a FORWARD scene has a CENTRED reference"):
         measure([ahead], ["a"], [turned])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.metrics.pooling import pool, values
-from scjax.metrics.realism import joint_gaps, lane_offsets, overlapping_pairs, realism, scene_realism
+from scjax.metrics.realism import connection_gaps, lane_offsets, overlapping_pairs, realism, scene_realism
 from scjax.scene import AgentType, pad, stack
 from tests.factories.traffic import agent, crossing, eval_tiles, lane, scene
 
@@ -16,7 +16,7 @@ ROAD = [lane((-32, 0), (0, 0)), lane((0, 0), (32, 0))]
 def test_a_flawless_world():
     result = realism(crossing())
     assert result == {
-        "joint_gap_m": 0, "open_joints": 0, "vehicles_on_lane": 1, "lane_angle_deg": 0, "off_heading": 0,
+        "connection_gap_m": 0, "open_connections": 0, "vehicles_on_lane": 1, "lane_angle_deg": 0, "off_heading": 0,
         "vehicles_overlapping": 0, "vehicle_overlap_pairs": 0, "scenes_vehicle_overlap": 0, "scenes_any_overlap": 0,
         "scenes_overlap_iou_0.01": 0, "scenes_overlap_iou_0.1": 0,
     }  # fmt: skip
@@ -29,8 +29,8 @@ def test_a_world_of_faults():
         joined=[(0, 1), (1, 2)],
     )  # fmt: skip
     result = realism(made)
-    np.testing.assert_allclose(joint_gaps(made), [5, 0.5], atol=1e-6)
-    assert result["joint_gap_m"] == pytest.approx(2.75) and result["open_joints"] == 0.5
+    np.testing.assert_allclose(connection_gaps(made), [5, 0.5], atol=1e-6)
+    assert result["connection_gap_m"] == pytest.approx(2.75) and result["open_connections"] == 0.5
     assert result["vehicles_overlapping"] == result["scenes_vehicle_overlap"] == result["scenes_any_overlap"] == 1
     assert result["vehicle_overlap_pairs"] == 3
 
@@ -58,7 +58,7 @@ def test_only_vehicles_count_on_lanes_and_every_class_among_overlaps():
 def test_no_lanes_no_vehicles():
     assert values(scene_realism(scene([agent(0, 0)])))["vehicles_on_lane"] == 0
     alone = values(scene_realism(scene([agent(0, 0)]), ego=False))
-    assert math.isnan(alone["vehicles_on_lane"]) and math.isnan(alone["joint_gap_m"])
+    assert math.isnan(alone["vehicles_on_lane"]) and math.isnan(alone["connection_gap_m"])
     assert alone["scenes_any_overlap"] == 0
 
 
@@ -79,8 +79,8 @@ def test_streaming_equals_batching_and_padding_does_not_count():
 
 def test_golden_joints_of_real_tiles_are_closed(eval_dir):
     result = realism(eval_tiles(eval_dir, "train", only=list(range(0, 1239, 40))))
-    assert result["joint_gap_m"] < 1e-4 and result["open_joints"] == 0
+    assert result["connection_gap_m"] < 1e-4 and result["open_connections"] == 0
     assert result["vehicles_on_lane"] > 0.85
     peers = realism(eval_tiles(eval_dir, "peer_vehicle"))
-    assert peers["joint_gap_m"] == pytest.approx(0.18, abs=0.005)  # baselines.md §1
+    assert peers["connection_gap_m"] == pytest.approx(0.18, abs=0.005)  # baselines.md §1
     assert peers["scenes_any_overlap"] == 0  # their overlapping agents were removed

@@ -5,13 +5,13 @@ import pytest
 
 from scjax.metrics.distances import histogram, mean_and_deviation, moments
 from scjax.metrics.distributions import scene_sums, table
-from scjax.metrics.tally import Tally, group_of
+from scjax.metrics.tally import ClusterSums, group_of
 from tests.metrics.test_distributions import traffic
 
 
 @pytest.fixture(scope="module")
 def tally():
-    made = Tally()
+    made = ClusterSums()
     for seed in range(24):
         made.add(scene_sums(traffic(seed)), f"place {seed // 3}")
     return made
@@ -25,10 +25,10 @@ def same(first, second):
 
 
 def test_shards_and_order_do_not_matter(tally):
-    parts = [Tally() for _ in range(3)]
+    parts = [ClusterSums() for _ in range(3)]
     for seed in np.random.default_rng(0).permutation(24):
         parts[seed % 3].add(scene_sums(traffic(int(seed))), f"place {seed // 3}")
-    merged = Tally()
+    merged = ClusterSums()
     for part in reversed(parts):
         merged.merge(part)
     same(tally, merged)
@@ -37,14 +37,14 @@ def test_shards_and_order_do_not_matter(tally):
 
 
 def test_arrays_hold_all_of_it(tally):
-    same(tally, Tally.from_arrays(tally.arrays()))
-    assert Tally.from_arrays(Tally().arrays()).total == {}
+    same(tally, ClusterSums.from_arrays(tally.arrays()))
+    assert ClusterSums.from_arrays(ClusterSums().arrays()).total == {}
     with pytest.raises(ValueError, match="format 7 instead of 1"):
-        Tally.from_arrays(tally.arrays() | {"format": np.array(7)})
+        ClusterSums.from_arrays(tally.arrays() | {"format": np.array(7)})
 
 
 def simple(values, clusters):
-    made = Tally()
+    made = ClusterSums()
     for value, cluster in zip(values, clusters, strict=True):
         value = np.atleast_1d(value)
         made.add({"x": moments(value), "h": histogram(value, -6.0, 6.0, 1.0)}, cluster)

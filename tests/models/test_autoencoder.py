@@ -11,49 +11,49 @@ from scjax.convert.autoencoder import unused_sizes
 from scjax.models.autoencoder import Decoded, Posterior, autoencoder, noise_like, reparameterise
 from scjax.models.autoencoder import config as presets
 from scjax.models.autoencoder.loss import LossWeights, errors, loss, per_scene
-from scjax.models.codec import Tokens
+from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import count
-from scjax.scene import Layout
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop
+from scjax.scene.per_type import PerType
 from tests.factories import parity_scenes as cases
 
 CONFIG = presets.tiny(decoder_blocks=1, edge_width=6, points=4, max_lanes=12)
 AGENTS, LANES = 4, 7
 
 
-def random_tokens(seed: int, agents: int, lanes: int, partitioned: bool, dtype=np.float64) -> Tokens:
+def random_tokens(seed: int, agents: int, lanes: int, partitioned: bool, dtype=np.float64) -> NormalizedScene:
     """One scene [1, ...] of nonsense."""
     rng, c = np.random.default_rng(seed), CONFIG
     points = rng.uniform(-1, 1, (1, lanes, c.points, c.point_dims)).astype(dtype)
     states = rng.uniform(-1, 1, (1, agents, c.columns)).astype(dtype)
-    return Tokens(
+    return NormalizedScene(
         agents=states,
         agent_types=rng.integers(0, c.agent_types, (1, agents), np.int32),
         agent_mask=np.ones((1, agents), bool),
         agent_known=rng.random((1, agents, c.columns)) < 0.7,
-        agent_before=partitioned & (states[..., 0] <= 0),
+        agent_behind=partitioned & (states[..., 0] <= 0),
         lanes=points,
         lane_types=rng.integers(0, c.lane_types, (1, lanes), np.int32),
         lane_type_known=rng.random((1, lanes)) < 0.7,
         lane_mask=np.ones((1, lanes), bool),
         lane_known=rng.random((1, lanes, c.point_dims)) < 0.7,
-        lane_before=partitioned & (points[:, :, 1, 0] <= 0),
+        lane_behind=partitioned & (points[:, :, 1, 0] <= 0),
         links=rng.integers(0, c.link_types, (1, lanes, lanes), np.int32),
-        layout=np.array([Layout.PARTITIONED if partitioned else Layout.CENTRED], np.int32),
+        crop=np.array([Crop.PARTITIONED if partitioned else Crop.CENTERED], np.int32),
         domain=np.zeros(1, np.int32),
     )
 
 
-def random_nodes(seed: int, agents: int, lanes: int, dtype=np.float64) -> Nodes:
+def random_nodes(seed: int, agents: int, lanes: int, dtype=np.float64) -> PerType:
     """Noise [1, ...]."""
     rng = np.random.default_rng(seed)
-    return Nodes(
+    return PerType(
         agents=rng.normal(size=(1, agents, CONFIG.agent_latent)).astype(dtype),
         lanes=rng.normal(size=(1, lanes, CONFIG.lane_latent)).astype(dtype),
     )
 
 
-def pair(dtype=np.float64, garbage: float | None = None) -> tuple[Tokens, Nodes]:
+def pair(dtype=np.float64, garbage: float | None = None) -> tuple[NormalizedScene, PerType]:
     """A partitioned scene and a smaller one, with padding."""
     tokens = [random_tokens(1, AGENTS, LANES, True, dtype), random_tokens(2, 2, 3, False, dtype)]
     noise = [random_nodes(3, AGENTS, LANES, dtype), random_nodes(4, 2, 3, dtype)]
@@ -127,7 +127,7 @@ def test_scene_alone_equals_scene_in_a_padded_batch_with_garbage(run, params):
 
 def test_gradients_may_leave_out_the_way_through_pairs():
     """Values are the same; gradients differ where an updated pair value is read again, in the second block only."""
-    latents, mask = random_nodes(5, AGENTS, LANES, np.float32), Nodes(
+    latents, mask = random_nodes(5, AGENTS, LANES, np.float32), PerType(
         agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)
     )  # fmt: skip
     for blocks in (1, 2):
@@ -185,7 +185,7 @@ def test_order_of_agents_and_lanes_does_not_matter(run, params, reference):
         for name, value in fields.items():
             if name == "links" or name == "link_logits":
                 fields[name] = value[:, lanes][:, :, lanes]
-            elif isinstance(value, Nodes):
+            elif isinstance(value, PerType):
                 fields[name] = permuted(value)
             elif name.startswith(("agent", "lane")) and name != "lane_count_logits":
                 fields[name] = value[:, agents if name.startswith("agent") else lanes]
@@ -198,7 +198,7 @@ def test_order_of_agents_and_lanes_does_not_matter(run, params, reference):
 
 def test_nothing_behind_the_partition_reaches_the_latents_before_it(run, params, reference):
     tokens, noise = pair()
-    after_lanes, after_agents = ~tokens.lane_before, ~tokens.agent_before
+    after_lanes, after_agents = ~tokens.lane_behind, ~tokens.agent_behind
     after_lanes[1], after_agents[1] = False, False  # the other scene is not partitioned
     rows, columns = after_lanes[:, :, None], after_lanes[:, None]
     changed = tokens.replace(
@@ -209,7 +209,7 @@ def test_nothing_behind_the_partition_reaches_the_latents_before_it(run, params,
     )
     posterior, old = run(params, changed, noise)[0], reference[0]
     for moment in ("mean", "logvar"):
-        for kind, before in (("lanes", tokens.lane_before[0]), ("agents", tokens.agent_before[0])):
+        for kind, before in (("lanes", tokens.lane_behind[0]), ("agents", tokens.agent_behind[0])):
             new, was = getattr(getattr(posterior, moment), kind)[0], getattr(getattr(old, moment), kind)[0]
             assert before.any() and (~before).any()
             np.testing.assert_array_equal(new[before], was[before])
@@ -272,11 +272,11 @@ def test_tokens_of_another_representation_are_refused(params):
     with pytest.raises(ValueError, match="another representation"):
         apply(params, tokens.replace(lanes=tokens.lanes[..., :2]), method="encode")
     with pytest.raises(ValueError, match=r"latents\.lanes"):
-        mask = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        mask = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         apply(params, noise.replace(lanes=noise.lanes[..., 1:]), mask, method="decode")
 
 
-def by_hand(links, link_logits) -> tuple[Decoded, Posterior, Tokens]:
+def by_hand(links, link_logits) -> tuple[Decoded, Posterior, NormalizedScene]:
     """A scene of perfect reconstruction but for the links [1, 2, 2]."""
     tokens = random_tokens(0, 1, 2, False, np.float32).replace(links=np.asarray(links, np.int32))
     decoded = Decoded(
@@ -284,7 +284,7 @@ def by_hand(links, link_logits) -> tuple[Decoded, Posterior, Tokens]:
         lanes=tokens.lanes, lane_type_logits=30 * np.eye(4, dtype=np.float32)[tokens.lane_types],
         link_logits=np.asarray(link_logits, np.float32),
     )  # fmt: skip
-    zeros = Nodes(agents=np.zeros((1, 1, 10), np.float32), lanes=np.zeros((1, 2, 24), np.float32))
+    zeros = PerType(agents=np.zeros((1, 1, 10), np.float32), lanes=np.zeros((1, 2, 24), np.float32))
     return decoded, Posterior(mean=zeros, logvar=zeros, lane_count_logits=np.zeros((1, 13), np.float32)), tokens
 
 
@@ -306,8 +306,8 @@ def test_balanced_links_by_hand():
 
 def test_lane_count_counts_where_it_should():
     case = by_hand(np.zeros((1, 2, 2)), np.zeros((1, 2, 2, 6)))
-    for layout, official, ours in ((Layout.CENTRED, 0, 0), (Layout.PARTITIONED, 1, 1), (Layout.FORWARD, 1, 0)):
-        tokens = case[2].replace(layout=np.array([layout], np.int32))
+    for crop, official, ours in ((Crop.CENTERED, 0, 0), (Crop.PARTITIONED, 1, 1), (Crop.FORWARD, 1, 0)):
+        tokens = case[2].replace(crop=np.array([crop], np.int32))
         for flag, factor in ((True, official), (False, ours)):
             term = per_scene(case[0], case[1], tokens, official_lane_count=flag)["lane_count"]
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
@@ -317,11 +317,11 @@ def test_with_typical_counts_every_element_weighs_the_same(reference):
     """Coordinates weigh by how many there are over the typical number; classes and the rest stay as they are."""
     posterior, decoded = reference[:2]
     tokens = pair()[0]
-    weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_joints=5.0, lane_steps=7.0)
+    weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_connections=5.0, lane_steps=7.0)
     with jax.enable_x64(True):
         plain = per_scene(decoded, posterior, tokens, weights)
         shared = per_scene(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
-        by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_joints"] + 7 * plain["lane_steps"]
+        by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_connections"] + 7 * plain["lane_steps"]
         more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
             tokens.lane_mask.sum(-1) / 2 - 1
         ) * by_lanes
@@ -338,16 +338,16 @@ def test_joint_error_counts_only_what_parts_linked_lanes():
     """Both ends of a joint moved alike cost nothing; one moved by (0.3, 0.1, 0) costs the mean of the three."""
     case = by_hand([[[0, 1], [2, 0]]], np.zeros((1, 2, 2, 6)))
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
-    weights = LossWeights(lane_joints=1.0)
+    weights = LossWeights(lane_connections=1.0)
     moved = case[0].replace(lanes=case[0].lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(per_scene(moved, *case[1:], weights)["lane_joints"], [0.0], atol=1e-6)
+    np.testing.assert_allclose(per_scene(moved, *case[1:], weights)["lane_connections"], [0.0], atol=1e-6)
     lanes = np.array(case[0].lanes)
     lanes[0, 1, 0] += [0.3, 0.1, 0.0]  # the start of the second lane
     lanes[0, 0, 0] += 5.0  # the start of the first joins nothing
     apart = case[0].replace(lanes=lanes)
-    np.testing.assert_allclose(per_scene(apart, *case[1:], weights)["lane_joints"], [0.4 / 3], 1e-5)
+    np.testing.assert_allclose(per_scene(apart, *case[1:], weights)["lane_connections"], [0.4 / 3], 1e-5)
     unlinked = case[2].replace(links=np.zeros_like(case[2].links))
-    assert per_scene(apart, case[1], unlinked, weights)["lane_joints"] == 0
+    assert per_scene(apart, case[1], unlinked, weights)["lane_connections"] == 0
 
 
 def test_step_error_counts_trembling_but_no_shift():
@@ -355,8 +355,8 @@ def test_step_error_counts_trembling_but_no_shift():
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
     weights = LossWeights(lane_steps=1.0)
     lanes = np.array(case[2].lanes)
-    shifted = case[0].replace(lanes=lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(per_scene(shifted, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
+    add_bias = case[0].replace(lanes=lanes + np.array([0.3, 0.1, 0.0]))
+    np.testing.assert_allclose(per_scene(add_bias, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
     inner = lanes.shape[2] // 2
     lanes[0, 0, inner] += [0.3, 0.0, 0.0]  # one point of the first lane: the steps before and after it are off
     steps = 2 * (lanes.shape[2] - 1) * 3
@@ -375,7 +375,7 @@ def test_errors_by_hand():
 
 
 def test_reparameterise_has_the_posteriors_moments():
-    mean = Nodes(agents=jnp.full((1, 2000, 10), 2.0), lanes=jnp.full((1, 2000, 24), -1.0))
+    mean = PerType(agents=jnp.full((1, 2000, 10), 2.0), lanes=jnp.full((1, 2000, 24), -1.0))
     logvar = jax.tree.map(lambda x: jnp.full_like(x, 2 * np.log(0.5)), mean)
     posterior = Posterior(mean=mean, logvar=logvar, lane_count_logits=jnp.zeros((1, 13)))
     sample = reparameterise(jax.random.key(0), posterior)

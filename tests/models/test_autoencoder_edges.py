@@ -10,7 +10,7 @@ import pytest
 from scjax.models.autoencoder.blocks import EdgeUpdate, GraphAttention
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges, TypedEdges
 from scjax.nn.cpu import blockwise as chunks
-from scjax.nn.cpu.blockwise import over_rows
+from scjax.nn.cpu.blockwise import blockwise_map
 from scjax.nn.functional import functional
 
 B, L, C, H = 2, 5, 6, 3
@@ -30,8 +30,8 @@ def test_closed_forms_equal_dense_edges(edges):
     dense = DenseEdges(edges.dense())
     u, p = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L))
     n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
-    for name, given in (("scores", [u]), ("gather", [p]), ("beside", [n, w])):
-        found, wanted = (getattr(form, name)(*given) for form in (edges, dense))
+    for name, known in (("scores", [u]), ("gather", [p]), ("beside", [n, w])):
+        found, wanted = (getattr(form, name)(*known) for form in (edges, dense))
         np.testing.assert_allclose(found.reshape(wanted.shape), wanted, 1e-5, 2e-5, err_msg=name)
 
 
@@ -66,7 +66,7 @@ def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
 
     def total(weight, shared, rows, blockwise: bool):
         function = work(weight)
-        out = over_rows(function, shared, rows, real, L) if blockwise else function(shared, rows)
+        out = blockwise_map(function, shared, rows, real, L) if blockwise else function(shared, rows)
         out = jax.tree.map(lambda x: jnp.where(real[..., None], x, 0), out)
         return (out[0] * jnp.cos(out[0])).sum() + out[1].sum(), out
 
@@ -80,8 +80,8 @@ def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
 
 
 def test_layers_do_not_depend_on_the_size_of_blocks(monkeypatch):
-    attention = functional(lambda draws: GraphAttention(8, 2, 8, draws=draws, edge_width=C, compute="float32"))
-    update = functional(lambda draws: EdgeUpdate(8, C, draws=draws, compute="float32"))
+    attention = functional(lambda init: GraphAttention(8, 2, 8, init=init, edge_width=C, compute="float32"))
+    update = functional(lambda init: EdgeUpdate(8, C, init=init, compute="float32"))
     params = attention.init(jax.random.key(0)), update.init(jax.random.key(1))
     x, values, mask = normal(1, B, L, 8), normal(2, B, L, L, C), jax.random.bernoulli(jax.random.key(3), 0.6, (B, L, L))
 

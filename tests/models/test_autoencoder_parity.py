@@ -14,9 +14,9 @@ from scjax.models.autoencoder import autoencoder
 from scjax.models.autoencoder.blocks import GraphAttention
 from scjax.models.autoencoder.edges import DenseEdges
 from scjax.models.autoencoder.loss import loss, per_scene
-from scjax.models.codec import Tokens
+from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import functional
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import parity_scenes as cases
 
 
@@ -65,7 +65,7 @@ def together(run, inputs):
     return jax.device_get(run(*_batch(inputs, cases.scene_names(inputs), garbage=1e30)))
 
 
-def _batch(inputs, names, garbage) -> tuple[Tokens, Nodes, Nodes]:
+def _batch(inputs, names, garbage) -> tuple[NormalizedScene, PerType, PerType]:
     """Tokens, latents for the decoder, noise."""
     tokens = [cases.tokens_of(inputs, name) for name in names]
     sizes = (max(s.agent_mask.shape[1] for s in tokens) + 2, max(s.lane_mask.shape[1] for s in tokens) + 2)
@@ -79,8 +79,8 @@ def _batch(inputs, names, garbage) -> tuple[Tokens, Nodes, Nodes]:
 
 def _arrays(posterior, decoded, trace) -> dict[str, jax.Array]:
     """Everything under the set's names; pairs (source, destination) as there."""
-    named = {name: x.swapaxes(1, 2) if name.endswith("edge") else x for name, x in trace.items()}
-    named |= {
+    from_name = {name: x.swapaxes(1, 2) if name.endswith("edge") else x for name, x in trace.items()}
+    from_name |= {
         "enc/lane_mu": posterior.mean.lanes, "enc/lane_logvar": posterior.logvar.lanes,
         "enc/agent_mu": posterior.mean.agents, "enc/agent_logvar": posterior.logvar.agents,
         "enc/lane_count_logits": posterior.lane_count_logits,
@@ -90,7 +90,7 @@ def _arrays(posterior, decoded, trace) -> dict[str, jax.Array]:
         "dec/lane_connection_logits": decoded.link_logits, "dec/agent_type": decoded.agent_type_logits.argmax(-1),
         "dec/lane_type": decoded.lane_type_logits.argmax(-1), "dec/lane_connection": decoded.link_logits.argmax(-1),
     }  # fmt: skip
-    return named
+    return from_name
 
 
 def _compare(found: dict[str, np.ndarray], outputs, inputs, scene: str, row: int) -> int:
@@ -119,13 +119,13 @@ def test_forward_parity_in_one_padded_batch(parity_dir, inputs, together):
 
 
 def test_partition_masks_parity(inputs):
-    """The sides that Tokens carry give the set's masks."""
+    """The sides that NormalizedScene carry give the set's masks."""
     for scene in cases.scene_names(inputs):
         tokens = cases.tokens_of(inputs, scene)
         for name, rows, columns in (
-            ("lane_lane", tokens.lane_before, tokens.lane_before),
-            ("agent_agent", tokens.agent_before, tokens.agent_before),
-            ("lane_agent", tokens.lane_before, tokens.agent_before),
+            ("lane_lane", tokens.lane_behind, tokens.lane_behind),
+            ("agent_agent", tokens.agent_behind, tokens.agent_behind),
+            ("lane_agent", tokens.lane_behind, tokens.agent_behind),
         ):
             wanted = inputs[f"{scene}/{name}_same_side"]
             np.testing.assert_array_equal(rows[0][:, None] == columns[0][None], wanted, err_msg=f"{scene} {name}")
@@ -156,7 +156,7 @@ def test_gradient_parity(parity_dir, config, together):
 
 @pytest.mark.parametrize("kind", ["edge", "plain"])
 def test_attention_layer_parity(parity_dir, config, params, kind):
-    given = cases.load(parity_dir, "ae_attention_inputs.npz")
+    known = cases.load(parity_dir, "ae_attention_inputs.npz")
     reference = cases.load(parity_dir, "ae_attention_outputs.npz")
     if kind == "edge":
         sizes, edge_width = (config.lane_width, config.lane_heads, config.lane_ff), config.edge_width
@@ -164,7 +164,7 @@ def test_attention_layer_parity(parity_dir, config, params, kind):
     else:
         sizes, edge_width = (config.agent_width, config.agent_heads, config.agent_ff), None
         layer = params["decoder"]["blocks"][1]["agent_agent"]
-    network = functional(lambda draws: GraphAttention(*sizes, draws=draws, edge_width=edge_width, compute="float32"))
+    network = functional(lambda init: GraphAttention(*sizes, init=init, edge_width=edge_width, compute="float32"))
 
     @jax.jit
     def run(layer, x, mask, r):
@@ -172,8 +172,8 @@ def test_attention_layer_parity(parity_dir, config, params, kind):
         network.apply(layer, x, mask, edges=None if r is None else DenseEdges(r), trace=trace)
         return trace
 
-    r = given["edge/r"].swapaxes(0, 1)[None] if kind == "edge" else None
-    found = run(layer, given[f"{kind}/x"][None], given[f"{kind}/mask"].T[None], r)
+    r = known["edge/r"].swapaxes(0, 1)[None] if kind == "edge" else None
+    found = run(layer, known[f"{kind}/x"][None], known[f"{kind}/mask"].T[None], r)
     wanted = {name.split("/")[1]: x for name, x in reference.items() if name.startswith(f"{kind}/")}
     assert wanted.keys() <= found.keys()
     for name, value in wanted.items():

@@ -1,4 +1,4 @@
-"""Scene (metres) <-> Tokens (unit): round trips of every preset, the official normalisation, consistent links."""
+"""Scene (metres) <-> NormalizedScene (unit): round trips of every preset, the official normalisation, consistent links."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import jax
 import numpy as np
 import pytest
 
-from scjax.models import codec as representation
-from scjax.models.codec import PRESETS, Representation, Tokens
-from scjax.scene import STATE_COLUMNS, AgentType, Layout, Link, Scene, Signal, pad, stack, validate
+from scjax.models import codec as codec
+from scjax.models.codec import PRESETS, NormalizedScene, SceneCodec
+from scjax.scene import STATE_COLUMNS, AgentType, Crop, Link, Scene, Signal, pad, stack, validate
 from tests.factories.examples import example_scene
 from tests.factories.golden import load
 
-LAYOUTS = list(Layout)
+CROPS = list(Crop)
 RAW_COLUMNS = ("x", "y", "speed", "cos", "sin", "length", "width", "z", "height")  # of the parity files
 
 
@@ -29,7 +29,7 @@ def _batch(name: str, *scenes: Scene) -> Scene:
     return pad(stack([preset.select(scenes[i % len(scenes)]) for i in range(3)]), 7, 12)
 
 
-def _encode(name: str, *scenes: Scene) -> Tokens:
+def _encode(name: str, *scenes: Scene) -> NormalizedScene:
     return _compiled(name)(_batch(name, *scenes))
 
 
@@ -38,20 +38,20 @@ def _decode(name: str):
     """Reads tokens back as a decoder's outputs, with these link logits."""
     preset = PRESETS[name]()
 
-    def scene(tokens: Tokens, logits) -> Scene:
-        return preset.scene(
+    def scene(tokens: NormalizedScene, logits) -> Scene:
+        return preset.denormalize(
             tokens.agents, tokens.agent_types, tokens.agent_mask, tokens.lanes, tokens.lane_types, tokens.lane_mask,
-            logits, tokens.layout, tokens.domain,
+            logits, tokens.crop, tokens.domain,
         )  # fmt: skip
 
     return jax.jit(scene)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("crop", CROPS)
 @pytest.mark.parametrize("name", PRESETS)
-def test_round_trip_metres_unit_metres(name, layout):
+def test_round_trip_metres_unit_metres(name, crop):
     preset = PRESETS[name]()
-    examples = [example_scene(seed, agents=6, layout=layout) for seed in range(3)]
+    examples = [example_scene(seed, agents=6, crop=crop) for seed in range(3)]
     scene, tokens = _batch(name, *examples), _encode(name, *examples)
     back = _decode(name)(tokens, 20 * np.eye(len(preset.links), dtype=np.float32)[tokens.links]).to_numpy()
     validate(back)
@@ -59,7 +59,7 @@ def test_round_trip_metres_unit_metres(name, layout):
     np.testing.assert_allclose(back.agents[..., known], scene.agents[..., known], rtol=1e-5, atol=2e-5)
     np.testing.assert_allclose(back.lanes[..., : preset.point_dims], scene.lanes[..., : preset.point_dims], atol=2e-5)
     assert not back.lanes[..., preset.point_dims :].any()
-    for field in ("agent_types", "agent_mask", "lane_mask", "links", "layout", "domain"):
+    for field in ("agent_types", "agent_mask", "lane_mask", "links", "crop", "domain"):
         np.testing.assert_array_equal(getattr(back, field), getattr(scene, field), err_msg=field)
     if preset.lane_classes == "signal":
         np.testing.assert_array_equal(back.signals, scene.signals)
@@ -68,11 +68,11 @@ def test_round_trip_metres_unit_metres(name, layout):
 
 def test_tokens_of_a_single_scene_and_of_a_batch_agree():
     examples = [example_scene(seed) for seed in range(3)]
-    together = _encode("official_waymo", *examples)
+    fused_linear = _encode("official_waymo", *examples)
     # Not jitted: NumPy in, as users call it.
-    alone = PRESETS["official_waymo"]().tokens(_batch("official_waymo", *examples)[1])
-    for field in ("agents", "lanes", "lane_types", "links", "agent_before", "agent_known", "lane_known"):
-        np.testing.assert_allclose(getattr(together, field)[1], getattr(alone, field), atol=1e-6, err_msg=field)
+    alone = PRESETS["official_waymo"]().normalize(_batch("official_waymo", *examples)[1])
+    for field in ("agents", "lanes", "lane_types", "links", "agent_behind", "agent_known", "lane_known"):
+        np.testing.assert_allclose(getattr(fused_linear, field)[1], getattr(alone, field), atol=1e-6, err_msg=field)
 
 
 def test_padding_is_zero_in_tokens():
@@ -83,7 +83,7 @@ def test_padding_is_zero_in_tokens():
 
 def test_window_corners_are_plus_minus_one():
     for name, forward_axis in (("scjax", 0), ("official_nuplan", 0), ("official_waymo", 1)):
-        scene = example_scene(lanes=1, layout=Layout.FORWARD)
+        scene = example_scene(lanes=1, crop=Crop.FORWARD)
         scene.lanes[0, 0, :2], scene.lanes[0, 1, :2] = (0, 32), (64, -32)
         first, second = np.asarray(_encode(name, scene).lanes)[0, 0, :2, :2]
         assert first[forward_axis] == -1 and second[forward_axis] == 1
@@ -92,7 +92,7 @@ def test_window_corners_are_plus_minus_one():
 
 
 def test_waymo_turns_forward_into_plus_y():
-    preset = representation.official_waymo()
+    preset = codec.official_waymo()
     scene = example_scene(agents=1, lanes=1)
     scene.agents[0, :6] = 10, 4, 0, 5, 1, 0  # ten metres ahead, four to the left, driving forward
     scene.agent_types[0] = AgentType.VEHICLE
@@ -114,21 +114,21 @@ def test_lanes_without_signal_are_told_where_the_scene_records_signals():
 
 
 def test_partition_flags():
-    scene = example_scene(agents=3, lanes=2, layout=Layout.PARTITIONED)
+    scene = example_scene(agents=3, lanes=2, crop=Crop.PARTITIONED)
     scene.agents[:3, 0] = -1, 0, 1
     scene.lanes[:2, 9, 0], scene.lanes[:2, 10:, 0] = (-1, 1), 5  # the 10th point decides
     tokens = _encode("scjax", scene)
-    assert np.asarray(tokens.agent_before)[0].tolist() == [True, True, *[False] * 5]
-    assert np.asarray(tokens.lane_before)[0].tolist() == [True, *[False] * 11]
-    tokens = _encode("scjax", scene.replace(layout=np.asarray(Layout.CENTRED, np.int32)))
-    assert not tokens.agent_before.any() and not tokens.lane_before.any()
+    assert np.asarray(tokens.agent_behind)[0].tolist() == [True, True, *[False] * 5]
+    assert np.asarray(tokens.lane_behind)[0].tolist() == [True, *[False] * 11]
+    tokens = _encode("scjax", scene.replace(crop=np.asarray(Crop.CENTERED, np.int32)))
+    assert not tokens.agent_behind.any() and not tokens.lane_behind.any()
 
 
 def test_select_makes_light_tokens_and_leaves_foreign_classes_out():
     scene = example_scene(agents=4, lanes=3)
     scene.agent_types[:4] = list(AgentType)
     scene.signals[:3] = Signal.GO, Signal.UNKNOWN, Signal.STOP
-    chosen = validate(representation.official_nuplan().select(scene))
+    chosen = validate(codec.official_nuplan().select(scene))
     assert chosen.agent_types.tolist() == [AgentType.VEHICLE, AgentType.PEDESTRIAN, AgentType.STATIC]
     assert chosen.signals.tolist() == [0, 0, 0, Signal.GO, Signal.STOP]
     np.testing.assert_array_equal(chosen.lanes[3:], scene.lanes[[0, 2]])
@@ -148,7 +148,7 @@ def test_links_are_consistent_whatever_the_logits(name):
 
 
 def test_links_of_equal_evidence_are_consistent():
-    preset = representation.scjax()
+    preset = codec.scjax()
     logits = np.zeros((3, 12, 12, len(preset.links)), np.float32)
     logits[..., preset.links.index(Link.LEFT)] = logits[..., preset.links.index(Link.RIGHT)] = 1
     made = _decode(preset.name)(_encode(preset.name, example_scene(1)), logits).to_numpy()
@@ -165,28 +165,28 @@ def test_evidence_of_both_directions_decides_a_link():
     assert made.links[0, 0, 1] == Link.PREDECESSOR and made.links[0, 1, 0] == Link.SUCCESSOR
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_normalisation_parity(parity_dir, layout):
+@pytest.mark.parametrize("crop", CROPS)
+def test_normalisation_parity(parity_dir, crop):
     """Golden vectors §9.2: nothing is clipped on the way in; agents to [-1, 1] and lanes to 1000 on the way out."""
     inputs, outputs = (load(parity_dir, f"normalisation_{kind}.npz") for kind in ("inputs", "outputs"))
-    given = {name: value for name, value in inputs.items() if name.startswith(f"type{int(layout)}/")}
-    given = {name.split("/")[1]: value for name, value in given.items()}
-    preset, where = representation.official_nuplan(), np.asarray(int(layout), np.int32)
+    known = {name: value for name, value in inputs.items() if name.startswith(f"type{int(crop)}/")}
+    known = {name.split("/")[1]: value for name, value in known.items()}
+    preset, where = codec.official_nuplan(), np.asarray(int(crop), np.int32)
     order = [RAW_COLUMNS.index(column) for column in STATE_COLUMNS]
-    types = np.zeros(len(given["agents_metres"]), np.int32)  # the release has one range for all classes
-    unit, metres = given["agents_unit"], given["lanes_unit"]
+    types = np.zeros(len(known["agents_metres"]), np.int32)  # the release has one range for all classes
+    unit, metres = known["agents_unit"], known["lanes_unit"]
     made = {
-        "agents_normalised": preset.normalise_agents(given["agents_metres"][:, order], types, where),
-        "lanes_normalised": preset.normalise_lanes(given["lanes_metres"], where),
-        "agents_unnormalised": preset.denormalise_agents(unit, types, where),
-        "lanes_unnormalised": preset.denormalise_lanes(metres, where),
-        "agents_unnormalised_differentiable": preset.denormalise_agents(unit, types, where),
-        "lanes_unnormalised_differentiable": preset.denormalise_lanes(metres, where, clip=1.0),
+        "agents_normalised": preset.normalize_agents(known["agents_metres"][:, order], types, where),
+        "lanes_normalised": preset.normalize_lanes(known["lanes_metres"], where),
+        "agents_unnormalised": preset.denormalize_agents(unit, types, where),
+        "lanes_unnormalised": preset.denormalize_lanes(metres, where),
+        "agents_unnormalised_differentiable": preset.denormalize_agents(unit, types, where),
+        "lanes_unnormalised_differentiable": preset.denormalize_lanes(metres, where, clip=1.0),
     }
-    stored = {name.split("/")[1] for name in outputs if name.startswith(f"type{int(layout)}/")}
+    stored = {name.split("/")[1] for name in outputs if name.startswith(f"type{int(crop)}/")}
     assert stored == set(made)
     for name, value in made.items():
-        expected = outputs[f"type{int(layout)}/{name}"]
+        expected = outputs[f"type{int(crop)}/{name}"]
         np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-6, err_msg=name)
 
 
@@ -195,10 +195,10 @@ def test_wrong_presets_are_refused():
         name="mine", agent_types=(AgentType.VEHICLE,), lane_classes="none", links=tuple(Link), point_dims=2,
         agent_z=(-1.0, 1.0), lane_z=(-1.0, 1.0), speed=(0.0, 30.0), sizes=(((0.0, 1.0),) * 3,),
     )  # fmt: skip
-    Representation(**options)
+    SceneCodec(**options)
     with pytest.raises(ValueError, match="1 agent types but 2 rows"):
-        Representation(**{**options, "sizes": options["sizes"] * 2})
+        SceneCodec(**{**options, "sizes": options["sizes"] * 2})
     with pytest.raises(ValueError, match="point_dims"):
-        Representation(**{**options, "point_dims": 4})
+        SceneCodec(**{**options, "point_dims": 4})
     with pytest.raises(ValueError, match=r"unknown columns \['mass'\]"):
-        Representation(**{**options, "columns": ("x", "mass")})
+        SceneCodec(**{**options, "columns": ("x", "mass")})

@@ -15,15 +15,15 @@ from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.cross_attention import CrossGlobalOptions
 from scjax.nn.functional import count
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 SMALLEST = {
     "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
-    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "given_embedding": True, "waves": 2,
-    "hints": True, "control": CrossGlobalOptions(latent_tokens=3),
+    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "known_embedding": True, "fourier_features": 2,
+    "relative_geometry": True, "cross_attention": CrossGlobalOptions(latent_tokens=3),
 }  # fmt: skip
-WAVES = ("agent_waves", "lane_waves")
+WAVES = ("agent_fourier", "lane_fourier")
 TEXT = TextCondition(width=6)
 SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes
 ROWS = (6, 8)
@@ -46,25 +46,25 @@ def _params(condition=TEXT):
 def _scenes():
     """(z, t, label, masks, given, features) of the three scenes in one batch, padding zero."""
     rng = np.random.default_rng(0)
-    masks = Nodes(
+    masks = PerType(
         agents=np.arange(ROWS[0])[None] < np.array(SIZES)[:, :1],
         lanes=np.arange(ROWS[1])[None] < np.array(SIZES)[:, 1:],
     )
-    widths = Nodes(agents=3, lanes=5)
+    widths = PerType(agents=3, lanes=5)
     z = jax.tree.map(
         lambda mask, width: np.where(mask[..., None], rng.normal(size=(*mask.shape, width)), 0), masks, widths
     )
-    given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.4), masks)
+    known = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.4), masks)
     read = np.arange(7)[None] < np.array([3, 7, 5])[:, None]
     features = TextFeatures(tokens=np.where(read[..., None], rng.normal(size=(3, 7, 6)), 0), mask=read)
-    return z, np.array([3, 99, 40]), np.array([0, 5, 12]), masks, given, features
+    return z, np.array([3, 99, 40]), np.array([0, 5, 12]), masks, known, features
 
 
-def _loss_of_first(params, z, t, label, masks, given, features, dropped):
+def _loss_of_first(params, z, t, label, masks, known, features, dropped):
     """A function of the first scene of the batch only."""
     network = _network()
     cache = network.apply(params, features, dropped, method="encode_condition")
-    eps = network.apply(params, z, t, label, masks, given, cache)
+    eps = network.apply(params, z, t, label, masks, known, cache)
     first = jax.tree.map(lambda x, mask: jnp.where(mask[0][:, None], jnp.sin(x[0]), 0).sum(), eps, masks)
     return first.agents + first.lanes, eps
 
@@ -74,8 +74,8 @@ _gradient = golden.jit(jax.value_and_grad(_loss_of_first, (0, 1), has_aux=True))
 
 
 @golden.jit
-def _unconditional(params, z, t, label, masks, given):
-    return _network(None).apply(params, z, t, label, masks, given)
+def _unconditional(params, z, t, label, masks, known):
+    return _network(None).apply(params, z, t, label, masks, known)
 
 
 @pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-10), (False, 1e-5)])
@@ -86,14 +86,14 @@ def test_padding_batch_and_garbage_never_matter(x64, tolerance):
         cast = lambda tree: jax.tree.map(  # noqa: E731
             lambda x: jnp.asarray(x, dtype) if np.issubdtype(x.dtype, np.floating) else jnp.asarray(x), tree
         )
-        z, t, label, masks, given, features = _scenes()
+        z, t, label, masks, known, features = _scenes()
         params, (agents, lanes), read = cast(jax.device_get(_params())), SIZES[0], 3
 
         def cut(pair):
-            return Nodes(agents=pair.agents[:1, :agents], lanes=pair.lanes[:1, :lanes])
+            return PerType(agents=pair.agents[:1, :agents], lanes=pair.lanes[:1, :lanes])
 
         short = features.replace(tokens=features.tokens[:1, :read], mask=features.mask[:1, :read])
-        alone = cast((cut(z), t[:1], label[:1], cut(masks), cut(given), short, np.zeros(1, bool)))
+        alone = cast((cut(z), t[:1], label[:1], cut(masks), cut(known), short, np.zeros(1, bool)))
         (_, eps), (of_params, of_z) = _gradient(params, *alone)
 
         for garbage in (np.nan, 1e30):
@@ -101,7 +101,7 @@ def test_padding_batch_and_garbage_never_matter(x64, tolerance):
             dropped = np.array([False, False, True])
             valid = features.mask & ~dropped[:, None]
             tokens = np.where(valid[..., None], features.tokens, garbage)
-            batch = cast((spoilt, t, label, masks, given, features.replace(tokens=tokens), dropped))
+            batch = cast((spoilt, t, label, masks, known, features.replace(tokens=tokens), dropped))
             (_, many), (many_of_params, many_of_z) = _gradient(params, *batch)
 
             def close(x, y):
@@ -118,25 +118,25 @@ def test_padding_batch_and_garbage_never_matter(x64, tolerance):
 
 
 def test_dropped_or_empty_condition_is_unconditional():
-    z, t, label, masks, given, features = _cast(_scenes())
+    z, t, label, masks, known, features = _cast(_scenes())
     shared = {name: leaf for name, leaf in _params().items() if name != "context"}
     shared["blocks"] = {i: {n: _without_cross(n, s) for n, s in b.items()} for i, b in shared["blocks"].items()}
-    expected = _unconditional(shared, z, t, label, masks, given)
+    expected = _unconditional(shared, z, t, label, masks, known)
     empty = features.replace(mask=jnp.zeros_like(features.mask))
     for case, dropped in ((features, jnp.ones(3, bool)), (empty, jnp.zeros(3, bool))):
-        _, eps = _evaluate(_params(), z, t, label, masks, given, case, dropped)
+        _, eps = _evaluate(_params(), z, t, label, masks, known, case, dropped)
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6), eps, expected)
 
 
 def test_a_shorter_cache_conditions_the_first_scenes():
-    z, t, label, masks, given, features = _cast(_scenes())
+    z, t, label, masks, known, features = _cast(_scenes())
     dropped = jnp.array([False, True, True])
-    _, expected = _evaluate(_params(), z, t, label, masks, given, features, dropped)
+    _, expected = _evaluate(_params(), z, t, label, masks, known, features, dropped)
 
     @golden.jit
     def shorter(params, features):
         cache = _network().apply(params, features, dropped[:1], method="encode_condition")
-        return _network().apply(params, z, t, label, masks, given, cache)
+        return _network().apply(params, z, t, label, masks, known, cache)
 
     eps = shorter(_params(), jax.tree.map(lambda x: x[:1], features))
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-6), eps, expected)
@@ -154,8 +154,8 @@ def _cast(tree):
 
 def test_fresh_network_ignores_its_condition_and_estimates_zero():
     params = _network().init(jax.random.key(1))
-    z, t, label, masks, given, features = _cast(_scenes())
-    _, eps = _evaluate(params, z, t, label, masks, given, features, jnp.zeros(3, bool))
+    z, t, label, masks, known, features = _cast(_scenes())
+    _, eps = _evaluate(params, z, t, label, masks, known, features, jnp.zeros(3, bool))
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(eps))
     crossed = [params["blocks"][0][name]["cross_adaln"] for name in ("a2l", "l2a", "a2a")]
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(crossed))
@@ -163,16 +163,16 @@ def test_fresh_network_ignores_its_condition_and_estimates_zero():
 
 
 def test_precomputed_modulation_changes_nothing():
-    z, t, label, masks, given, _ = _cast(_scenes())
+    z, t, label, masks, known, _ = _cast(_scenes())
     network, params = _network(None), _params(None)
 
     @golden.jit
-    def through(params, z, t, label, masks, given):
+    def through(params, z, t, label, masks, known):
         counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
         modulation = network.apply(params, t, label, counts, method="modulation")
-        return network.apply(params, z, 0 * t, 0 * label, masks, given, modulation=modulation)
+        return network.apply(params, z, 0 * t, 0 * label, masks, known, modulation=modulation)
 
-    arguments = params, z, t, label, masks, given
+    arguments = params, z, t, label, masks, known
     jax.tree.map(
         functools.partial(np.testing.assert_allclose, rtol=1e-6, atol=1e-6),
         through(*arguments),
@@ -182,34 +182,34 @@ def test_precomputed_modulation_changes_nothing():
 
 def test_position_counts_valid_tokens_only():
     """Holes in the mask: a token's code is its rank among the valid ones."""
-    z, t, label, masks, given, _ = _cast(_scenes())
+    z, t, label, masks, known, _ = _cast(_scenes())
     spread = np.array([0, 2, 3, 5, 7])  # the five lanes of the first scene among eight rows
     holes = masks.replace(lanes=masks.lanes.at[0].set(False).at[0, spread].set(True))
     move = lambda x: jnp.zeros_like(x).at[1:].set(x[1:]).at[0, spread].set(x[0, :5])  # noqa: E731
-    direct = _unconditional(_params(None), z, t, label, masks, given)
+    direct = _unconditional(_params(None), z, t, label, masks, known)
     moved = _unconditional(
-        _params(None), z.replace(lanes=move(z.lanes)), t, label, holes, given.replace(lanes=move(given.lanes))
+        _params(None), z.replace(lanes=move(z.lanes)), t, label, holes, known.replace(lanes=move(known.lanes))
     )
     np.testing.assert_allclose(moved.lanes[0, spread], direct.lanes[0, :5], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(moved.agents, direct.agents, rtol=1e-5, atol=1e-6)
 
 
 def test_given_tokens_are_marked():
-    z, t, label, masks, given, _ = _cast(_scenes())
-    nothing = jax.tree.map(jnp.zeros_like, given)
-    marked, unmarked = (_unconditional(_params(None), z, t, label, masks, flags) for flags in (given, nothing))
+    z, t, label, masks, known, _ = _cast(_scenes())
+    nothing = jax.tree.map(jnp.zeros_like, known)
+    marked, unmarked = (_unconditional(_params(None), z, t, label, masks, flags) for flags in (known, nothing))
     assert all(np.abs(x - y).max() > 1e-3 for x, y in zip(*map(jax.tree.leaves, (marked, unmarked)), strict=True))
 
 
 def test_fresh_waves_are_silent_and_random_ones_are_not():
-    z, t, label, masks, given, _ = _cast(_scenes())
-    params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "waves": 0}))
+    z, t, label, masks, known, _ = _cast(_scenes())
+    params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "fourier_features": 0}))
     fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in WAVES}}
     without = {name: value for name, value in params.items() if name not in WAVES}
-    wanted = golden.jit(plain.apply)(without, z, t, label, masks, given)
-    silent = _unconditional(fresh, z, t, label, masks, given)
+    wanted = golden.jit(plain.apply)(without, z, t, label, masks, known)
+    silent = _unconditional(fresh, z, t, label, masks, known)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), silent, wanted)
-    assert np.abs(_unconditional(params, z, t, label, masks, given).lanes - wanted.lanes).max() > 1e-3
+    assert np.abs(_unconditional(params, z, t, label, masks, known).lanes - wanted.lanes).max() > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_official_parameter_counts(condition, parameters):
 @pytest.mark.parametrize("preset", ["base", "small", "tiny"])
 def test_presets_are_valid(preset):
     config = getattr(configs, preset)(TEXT, domains=3)
-    assert config.null_label == 9 and config.given_embedding
+    assert config.null_label == 9 and config.known_embedding
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_presets_are_valid(preset):
     [
         ({"lane_heads": 3}, "multiple of lane_heads"),
         ({"blocks": 0}, "positive integer"),
-        ({"waves": -1}, "waves must be a positive integer"),
+        ({"fourier_features": -1}, "waves must be a positive integer"),
         ({"agent_width": 7, "agent_heads": 1}, "even"),
     ],
 )

@@ -18,9 +18,9 @@ from scjax.generate.model import _denoiser_config, _described
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.cross_attention import OPTIONS, named
+from scjax.nn.cross_attention import OPTIONS, from_name
 from scjax.nn.functional import flatten
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 CONDITIONS = {"text": TextCondition(width=4), "image": ImageCondition(channels=3, grid=(2, 2), patch=2)}
@@ -30,19 +30,19 @@ SMALL = {
     "squeezed": {"clusters": 3, "iterations": 3, "rule": "top"},
 }  # fmt: skip
 STATISTICS = {"fitted", "threshold"}
-WIDTHS = Nodes(agents=3, lanes=5)
+WIDTHS = PerType(agents=3, lanes=5)
 
 
 def _config(name, kind):
     return DenoiserConfig(
         lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-        max_lanes=9, max_agents=7, condition=CONDITIONS[kind], control=named(name, **SMALL.get(name, {})),
+        max_lanes=9, max_agents=7, condition=CONDITIONS[kind], cross_attention=from_name(name, **SMALL.get(name, {})),
     )  # fmt: skip
 
 
 def _batch(kind):
     rng = np.random.default_rng(0)
-    masks = Nodes(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
+    masks = PerType(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
     latents = jax.tree.map(lambda mask, width: rng.normal(size=(*mask.shape, width)), masks, WIDTHS)
     features = ImageFeatures(dino=rng.normal(size=(2, 3, 2, 2)), depth=rng.random((2, 4, 4)))
     if kind == "text":
@@ -50,7 +50,7 @@ def _batch(kind):
     batch = LatentBatch(
         latents=latents,
         masks=masks,
-        given=jax.tree.map(np.zeros_like, masks),
+        known=jax.tree.map(np.zeros_like, masks),
         label=np.array([1, 7]),
         condition=features,
     )
@@ -88,7 +88,7 @@ def test_training_on_images_exports(name):
     function, arguments = _training(name, "image")
     exported = jax.export.export(function)(*arguments)
     (_, terms), (of_params, _) = jax.tree.unflatten(exported.out_tree, exported.out_avals)
-    assert ("control" in terms) == (name == "saap")
+    assert ("cross_attention" in terms) == (name == "saap")
     assert jax.tree.map(lambda leaf: leaf.shape, of_params) == jax.tree.map(lambda leaf: leaf.shape, arguments[0])
 
 
@@ -98,8 +98,8 @@ def test_training_on_text(name):
     function, arguments = _training(name, "text")
     exported = jax.export.export(function)(*arguments)
     (value, terms), (of_params, of_condition) = golden.jit(exported.call)(*arguments)
-    assert np.isfinite(value) and ("control" in terms) == (name == "saap")
-    np.testing.assert_allclose(value, terms["total"] + terms.get("control", 0), rtol=1e-6)
+    assert np.isfinite(value) and ("cross_attention" in terms) == (name == "saap")
+    np.testing.assert_allclose(value, terms["total"] + terms.get("cross_attention", 0), rtol=1e-6)
     crossed = {path: np.asarray(leaf) for path, leaf in flatten(of_params).items() if "cross" in path}
     assert all(np.all(np.isfinite(leaf)) for leaf in crossed.values())
     idle = {path for path, leaf in crossed.items() if not np.any(leaf)}
@@ -142,7 +142,7 @@ def test_guidance_needs_no_null_cache(name="concat"):
             return sample(
                 guided(lambda z, t: network.apply(params, z, t, labels, twice, None, cache), 2.0),
                 respaced(cosine_schedule(), 2), jax.random.split(jax.random.key(0), 2), batch.masks, widths=WIDTHS,
-                most=Nodes(agents=7, lanes=9), prediction="velocity",
+                most=PerType(agents=7, lanes=9), prediction="velocity",
             )  # fmt: skip
 
         return draw(encode(False)), draw(join(encode(False), encode(True)))

@@ -14,7 +14,7 @@ from scjax.data.token_order import order, partition
 from scjax.models.denoiser.context import depth_cells, normalise_depth
 from scjax.models.denoiser.embed import image_table, position_table, time_code
 from scjax.models.latents import LatentStatistics, statistics
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 
@@ -27,19 +27,21 @@ def test_item_latents_parity(item):
     inputs, outputs = item
     agents, lanes = inputs["agent_states"][:, :2], inputs["lane_points"]
     perms = order(lanes, agents)
-    given = partition(lanes[perms.lanes], agents[perms.agents])
-    np.testing.assert_array_equal(given.agents, outputs["agent_partition_mask"])
-    np.testing.assert_array_equal(given.lanes, outputs["lane_partition_mask"])
+    known = partition(lanes[perms.lanes], agents[perms.agents])
+    np.testing.assert_array_equal(known.agents, outputs["agent_partition_mask"])
+    np.testing.assert_array_equal(known.lanes, outputs["lane_partition_mask"])
 
     mean, spread, noise = (
-        Nodes(agents=inputs[keys[0]], lanes=inputs[keys[1]])
+        PerType(agents=inputs[keys[0]], lanes=inputs[keys[1]])
         for keys in (("agent_mu", "lane_mu"), ("agent_logvar", "lane_logvar"), ("noise_agent", "noise_lane"))
     )
     z = jax.tree.map(lambda m, s, n, perm: m[perm] + np.exp(0.5 * s[perm]) * n, mean, spread, noise, perms)
     stored = {kind: inputs[f"latent_mean_std_{kind}"] for kind in ("agent", "lane")}
-    known = LatentStatistics(*(Nodes(agents=float(stored["agent"][i]), lanes=float(stored["lane"][i])) for i in (0, 1)))
-    normalised = known.normalise(z)
-    back = known.denormalise(normalised)
+    known = LatentStatistics(
+        *(PerType(agents=float(stored["agent"][i]), lanes=float(stored["lane"][i])) for i in (0, 1))
+    )
+    normalised = known.normalize(z)
+    back = known.denormalize(normalised)
     for kind, leaf, whole in (("agent", normalised.agents, back.agents), ("lane", normalised.lanes, back.lanes)):
         assert golden.relative(leaf, outputs[f"latents_{kind}"]) < 1e-5
         assert golden.relative(whole, outputs[f"latents_{kind}_unnormalised"]) < 1e-5
@@ -80,18 +82,18 @@ def test_tables_parity(parity_dir):
 
 def test_statistics_are_those_of_the_valid_numbers():
     rng = np.random.default_rng(0)
-    shape = Nodes(agents=(3, 4, 5), lanes=(3, 6, 7))
-    draws = [jax.tree.map(lambda s: rng.normal(2, 3, s), shape, is_leaf=lambda x: isinstance(x, tuple)) for _ in "ab"]
-    masks = [jax.tree.map(lambda x: rng.random(x.shape[:2]) < 0.7, draw) for draw in draws]
+    shape = PerType(agents=(3, 4, 5), lanes=(3, 6, 7))
+    init = [jax.tree.map(lambda s: rng.normal(2, 3, s), shape, is_leaf=lambda x: isinstance(x, tuple)) for _ in "ab"]
+    masks = [jax.tree.map(lambda x: rng.random(x.shape[:2]) < 0.7, draw) for draw in init]
     garbage = [
         jax.tree.map(lambda x, mask: np.where(mask[..., None], x, np.nan), *pair)
-        for pair in zip(draws, masks, strict=True)
+        for pair in zip(init, masks, strict=True)
     ]
     found = statistics(garbage, masks)
     for kind in ("agents", "lanes"):
-        values = np.concatenate([getattr(x, kind)[getattr(m, kind)] for x, m in zip(draws, masks, strict=True)])
+        values = np.concatenate([getattr(x, kind)[getattr(m, kind)] for x, m in zip(init, masks, strict=True)])
         np.testing.assert_allclose(getattr(found.mean, kind), values.mean())
         np.testing.assert_allclose(getattr(found.std, kind), values.std())
     assert LatentStatistics(**json.loads(json.dumps(dataclasses.asdict(found)))) == found
     with pytest.raises(ValueError, match="no valid agents"):
-        statistics(draws, [jax.tree.map(np.zeros_like, mask) for mask in masks])
+        statistics(init, [jax.tree.map(np.zeros_like, mask) for mask in masks])

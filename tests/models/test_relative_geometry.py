@@ -9,7 +9,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.models.denoiser.position_head import POINTS
 from scjax.models.denoiser.relative_geometry import about_agents, about_lanes
 from scjax.nn.functional import flatten, unflatten
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 SIZES = {
@@ -41,7 +41,7 @@ def test_a_lane_is_told_how_far_the_next_begins():
 def test_an_agent_is_told_of_its_lane_and_of_who_stands_in_its_way():
     lane = jnp.asarray([[_lane((-20, 0), (20, 0))]])
     agents = jnp.asarray([[[(3.0, 1.5), (13.0, 1.5)], [(6.0, 1.5), (16.0, 1.5)]]])
-    masks = Nodes(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
+    masks = PerType(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
     told = np.asarray(about_agents(agents, lane, masks))[0, 0]
     for k, scale in enumerate((2.0, 4.0, 8.0)):
         weight = _weight(3.0, scale)
@@ -59,7 +59,7 @@ def test_hints_are_the_same_wherever_the_scene_lies_and_never_of_padding():
     rng = np.random.default_rng(0)
     with jax.enable_x64(True):
         lanes, agents = rng.normal(0, 4, (2, 5, POINTS.lanes, 2)), rng.normal(0, 4, (2, 4, 2, 2))
-        masks = Nodes(
+        masks = PerType(
             agents=jnp.arange(4)[None] < jnp.array([[4], [2]]), lanes=jnp.arange(5)[None] < jnp.array([[3], [5]])
         )
 
@@ -81,15 +81,15 @@ def test_hints_are_the_same_wherever_the_scene_lies_and_never_of_padding():
 
 def test_fresh_hints_are_silent_and_random_ones_are_not():
     rng = np.random.default_rng(0)
-    masks = Nodes(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(6)[None] < np.array([[3], [6]]))
-    widths = Nodes(agents=3, lanes=5)
+    masks = PerType(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(6)[None] < np.array([[3], [6]]))
+    widths = PerType(agents=3, lanes=5)
     z = jax.tree.map(lambda m, w: rng.normal(size=(*m.shape, w)).astype(np.float32), masks, widths)
-    hinted, plain = (denoiser(DenoiserConfig(**SIZES, hints=flag)) for flag in (True, False))
+    hinted, plain = (denoiser(DenoiserConfig(**SIZES, relative_geometry=flag)) for flag in (True, False))
     leaves = flatten(hinted.init(jax.random.key(0)))
-    assert not any(np.any(leaf) for path, leaf in leaves.items() if path[0] == "hints")
+    assert not any(np.any(leaf) for path, leaf in leaves.items() if path[0] == "relative_geometry")
     noisy = {path: leaf + 0.3 * rng.normal(size=leaf.shape).astype(np.float32) for path, leaf in leaves.items()}
-    silent = {path: 0 * leaf if path[0] == "hints" else leaf for path, leaf in noisy.items()}
-    unhinted = {path: leaf for path, leaf in noisy.items() if path[0] not in ("hints", "anchors")}
+    silent = {path: 0 * leaf if path[0] == "relative_geometry" else leaf for path, leaf in noisy.items()}
+    unhinted = {path: leaf for path, leaf in noisy.items() if path[0] not in ("relative_geometry", "position_heads")}
 
     with_hints, without = golden.jit(hinted.apply), golden.jit(plain.apply)
     t, label = np.array([3, 70]), np.array([0, 5])

@@ -13,14 +13,14 @@ from flax import nnx
 
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.stage import Stage
-from scjax.nn.cross_attention import ContextLayout, GatedOptions, named
+from scjax.nn.cross_attention import ContextSpec, GatedOptions, from_name
 from scjax.nn.functional import flatten, functional, unflatten
 from scjax.train.ema import update_ema
 from scjax.train.optimizer import adamw
 from tests.factories import golden
 
 WIDTH, HEADS, STEPS = 8, 2, 4
-IMAGE = ContextLayout(kind="image", grid=(2, 2), modalities=2)
+IMAGE = ContextSpec(kind="image", grid=(2, 2), modalities=2)
 OPTIONS = {
     "concat": {}, "full": {"memory_tokens": 2}, "gated": {"feed_forward": True}, "linear": {"dwc": "value"},
     "agent": {"tokens": 3, "pooling": "set", "grid_bias": True},
@@ -34,10 +34,10 @@ UNSEEN = {("stage", "cross", "k_norm", "bias"), ("stage", "k", "bias")}  # shift
 class Conditioned(nnx.Module):
     """A stage that encodes what it reads."""
 
-    def __init__(self, name, init, *, draws):
+    def __init__(self, name, adaln_init, *, init):
         self.stage = Stage(
-            WIDTH, HEADS, draws=draws, mlp_ratio=1, control=named(name, **OPTIONS[name]), layout=IMAGE,
-            cross_adaln_init=init,
+            WIDTH, HEADS, init=init, mlp_ratio=1, cross_attention=from_name(name, **OPTIONS[name]), spec=IMAGE,
+            cross_adaln_init=adaln_init,
         )  # fmt: skip
 
     def __call__(self, x, mask, to, context):
@@ -49,12 +49,12 @@ class Conditioned(nnx.Module):
 @functools.cache
 def _step(name):
     """One step of the project's optimiser and moving average, without warm-up and decay, which also move leaves."""
-    made, rng = functional(lambda draws: Conditioned(name, "zero", draws=draws)), np.random.default_rng(0)
+    made, rng = functional(lambda init: Conditioned(name, "zero", init=init)), np.random.default_rng(0)
     x, to, context, target = (
         jnp.asarray(rng.normal(size=(2, *size)), jnp.float32) for size in ((6, WIDTH), (WIDTH,), (8, WIDTH), (6, WIDTH))
     )
     mask = jnp.arange(6)[None] < jnp.array([[6], [4]])
-    optimiser = adamw(learning_rate=1e-2, steps=10, warmup=0, weight_decay=0.0)
+    optimizer = adamw(learning_rate=1e-2, steps=10, warmup=0, weight_decay=0.0)
 
     def loss(params):
         y, aux = made.apply(params, x, mask, to, context)
@@ -62,20 +62,20 @@ def _step(name):
 
     @golden.jit
     def step(params, ema, moments, number):
-        updates, moments = optimiser.update(jax.grad(loss)(params), moments, params)
+        updates, moments = optimizer.update(jax.grad(loss)(params), moments, params)
         params = optax.apply_updates(params, updates)
         return params, update_ema(ema, params, number, 0.9), moments
 
-    return optimiser, step
+    return optimizer, step
 
 
 def _history(name, init, **changes):
     """The leaves at the start and after each step, and the moving average at the end; ``changes`` of initial leaves."""
-    params = functional(lambda draws: Conditioned(name, init, draws=draws)).init(jax.random.key(0))
+    params = functional(lambda init: Conditioned(name, init, init=init)).init(jax.random.key(0))
     leaves = flatten(params)
     params = unflatten({path: changes.get(path[-1], leaf) for path, leaf in leaves.items()})
-    optimiser, step = _step(name)
-    ema, moments, history = params, optimiser.init(params), [jax.device_get(flatten(params))]
+    optimizer, step = _step(name)
+    ema, moments, history = params, optimizer.init(params), [jax.device_get(flatten(params))]
     for number in range(1, STEPS + 1):
         params, ema, moments = step(params, ema, moments, number)
         history.append(jax.device_get(flatten(params)))
@@ -122,5 +122,7 @@ def test_two_zeros_never_train():
     free = _unlocked(_history("gated", "xavier", **shut)[0])
     assert free["stage", "cross", "gate"] == 1 and free["stage", "cross", "q", "kernel"] == 2
     with pytest.raises(ValueError, match="never trains"):
-        DenoiserConfig(control=GatedOptions(start=0.0))
-    assert DenoiserConfig(control=GatedOptions(start=0.0), cross_adaln_init="xavier").control == GatedOptions(start=0.0)
+        DenoiserConfig(cross_attention=GatedOptions(start=0.0))
+    assert DenoiserConfig(
+        cross_attention=GatedOptions(start=0.0), cross_adaln_init="xavier"
+    ).cross_attention == GatedOptions(start=0.0)

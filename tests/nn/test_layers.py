@@ -3,26 +3,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.nn.init import Draws
-from scjax.nn.layers import Linear, together
+from scjax.nn.init import ParamInit
+from scjax.nn.layers import Linear, fused_linear
 
 X = jax.random.normal(jax.random.key(1), (2, 5, 8))
 
 
 def layers():
-    draws = Draws(jax.random.uniform(jax.random.key(0), (100,), minval=-1.0))
-    return [Linear(8, features, draws=draws) for features in (3, 4)]
+    init = ParamInit(jax.random.uniform(jax.random.key(0), (100,), minval=-1.0))
+    return [Linear(8, features, init=init) for features in (3, 4)]
 
 
 def test_layers_together_are_the_layers_and_read_no_zeros_after_x():
     for zeros in (0, 4):
         padded = jnp.pad(X, ((0, 0), (0, 0), (0, zeros)))
-        for found, layer in zip(together(layers(), padded, zeros), layers(), strict=True):
+        for found, layer in zip(fused_linear(layers(), padded, zeros), layers(), strict=True):
             np.testing.assert_allclose(found, layer(X), 1e-5, 1e-5)
 
 
 def test_layers_together_refuse_another_width():
     with pytest.raises(TypeError, match=r"matmul|contracting"):
-        together(layers(), X[..., :7])
+        fused_linear(layers(), X[..., :7])
     with pytest.raises(TypeError, match=r"matmul|contracting"):
-        together(layers(), jnp.pad(X, ((0, 0), (0, 0), (0, 5))), 4)
+        fused_linear(layers(), jnp.pad(X, ((0, 0), (0, 0), (0, 5))), 4)

@@ -10,8 +10,8 @@ from scjax.nn.sharding import scene_mesh, spread
 
 def scenes(scale, keys, values, nothing):
     """Shared scale; per scene a draw from its own key and a sum of its own row."""
-    draws = jax.vmap(lambda key: jax.random.normal(key, (3,)))(keys)
-    return {"draws": draws * scale, "sums": values.sum(1), "nothing": nothing}
+    init = jax.vmap(lambda key: jax.random.normal(key, (3,)))(keys)
+    return {"draws": init * scale, "sums": values.sum(1), "nothing": nothing}
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 8])

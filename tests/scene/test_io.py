@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from scjax.scene import Layout, Link, Scene, empty, validate
+from scjax.scene import Crop, Link, Scene, empty, validate
 from scjax.scene import io as scene_io
 from tests.factories.examples import example_batch, example_scene
 
@@ -17,7 +17,7 @@ SCENES = {
     "single": example_scene,
     "batch": lambda: example_batch(3),
     "grid": lambda: jax.tree.map(lambda leaf: leaf.reshape(2, 2, *leaf.shape[1:]), example_batch(4)),
-    "forward": lambda: example_scene(layout=Layout.FORWARD),
+    "forward": lambda: example_scene(crop=Crop.FORWARD),
     "nothing": lambda: empty(0, 0),
     "no scenes": lambda: example_batch(2)[:0],
     "jax": lambda: jax.tree.map(jax.numpy.asarray, example_scene()),
@@ -89,7 +89,7 @@ def test_a_file_written_by_hand_needs_little():
     scene = validate(scene_io.from_json(json.dumps(data)))[0]
     assert scene.links[1, 0] == Link.LEFT and scene.links[0, 1] == Link.RIGHT
     assert scene.agents[0].tolist() == pytest.approx([0, 0, 0.8, 5, 1, 0, 4.5, 2, 1.6])
-    assert scene.agent_known.all() and scene.layout == Layout.CENTRED
+    assert scene.agent_known.all() and scene.crop == Crop.CENTERED
 
 
 def _without(key):
@@ -163,7 +163,7 @@ def _arrays() -> dict:
     [
         (lambda d: d.update(format_version=2), "format version 2, this scjax reads 1"),
         (lambda d: d.pop("format_version"), "no format version"),
-        (lambda d: (d.pop("links"), d.pop("layout")), r"lacks the arrays \['layout', 'links'\]"),
+        (lambda d: (d.pop("links"), d.pop("crop")), r"lacks the arrays \['layout', 'links'\]"),
         (lambda d: d.update(signals=d["signals"] * 1.5), "signals is float64, not int32"),
         (lambda d: d.update(signals=d["signals"][:3]), "invalid scene: signals has shape"),
         (lambda d: d.update(agents=np.array([{}], object)), "no readable .npz scene"),

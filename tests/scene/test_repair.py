@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.metrics.realism import joint_gaps, overlapping_pairs
+from scjax.metrics.realism import connection_gaps, overlapping_pairs
 from scjax.scene import AgentType, Link, Scene, empty, pad, stack
 from scjax.scene.repair import join_lanes, repair, separate, smooth_lanes
 
@@ -57,7 +57,7 @@ def bends(scene: Scene) -> float:
 def test_joints_close_in_the_middle_and_lanes_follow():
     scene = chain(1.0)
     joined = join_lanes(scene)
-    np.testing.assert_allclose(joint_gaps(joined), 0, atol=1e-6)
+    np.testing.assert_allclose(connection_gaps(joined), 0, atol=1e-6)
     np.testing.assert_allclose(joined.lanes[0, -1], [10, 0.5, 0], atol=1e-6)
     np.testing.assert_allclose(joined.lanes[0, 0], scene.lanes[0, 0])  # a free end
     steps = np.linalg.norm(np.diff(joined.lanes[..., :2], axis=1), axis=-1)
@@ -96,9 +96,9 @@ def test_of_joints_that_would_fold_a_lane_the_widest_goes():
     scene.lanes[1, :, 0] = 10 + 0.2 * (scene.lanes[1, :, 0] - 10)  # the second one has 2 m,
     scene.lanes[2, :, 0] -= 8
     scene.links[0, 2], scene.links[2, 0] = Link.PREDECESSOR, Link.SUCCESSOR  # which this link leaves out
-    np.testing.assert_allclose(sorted(joint_gaps(scene)), [0.5, 0.5, np.hypot(2, 1)], rtol=1e-5)
+    np.testing.assert_allclose(sorted(connection_gaps(scene)), [0.5, 0.5, np.hypot(2, 1)], rtol=1e-5)
     joined = join_lanes(scene)
-    np.testing.assert_allclose(joint_gaps(joined), 0, atol=1e-6)
+    np.testing.assert_allclose(connection_gaps(joined), 0, atol=1e-6)
     assert joined.links[0, 2] == joined.links[2, 0] == Link.NONE
     assert joined.links[0, 1] == joined.links[1, 2] == Link.PREDECESSOR
     length = np.linalg.norm(np.diff(joined.lanes[..., :2], axis=1), axis=-1).sum(-1)

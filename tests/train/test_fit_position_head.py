@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from scjax.data.loader import Example, batch_of
-from scjax.models.denoiser.position_head import AHEAD, UNIT, Anchors
+from scjax.models.denoiser.position_head import AHEAD, UNIT, PositionHead
 from scjax.nn.functional import functional
-from scjax.scene import Layout, unpadded
-from scjax.scene.per_type import Nodes
+from scjax.scene import Crop, unpadded
+from scjax.scene.per_type import PerType
 from scjax.train import fit_position_head as anchors
 from tests.factories.examples import example_scene
 
@@ -18,8 +18,8 @@ SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
 
 
 def _batch(seed):
-    layouts = list(Layout)
-    scenes = [unpadded(example_scene(seed + k, layout=layouts[k % 3]).to_numpy()) for k in range(12)]
+    crops = list(Crop)
+    scenes = [unpadded(example_scene(seed + k, crop=crops[k % 3]).to_numpy()) for k in range(12)]
     return batch_of([Example(scene=scene) for scene in scenes], (6, 8))
 
 
@@ -43,13 +43,13 @@ def test_points_are_learned_from_latents(capsys, monkeypatch):
     def latents_of(scene):
         points = jax.tree.map(lambda x: x.reshape(*x.shape[:2], -1), anchors.points_of(scene))
         bent = {kind: np.sinh(points[kind] / 2) @ mixing[kind] for kind in points}
-        return Nodes(**{kind: value.astype(np.float32) for kind, value in bent.items()})
+        return PerType(**{kind: value.astype(np.float32) for kind, value in bent.items()})
 
     found = anchors.fit_anchors((_batch(12 * k) for k in itertools.count()), latents_of, jax.random.key(0))
     assert "median" in capsys.readouterr().out
     unseen = _batch(10_000).scene
     latents, wanted = latents_of(unseen), anchors.points_of(unseen)
     for kind, mask in (("agents", unseen.agent_mask), ("lanes", unseen.lane_mask)):
-        network = functional(lambda draws, kind=kind: Anchors(*SIZES[kind], draws=draws))
+        network = functional(lambda draws, kind=kind: PositionHead(*SIZES[kind], draws=draws))
         read = network.apply(found[kind], jnp.asarray(getattr(latents, kind)))
         assert np.median(np.linalg.norm(read - wanted[kind], axis=-1)[mask]) * UNIT < 1.0

@@ -9,7 +9,7 @@ import optax
 import pytest
 
 from scjax.nn.functional import flatten
-from scjax.train.flat_params import KEPT, Packing, trained
+from scjax.train.flat_params import KEPT, FlatParams, trained
 from scjax.train.optimizer import adamw
 
 
@@ -25,7 +25,7 @@ def params():
 
 @pytest.mark.parametrize("kept", [frozenset(), frozenset({("table",), ("layers", 1, "kernel")})])
 def test_unpacking_what_was_packed_gives_it_back(params, kept):
-    packing = Packing.of(jax.eval_shape(lambda: params), kept)
+    packing = FlatParams.of(jax.eval_shape(lambda: params), kept)
     vectors = packing.pack(params)
     assert {name: len(vector) for name, vector in vectors.items()} == (
         {"kernel": 6, "rest": 7, "kept": 13} if kept else {"kernel": 14, "rest": 12}
@@ -38,19 +38,19 @@ def test_unpacking_what_was_packed_gives_it_back(params, kept):
 
 def test_an_optimiser_does_to_vectors_what_it_does_to_arrays(params):
     """Clipped together, weight decay on kernels alone."""
-    optimiser = adamw(learning_rate=0.1, steps=10, warmup=1, weight_decay=0.3, clip=0.5)
-    assert_same_steps(params, optimiser, optimiser, rtol=1e-6, atol=1e-7)
+    optimizer = adamw(learning_rate=0.1, steps=10, warmup=1, weight_decay=0.3, clip=0.5)
+    assert_same_steps(params, optimizer, optimizer, rtol=1e-6, atol=1e-7)
 
 
 def assert_same_steps(params, of_arrays, of_vectors, **tolerances):
     """Four steps of one optimiser on arrays and of another on their vectors end at the same parameters."""
-    packing = Packing.of(params)
+    packing = FlatParams.of(params)
     arrays, vectors = params, packing.pack(params)
     states = of_arrays.init(arrays), of_vectors.init(vectors)
     for step in range(4):
-        given = gradients(params, step)
-        updates, first = of_arrays.update(given, states[0], arrays)
-        packed, second = of_vectors.update(packing.pack(given), states[1], vectors)
+        known = gradients(params, step)
+        updates, first = of_arrays.update(known, states[0], arrays)
+        packed, second = of_vectors.update(packing.pack(known), states[1], vectors)
         arrays, vectors, states = (
             optax.apply_updates(arrays, updates), optax.apply_updates(vectors, packed), (first, second)
         )  # fmt: skip

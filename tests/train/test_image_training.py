@@ -17,7 +17,7 @@ from scjax.data.loader import PipelineConfig, training_batches, validation_scene
 from scjax.generate.conditions import Condition
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.config import ImageCondition
-from scjax.scene import Layout, unpadded, validate
+from scjax.scene import Crop, unpadded, validate
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import make_records, tiny_model
 
@@ -31,11 +31,11 @@ def folder(tmp_path_factory):
     return folder
 
 
-def configured(folder, layouts=(1.0, 0.0, 1.0)):
+def configured(folder, crops=(1.0, 0.0, 1.0)):
     config = get_config("denoiser")
     config.records, config.autoencoder = str(folder / "records"), str(folder / "autoencoder")
-    config.condition, config.batch.layouts = "image", layouts
-    config.optimiser.schedule = "constant"  # a linear one ends after its warm-up
+    config.condition, config.batch.crops = "image", crops
+    config.optimizer.schedule = "constant"  # a linear one ends after its warm-up
     config.steps, config.checkpoint_every, config.picture_every, config.evaluate_every = 2, 1, 0, 2
     return config
 
@@ -48,7 +48,7 @@ def test_batches_carry_what_is_seen_from_their_jittered_windows(folder):
         batch = next(batches)
         for row in range(4):
             present += bool(batch.has_image[row])
-            assert batch.has_image[row] == (batch.scene.layout[row] == Layout.FORWARD)
+            assert batch.has_image[row] == (batch.scene.crop[row] == Crop.FORWARD)
             if batch.has_image[row]:
                 expected = stand_in(unpadded(batch.scene[row]))
                 chex.assert_trees_all_equal((batch.image[row], batch.depth[row]), tuple(expected))
@@ -80,17 +80,17 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(folder, trained):
 def test_the_model_is_sampled_with_an_image(folder, trained):
     assert trained.denoiser_config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
     assert trained.notes["images"] == "scjax.camera.raycast"
-    scene = validation_scenes(folder / "records", trained.representation, layout=Layout.FORWARD)[0]
+    scene = validation_scenes(folder / "records", trained.codec, crop=Crop.FORWARD)[0]
     features = stand_in(scene)
-    condition = Condition(image=features.image, depth=features.depth, layout=Layout.FORWARD, num_lanes=5, num_agents=3)
+    condition = Condition(image=features.image, depth=features.depth, crop=Crop.FORWARD, num_lanes=5, num_agents=3)
     made = scjax.sample(jax.random.key(0), condition, model=trained, steps=2)
     validate(made)
-    assert made.layout.tolist() == [Layout.FORWARD] and np.isfinite(made.lanes).all()
+    assert made.crop.tolist() == [Crop.FORWARD] and np.isfinite(made.lanes).all()
 
 
 def test_mistakes_are_told(folder):
     with pytest.raises(ValueError, match="the forward one, the last, never occurs"):
-        train(configured(folder, layouts=(1.0, 1.0, 0.0)), folder / "never")
+        train(configured(folder, crops=(1.0, 1.0, 0.0)), folder / "never")
     config = configured(folder)
     config.condition = "picture"
     with pytest.raises(ValueError, match='"none", "text" or "image"'):

@@ -11,7 +11,7 @@ from optax.contrib import MuonDimensionNumbers
 from optax.contrib import muon as optax_muon
 
 from scjax.nn.functional import flatten
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.muon import muon, stacked, unstacked
 from scjax.train.optimizer import clip_by_global_norm, learning_rates
 from tests.train.test_flat_params import assert_same_steps, gradients
@@ -40,22 +40,22 @@ def test_an_update_of_vectors_is_that_of_arrays(params):
         clip_by_global_norm(0.5),
         optax_muon(rates, weight_decay=0.3, consistent_rms=0.2, muon_weight_dimension_numbers=dimensions),
     )
-    ours = muon(Packing.of(params), learning_rate=0.1, weight_decay=0.3, clip=0.5, **_SCHEDULE)
+    ours = muon(FlatParams.of(params), learning_rate=0.1, weight_decay=0.3, clip=0.5, **_SCHEDULE)
     assert_same_steps(params, plain, ours, rtol=1e-4, atol=1e-5)
 
 
 def test_a_kernel_moves_by_much_the_same_in_every_direction(params):
     """Singular values of an update lie around 0.2 sqrt(larger side) times the rate, though the gradient's do not."""
-    packing = Packing.of(params)
-    optimiser = muon(packing, learning_rate=0.1, weight_decay=0.0, clip=None, steps=10, warmup=0)
+    packing = FlatParams.of(params)
+    optimizer = muon(packing, learning_rate=0.1, weight_decay=0.0, clip=None, steps=10, warmup=0)
     vectors = packing.pack(params)
     slopes = gradients(params, 0)
-    updates, _ = optimiser.update(packing.pack(slopes), optimiser.init(vectors), vectors)
+    updates, _ = optimizer.update(packing.pack(slopes), optimizer.init(vectors), vectors)
     for path, update in flatten(packing.unpack(updates)).items():
         if path[-1] == "kernel":
-            given = np.linalg.svd(flatten(slopes)[path], compute_uv=False)
+            known = np.linalg.svd(flatten(slopes)[path], compute_uv=False)
             found = np.linalg.svd(update, compute_uv=False) / (0.1 * 0.2 * np.sqrt(max(update.shape)))
-            assert given.max() / given.min() > 2 > found.max() / found.min()
+            assert known.max() / known.min() > 2 > found.max() / found.min()
             assert 0.5 < found.min() < found.max() < 1.5
 
 

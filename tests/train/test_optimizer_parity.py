@@ -35,10 +35,10 @@ def vectors(parity_dir):
 def test_optimiser_parity(vectors):
     inputs, outputs, decays = vectors
     params = _tree(inputs, "param/", decays)
-    optimiser = adamw(learning_rate=0.01, steps=10, warmup=2, schedule="linear", weight_decay=0.1)
+    optimizer = adamw(learning_rate=0.01, steps=10, warmup=2, schedule="linear", weight_decay=0.1)
     rate = learning_rates(0.01, steps=10, warmup=2, schedule="linear")
-    shadows, state = {0.9999: params, 0.3: params}, optimiser.init(params)
-    update = jax.jit(optimiser.update)
+    shadows, state = {0.9999: params, 0.3: params}, optimizer.init(params)
+    update = jax.jit(optimizer.update)
     for k in range(5):
         gradients = _tree(inputs, f"grad{k}/", decays)
         np.testing.assert_allclose(

@@ -7,9 +7,9 @@ import ml_collections
 import numpy as np
 import pytest
 
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
-from scjax.train.step import initial, optimiser_of, training_step
+from scjax.train.step import initial, make_optimizer, training_step
 
 
 def objective(params, batch, key):
@@ -24,10 +24,10 @@ def config(kind):
 
 def run(devices, steps=3, kind="adamw", **options):
     params = {"kernel": jnp.linspace(-1.0, 1.0, 6).reshape(3, 2)}
-    packing = Packing.of(params)
-    optimiser = optimiser_of(config(kind), packing)
-    step = training_step(objective, packing, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
-    state = initial(params, packing, optimiser)
+    packing = FlatParams.of(params)
+    optimizer = make_optimizer(config(kind), packing)
+    step = training_step(objective, packing, optimizer, ema_decay=0.9, seed=0, batch_size=4, devices=devices, **options)
+    state = initial(params, packing, optimizer)
     batch = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
     for _ in range(steps):
         state, metrics = step(state, batch)
@@ -62,17 +62,17 @@ def test_a_share_in_parts_is_the_same_step(at_once):
 
 def test_an_unknown_optimiser_is_named():
     with pytest.raises(ValueError, match='must be "adamw" or "muon", not \'adam\''):
-        optimiser_of(config("adam"), Packing.of({"kernel": jnp.ones((3, 2))}))
+        make_optimizer(config("adam"), FlatParams.of({"kernel": jnp.ones((3, 2))}))
 
 
 def test_every_shape_of_a_batch_is_traced_once():
     """One program a bucket, however many steps are run."""
-    optimiser = adamw(learning_rate=1e-2, steps=10, warmup=1)
+    optimizer = adamw(learning_rate=1e-2, steps=10, warmup=1)
     traced = chex.assert_max_traces(objective, n=2)
     params = {"kernel": jnp.ones((3, 2))}
-    packing = Packing.of(params)
-    step = training_step(traced, packing, optimiser, ema_decay=0.9, seed=0, batch_size=4, devices=jax.devices()[:1])
-    state = initial(params, packing, optimiser)
+    packing = FlatParams.of(params)
+    step = training_step(traced, packing, optimizer, ema_decay=0.9, seed=0, batch_size=4, devices=jax.devices()[:1])
+    state = initial(params, packing, optimizer)
     for rows in (4, 8, 4, 8, 4):
         state, _ = step(state, np.ones((rows, 3), np.float32))
     assert state.step == 5

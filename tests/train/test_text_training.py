@@ -56,7 +56,7 @@ def configured(stage: str, folder):
     config.records = str(folder / "records")
     config.steps, config.evaluate_every, config.picture_every, config.checkpoint_every = 3, 3, 0, 3
     if stage == "denoiser":
-        config.autoencoder, config.model.hints = str(folder / "autoencoder"), True
+        config.autoencoder, config.model.relative_geometry = str(folder / "autoencoder"), True
     return config
 
 
@@ -64,8 +64,8 @@ def configured(stage: str, folder):
 def text_model(folder):
     config = configured("denoiser", folder)
     config.condition, config.start, config.freeze = "text", str(folder / "base" / "model"), True
-    config.loss.collision, config.loss.joints, config.loss.offsets = 0.1, 0.3, 0.1
-    config.control, config.control_options.windowed.window = "windowed", 4
+    config.loss.collision, config.loss.connections, config.loss.lateral_offsets = 0.1, 0.3, 0.1
+    config.cross_attention, config.cross_attention_options.windowed.window = "windowed", 4
     train(config, folder / "text")
     return scjax.load(folder / "text" / "model")
 
@@ -77,7 +77,7 @@ def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
     examples = validation_examples(config, presets.scjax())
     sizes = [(example.scene.agent_mask.shape[-1], example.scene.lane_mask.shape[-1]) for example in examples]
     assert max(agents for agents, _ in sizes) == 4 and max(lanes for _, lanes in sizes) == 6
-    assert len(batch_of(examples, (4, 6)).scene.layout) == len(examples)
+    assert len(batch_of(examples, (4, 6)).scene.crop) == len(examples)
 
 
 def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
@@ -86,12 +86,12 @@ def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
     assert all(np.array_equal(text[path], value) for path, value in base.items())
     assert any("context" in path for path in text.keys() - base.keys())
     assert text_model.text_encoder == "words-1"
-    assert text_model.denoiser_config.control == WindowedOptions(window=4)
+    assert text_model.denoiser_config.cross_attention == WindowedOptions(window=4)
 
 
 @pytest.fixture(scope="module")
 def prompt_model(folder, text_model):
-    config = configured("counter", folder)
+    config = configured("count_predictor", folder)
     config.denoiser = str(folder / "text" / "model")
     train(config, folder / "prompt")
     return scjax.load(folder / "prompt" / "model")
@@ -99,7 +99,7 @@ def prompt_model(folder, text_model):
 
 def test_a_prompt_decides_counts_and_scene(prompt_model):
     model = prompt_model
-    assert model.counter_config is not None and model.counter_config.text_width == Words.width
+    assert model.count_predictor_config is not None and model.count_predictor_config.text_width == Words.width
     tokens = Words()(["a straight road"])[0].features
     scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
     scjax.validate(scene)
@@ -120,8 +120,10 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())
-    assert sound["the record itself"]["joint_gap_m"] < 1e-3
-    assert not sound["prompt, guidance 2, tidied"]["joint_gap_m"] > 1e-3  # an untrained model may link nothing at all
+    assert sound["the record itself"]["connection_gap_m"] < 1e-3
+    assert (
+        not sound["prompt, guidance 2, tidied"]["connection_gap_m"] > 1e-3
+    )  # an untrained model may link nothing at all
     assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
     assert "prompt, guidance 2, best of 2 tidied" in sound
     assert "nan" not in markdown(table, sound, ceiling)
@@ -150,12 +152,12 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     text = (out / "model.json").read_text()
     assert str(folder) not in text and "config" not in json.loads(text)["notes"]
     shipped = scjax.load(out)
-    assert shipped.notes["steps"] == {"denoiser": 3, "counter": 3}
+    assert shipped.notes["steps"] == {"denoiser": 3, "count_predictor": 3}
     assert tuple(shipped.prompts) == tuple(sorted(PROMPTS))
     ship(shipped, tmp_path / "again", Words())
     assert scjax.load(tmp_path / "again").notes == shipped.notes
-    exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.counter))
-    for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.counter)), exact, strict=True):
+    exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.count_predictor))
+    for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.count_predictor)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
 
 
@@ -192,8 +194,8 @@ def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path)
 
 
 def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
-    without = dataclasses.replace(prompt_model, counter=None, counter_config=None)
-    assert counted(without, prompt_model).counter is prompt_model.counter
+    without = dataclasses.replace(prompt_model, count_predictor=None, count_predictor_config=None)
+    assert counted(without, prompt_model).count_predictor is prompt_model.count_predictor
     with pytest.raises(ValueError, match="do not fit"):
         counted(without, dataclasses.replace(prompt_model, text_encoder="another"))
 
@@ -213,7 +215,7 @@ def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp
     with pytest.raises(ValueError, match="only the synthetic world may ship"):
         ship(dataclasses.replace(prompt_model, domains=("city", "nuplan")), tmp_path / "a", Words())
     with pytest.raises(ValueError, match="no counter"):
-        ship(dataclasses.replace(prompt_model, counter=None), tmp_path / "a", Words())
+        ship(dataclasses.replace(prompt_model, count_predictor=None), tmp_path / "a", Words())
     assert not (tmp_path / "a").exists()
 
 
@@ -225,13 +227,13 @@ def test_mistakes_are_told(folder):
     config.freeze, config.condition = False, "smell"
     with pytest.raises(ValueError, match='choose "none", "text" or "image"'):
         train(config, folder / "smell")
-    config.condition, config.control = "none", "windowd"
+    config.condition, config.cross_attention = "none", "windowd"
     with pytest.raises(ValueError, match="did you mean 'windowed'"):
         train(config, folder / "windowd")
-    config.control, config.start = "full", str(folder / "autoencoder")
+    config.cross_attention, config.start = "full", str(folder / "autoencoder")
     with pytest.raises(ValueError, match="holds no denoiser"):
         train(config, folder / "no denoiser")
-    config = configured("counter", folder)
+    config = configured("count_predictor", folder)
     config.denoiser = str(folder / "base" / "model")
     with pytest.raises(ValueError, match="was trained on no text"):
         train(config, folder / "no text")

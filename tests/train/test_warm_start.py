@@ -13,7 +13,7 @@ from scjax.data.build import build
 from scjax.data.readers.base import BuildOptions
 from scjax.nn.functional import flatten
 from scjax.synthetic.source import Worlds
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.objectives.autoencoder import build as autoencoder_stage
 from scjax.train.warm_start import SHIPPED, denoiser_base, model_at, started
 from tests.factories.small_runs import get_config
@@ -23,7 +23,7 @@ from tests.factories.worlds import tiny_model
 @pytest.fixture(scope="module")
 def base():
     model = dataclasses.replace(tiny_model(), domains=("here", "there"))
-    return dataclasses.replace(model, denoiser={**model.denoiser, "anchors": {"agents": np.ones(3, np.float32)}})
+    return dataclasses.replace(model, denoiser={**model.denoiser, "position_heads": {"agents": np.ones(3, np.float32)}})
 
 
 def test_domains_keep_their_rows_and_new_ones_begin_as_not_told(base):
@@ -37,9 +37,9 @@ def test_domains_keep_their_rows_and_new_ones_begin_as_not_told(base):
 
 def test_what_reads_latents_is_left_out_on_another_autoencoder(base):
     other = jax.tree.map(lambda x: x + 1, base.autoencoder)
-    assert "anchors" in denoiser_base(base, base.autoencoder, base.domains)
-    assert "anchors" not in denoiser_base(base, other, base.domains)
-    assert "anchors" in base.denoiser
+    assert "position_heads" in denoiser_base(base, base.autoencoder, base.domains)
+    assert "position_heads" not in denoiser_base(base, other, base.domains)
+    assert "position_heads" in base.denoiser
 
 
 def test_a_base_of_another_stage_or_size_is_refused(base):
@@ -57,7 +57,7 @@ def test_an_autoencoder_may_begin_with_another(tmp_path):
     config.records, config.start = str(tmp_path / "records"), str(tmp_path / "start")
     config.model.update(dataclasses.asdict(start.autoencoder_config))
     state = autoencoder_stage(config).init(jax.random.key(5))
-    expected = Packing.of(start.autoencoder).pack(start.autoencoder)
+    expected = FlatParams.of(start.autoencoder).pack(start.autoencoder)
     for vectors in (state.params, state.ema):
         jax.tree.map(np.testing.assert_array_equal, vectors, expected)
 

@@ -13,8 +13,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from scjax import viz
-from scjax.scene import AgentType, Layout, Link, Scene, Signal, empty
-from scjax.scene.per_type import Nodes
+from scjax.scene import AgentType, Crop, Link, Scene, Signal, empty
+from scjax.scene.per_type import PerType
 from scjax.viz.bev import AGENT_COLOURS, EGO, GIVEN_ROAD, ROAD, SIGNAL_COLOURS
 from tests.factories.examples import example_batch, example_scene
 
@@ -86,24 +86,24 @@ def test_speeds_reach_one_second_ahead_of_the_nose():
     np.testing.assert_allclose(arrow[:2], [[2, 0], [7, 0]], atol=1e-6)
 
 
-@pytest.mark.parametrize(("layout", "x_limits"), [(Layout.CENTRED, (-32, 32)), (Layout.FORWARD, (0, 64))])
-def test_window_and_aspect(layout, x_limits):
-    ax = viz.plot(_scene().replace(layout=np.asarray(layout, np.int32)))
+@pytest.mark.parametrize(("crop", "x_limits"), [(Crop.CENTERED, (-32, 32)), (Crop.FORWARD, (0, 64))])
+def test_window_and_aspect(crop, x_limits):
+    ax = viz.plot(_scene().replace(crop=np.asarray(crop, np.int32)))
     assert ax.get_xlim() == x_limits and ax.get_ylim() == (-32, 32)
     assert ax.get_aspect() == 1 and "m" in ax.get_xlabel()
 
 
 def test_partitioned_scenes_show_the_cut():
-    def cuts(layout):
-        ax = viz.plot(_scene().replace(layout=np.asarray(layout, np.int32)))
+    def cuts(crop):
+        ax = viz.plot(_scene().replace(crop=np.asarray(crop, np.int32)))
         return [line for line in ax.lines if list(line.get_xdata()) == [0, 0]]
 
-    assert len(cuts(Layout.PARTITIONED)) == 1 and not cuts(Layout.CENTRED)
+    assert len(cuts(Crop.PARTITIONED)) == 1 and not cuts(Crop.CENTERED)
 
 
 def test_given_elements_are_marked():
     scene = _scene()
-    known = Nodes(agents=np.array([True, *[False] * 4]), lanes=np.array([False, True, False, False]))
+    known = PerType(agents=np.array([True, *[False] * 4]), lanes=np.array([False, True, False, False]))
     ax = viz.plot(scene, known=known)
     assert _colours(ax, "roads") == [ROAD, GIVEN_ROAD]
     (box,) = _lines(ax, "given")
@@ -134,7 +134,7 @@ def test_grid_writes_a_picture_and_nothing_else(tmp_path):
 
 def test_grid_takes_lists_and_masks_and_fills_rows():
     scenes = [_scene(), example_scene(), _scene()]
-    masks = [Nodes(agents=s.agent_mask, lanes=s.lane_mask) for s in scenes]
+    masks = [PerType(agents=s.agent_mask, lanes=s.lane_mask) for s in scenes]
     figure = viz.grid(scenes, known=masks)
     boxes = [ax.get_position() for ax in figure.axes]
     assert len(boxes) == 3 and boxes[0].y0 == boxes[1].y0 > boxes[2].y1

@@ -44,8 +44,8 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     training.steps = 3 if smoke else 1_600  # 600 teach nobody anything
     # Compiling takes a good part of a short run. What lies farthest off is left out, in a fifth of our worlds.
     training.batch.buckets = ((61, 100),) if smoke else ((16, 28),)
-    training.optimiser.warmup = 1 if smoke else 100
-    training.optimiser.learning_rate = 1e-3  # at twice as much, a text is read later and the base forgets more
+    training.optimizer.warmup = 1 if smoke else 100
+    training.optimizer.learning_rate = 1e-3  # at twice as much, a text is read later and the base forgets more
     training.evaluate_every = training.picture_every = 0
     training.log_every = 1 if smoke else 50
     training.checkpoint_every = 3 if smoke else 250

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scjax.data.token_order import arrange
-from scjax.diffusion.denoise_fn import estimator
+from scjax.diffusion.denoise_fn import make_denoise_fn
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import level_at
@@ -25,11 +25,11 @@ from scjax.generate.model import Model
 from scjax.generate.sample import bucket_of
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.codec import Representation
+from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.scene import Scene, stack
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 TIMES = (12, 37, 62, 87)  # of 0..99: the middles of four equal parts
 _CALL = 16  # scenes a compiled call
@@ -47,7 +47,7 @@ def denoising_losses(
     """
     config, coder_config = model.denoiser_config, model.autoencoder_config
     assert config is not None and coder_config is not None
-    run = _program(model.representation, coder_config, config)
+    run = _program(model.codec, coder_config, config)
     # Of all at once, so that texts are padded to one length and one program serves.
     features, _ = features_of(conditions, config.condition)
     groups: dict[tuple[int, int], list[int]] = {}
@@ -67,23 +67,21 @@ def denoising_losses(
 
 
 @functools.lru_cache(maxsize=8)
-def _program(
-    representation: Representation, coder_config: AutoencoderConfig, config: DenoiserConfig
-) -> Callable[..., Array]:
+def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: DenoiserConfig) -> Callable[..., Array]:
     coder, network, schedule = autoencoder(coder_config), denoiser(config), cosine_schedule()
 
     @jax.jit
     def run(coder_params, params, mean, std, scenes: Scene, features, keys):
-        tokens = representation.tokens(scenes)
+        tokens = codec.normalize(scenes)
         clean = jax.tree.map(
             lambda z, m, s: (z - m) / s, coder.apply(coder_params, tokens, method="encode").mean, mean, std
         )
-        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        label = config.domains * tokens.layout + tokens.domain
-        denoise = estimator(network, config, params, label, masks, times=np.array(TIMES), features=features)
+        masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        label = config.domains * tokens.crop + tokens.domain
+        denoise = make_denoise_fn(network, config, params, label, masks, times=np.array(TIMES), features=features)
 
-        def drawn(key: Array, like: Nodes) -> Nodes:
-            kinds = Nodes(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
+        def drawn(key: Array, like: PerType) -> PerType:
+            kinds = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
             return jax.tree.map(lambda k, x: jax.random.normal(k, x.shape), kinds, like)
 
         def at(time: int) -> Array:

@@ -23,7 +23,7 @@ class Entry:
 
     Attributes:
       title: what the tables call it.
-      control: name of the mechanism.
+      cross_attention: name of the mechanism.
       options: those that differ from the mechanism's defaults; ``text`` and ``image``: for one kind only.
       padded: whether padded tokens are read, and a dropped condition is zeros, as in the release.
       training: fields of the training that differ, by their path, such as ``loss.condition_dropout``.
@@ -31,7 +31,7 @@ class Entry:
     """
 
     title: str
-    control: str
+    cross_attention: str
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     text: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     image: Mapping[str, Any] = dataclasses.field(default_factory=dict)

@@ -27,7 +27,7 @@ from experiments.studies.arguments import parser_of
 from scjax.data.shards import write_text
 from scjax.viz.grid import save
 
-_SHOWN = ("prompt", "lane CCS", "agent CCS", "vehicles_on_lane", "open_joints", "vehicles_overlapping")
+_SHOWN = ("prompt", "lane CCS", "agent CCS", "vehicles_on_lane", "open_connections", "vehicles_overlapping")
 
 Curves = dict[str, dict[float, dict[str, Any]]]
 """Title of a row -> guidance weight -> metric -> spread over seeds (``report.summary``), weights ascending."""

@@ -16,10 +16,10 @@ from scjax.generate.conditions import Condition
 from scjax.language.facts import parse
 from scjax.language.prompt_parser import met
 from scjax.metrics.measure import control_values, distribution_values, match_values, measure, scene_values
-from scjax.metrics.measured import Measured
+from scjax.metrics.measured import SceneStats
 from scjax.metrics.placement import cone
 from scjax.metrics.pooling import Values, ratio
-from scjax.scene import Layout, Scene, stack, unpadded
+from scjax.scene import Crop, Scene, stack, unpadded
 from scjax.scene.io import load_npz, save_npz
 
 CALL = 64  # scenes a call of the sampler
@@ -36,7 +36,7 @@ METRICS = {
     "M": ("agents matched", True),
     "vehicles_overlapping": ("vehicles that overlap", False),
     "vehicles_on_lane": ("vehicles within 1.5 m of a lane", True),
-    "open_joints": ("joints open by more than 1 m", False),
+    "open_connections": ("joints open by more than 1 m", False),
     "frechet_connectivity": ("connectivity of the lane graph", False),
     "nearest_dist_jsd": ("distance to the next vehicle", False),
     "speed_jsd": ("speeds", False),
@@ -77,13 +77,13 @@ def sampled(
     return [unpadded(batch[row]) for row in range(len(conditions))], float(seconds.read_text())
 
 
-def values_of(scenes: Sequence[Scene], requests: Requests, real: Measured, loss: float) -> Values:
+def values_of(scenes: Sequence[Scene], requests: Requests, real: SceneStats, loss: float) -> Values:
     """``METRICS``; NaN where one has nothing to measure. Agents are matched in the field of view of an image.
 
     Args:
       loss: mean of ``denoising_losses`` over the references.
     """
-    ahead = int(requests.references[0].layout) == Layout.FORWARD
+    ahead = int(requests.references[0].crop) == Crop.FORWARD
     found = measure(scenes, requests.clusters, requests.references, where=cone() if ahead else None)
     sums = found.tally.total
     values = distribution_values(sums, real.tally.total, "strict") | scene_values(sums) | match_values(sums)

@@ -18,7 +18,7 @@ from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.language.prompt_parser import Asked, read_prompt
 from scjax.metrics.control import derangements
-from scjax.scene import Layout, Scene
+from scjax.scene import Crop, Scene
 
 _SEED = 0  # of captions and of the shuffle: all runs are asked the same
 
@@ -58,12 +58,10 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     Raises:
       ValueError: there are no such records, or most are of one location.
     """
-    source, layout = Records(folder, "val"), Layout.CENTRED if kind == "text" else Layout.FORWARD
+    source, crop = Records(folder, "val"), Crop.CENTERED if kind == "text" else Crop.FORWARD
     places, tiles = source.clusters, records.source(folder, "val")
     rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
-    looked_at = [
-        model.representation.select(records.sample_scene(records.decode(tiles[int(row)]), layout)) for row in rows
-    ]
+    looked_at = [model.codec.select(records.sample_scene(records.decode(tiles[int(row)]), crop)) for row in rows]
     fit = [scene.num_agents <= most[0] and scene.num_lanes <= most[1] for scene in looked_at]
     rows, scenes = rows[fit], list(itertools.compress(looked_at, fit))
     if not scenes:
@@ -84,7 +82,7 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     domains = [source.domains[int(scene.domain)] for scene in scenes]
     counts = [
         {"num_lanes": max(int(scene.num_lanes), 1), "num_agents": int(scene.num_agents), "domain": domain,
-         "layout": layout}
+         "crop": crop}
         for scene, domain in zip(scenes, domains, strict=True)
     ]  # fmt: skip
     own = [Condition(**count, **given) for count, given in zip(counts, features, strict=True)]

@@ -28,7 +28,7 @@ from scjax.metrics.measure import measure
 from scjax.models.flops import denoiser_forward
 
 FORMAT = 3  # of a run's result; to be raised when what it holds changes
-LAYOUTS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
+CROPS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
 
 
 def ablate(config: Any, workdir: Path) -> Path | None:
@@ -119,8 +119,8 @@ def _base(config: Any, workdir: Path) -> str | None:
     training = _copy(config)
     training.seed = training.batch.seed = config.seeds[0]
     training.steps = config.base_steps
-    training.optimiser.warmup = min(training.optimiser.warmup, max(config.base_steps // 5, 1))
-    training.batch.layouts = tuple(sum(np.array([LAYOUTS[kind] for kind in config.kinds])).tolist())
+    training.optimizer.warmup = min(training.optimizer.warmup, max(config.base_steps // 5, 1))
+    training.batch.crops = tuple(sum(np.array([CROPS[kind] for kind in config.kinds])).tolist())
     training.condition = "none"
     return _trained(training, workdir / f"base-{digest(training.to_json())[:8]}")
 
@@ -128,12 +128,12 @@ def _base(config: Any, workdir: Path) -> str | None:
 def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> ConfigDict:
     """What ``experiments.train`` does for one run; between mechanisms only the mechanism differs."""
     training = _copy(config)
-    training.start, training.condition, training.control = base, kind, entry.control
+    training.start, training.condition, training.cross_attention = base, kind, entry.cross_attention
     training.seed = training.batch.seed = seed
-    training.batch.layouts = LAYOUTS[kind]
+    training.batch.crops = CROPS[kind]
     options = entry.options_of(kind)
     if options:
-        training.control_options[entry.control].update(options)
+        training.cross_attention_options[entry.cross_attention].update(options)
     training.model.attend_padding = entry.padded
     if entry.padded and kind == "text":
         training.batch.text_slots = PADDED_SLOTS
@@ -185,7 +185,7 @@ def _result(
     real = measure(requests.references, requests.clusters)
     found: dict[str, Any] = {}
     for which, conditions in (("own", requests.own), ("shuffled", requests.shuffled)):
-        if which == "shuffled" and entry.control == "none":
+        if which == "shuffled" and entry.cross_attention == "none":
             found["shuffled"] = found["own"]  # nobody reads it
             continue
         told, path = padded(conditions, slots), folder / f"{stem}-{which}.npz"

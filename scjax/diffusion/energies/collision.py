@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from scjax.diffusion.noise_level import Level
+from scjax.diffusion.noise_level import NoiseLevel
 
 TAU = 0.1
 
@@ -40,6 +40,6 @@ def collision_penalty(
     return total / (2 * jnp.maximum(counted.sum(-1), 1))
 
 
-def noise_weight(level: Level) -> Float[Array, " b"]:
+def noise_weight(level: NoiseLevel) -> Float[Array, " b"]:
     """1 - noise, i.e. 1 - sqrt(1 - abar_t): near 1 where x_0 is nearly known, near 0 where it is a guess."""
     return 1 - jnp.asarray(level.noise)

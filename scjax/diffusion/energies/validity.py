@@ -20,10 +20,10 @@ _BESIDE_LANE = {"driving": 1.0, "standing": 4.0}  # m; nearer are 97 and 99 % of
 
 def energy(scene: Scene) -> Float[Array, " b"]:
     """What estimates are steered by. Strays weigh half: of two on one spot of a lane, parting them comes first."""
-    return joint_energy(scene) + overlap_energy(scene) + 0.5 * stray_energy(scene)
+    return connection_energy(scene) + overlap_energy(scene) + 0.5 * off_lane_energy(scene)
 
 
-def joint_energy(scene: Scene) -> Float[Array, " b"]:
+def connection_energy(scene: Scene) -> Float[Array, " b"]:
     """Half the squared gap, in xy, from the end of every lane to the start of every lane that it leads to; summed."""
     lanes = jnp.asarray(scene.lanes)[..., :2]
     square = jnp.square(lanes[:, None, :, 0] - lanes[:, :, None, -1]).sum(-1)
@@ -43,7 +43,7 @@ def overlap_energy(scene: Scene, *, air: float = 0.2) -> Float[Array, " b"]:
     return 0.25 * jnp.where(pairs, jnp.square(jax.nn.relu(depth)), 0).sum((1, 2))  # every pair is met twice
 
 
-def stray_energy(scene: Scene) -> Float[Array, " b"]:
+def off_lane_energy(scene: Scene) -> Float[Array, " b"]:
     """Half the squared distance of vehicles from the nearest lane, as far as it exceeds what is usual; summed.
 
     That is 1 m for driving vehicles and 4 m for standing ones, which park. Only their centres receive gradients.

@@ -12,12 +12,12 @@ from scjax.diffusion.flow import FlowSchedule
 from scjax.diffusion.process import estimate_x0
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 Step = Int[Array, ""]
 
 
-class Problem(NamedTuple):
+class SamplingContext(NamedTuple):
     """A batch of scenes to be sampled.
 
     Attributes:
@@ -25,16 +25,16 @@ class Problem(NamedTuple):
       draw: step -> noise of that step, scaled by the temperature of each kind.
       schedule: the levels; a step is an index of them, 0 the last one to be taken.
       prediction: what the network estimates.
-      made: True at the tokens that are generated: valid and not given.
+      generated: True at the tokens that are generated: valid and not given.
     """
 
-    denoise: Callable[[Nodes, Step], Nodes]
-    draw: Callable[[Step], Nodes]
+    denoise: Callable[[PerType, Step], PerType]
+    draw: Callable[[Step], PerType]
     schedule: Schedule | FlowSchedule
     prediction: Prediction
-    made: Nodes
+    generated: PerType
 
-    def estimate(self, x: Nodes, step: Step) -> Nodes:
+    def estimate(self, x: PerType, step: Step) -> PerType:
         """x_0 by the network."""
         level = self.schedule.levels[jnp.broadcast_to(step, x.agents.shape[:1])]
         return estimate_x0(level, x, self.denoise(x, step), self.prediction)
@@ -48,7 +48,7 @@ class Sampler(Protocol):
     Attributes:
       name: in messages and on the command line.
       predictions: what networks that it fits estimate.
-      last: length of its last step (``level.spaced``).
+      last: length of its last step (``level.trailing_timesteps``).
     """
 
     name: ClassVar[str]
@@ -59,11 +59,11 @@ class Sampler(Protocol):
         """How often the network runs in so many steps."""
         return steps
 
-    def begin(self, x: Nodes) -> Any:
+    def begin(self, x: PerType) -> Any:
         """What it remembers from step to step, before the first."""
         return ()
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: Any) -> tuple[Nodes, Any]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: Any) -> tuple[PerType, Any]:
         """The state at the next level, and what to remember."""
         ...
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 import jax
 import numpy as np
 
-from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
+from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +34,12 @@ class DDIM(Sampler):
         if not 0 <= self.eta <= 1:
             raise ValueError(f"DDIM.eta must lie in 0 (deterministic)..1 (ancestral), not {self.eta}")
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
         assert isinstance(problem.schedule, Schedule)  # by ``predictions``
         signal, noise, signal_after, noise_after = problem.schedule.levels.host()
         std = self.eta * np.sqrt(np.asarray(problem.schedule.posterior_variance, np.float64))
         keep = np.sqrt(np.maximum(noise_after**2 - std**2, 0)) / noise
-        x0 = thresholded(problem.estimate(x, step), problem.made, self.threshold)
+        x0 = thresholded(problem.estimate(x, step), problem.generated, self.threshold)
         kept, new = at(keep, step), at(signal_after - keep * signal, step)
         x = jax.tree.map(lambda x, x0: kept * x + new * x0, x, x0)
         if self.eta:

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 
 from scjax.diffusion.process import posterior_mean, posterior_std
-from scjax.diffusion.samplers.base import Problem, Sampler, Step
+from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step
 from scjax.diffusion.schedule import Schedule
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +26,7 @@ class DDPM(Sampler):
     predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity")
     last: ClassVar[float] = 1.0
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
         assert isinstance(problem.schedule, Schedule)  # by ``predictions``
         steps = jnp.broadcast_to(step, x.agents.shape[:1])
         mean = posterior_mean(problem.schedule, problem.estimate(x, step), x, steps)

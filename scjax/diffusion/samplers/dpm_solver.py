@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from scjax.diffusion.noise_level import Level
-from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
+from scjax.diffusion.noise_level import NoiseLevel
+from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, at
 from scjax.diffusion.samplers.threshold import Threshold, thresholded
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,17 +31,19 @@ class DPMSolver(Sampler):
     predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity", "flow")
     last: ClassVar[float] = 0.5
 
-    def begin(self, x: Nodes) -> Nodes:
+    def begin(self, x: PerType) -> PerType:
         return jax.tree.map(jnp.zeros_like, x)
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: Nodes) -> tuple[Nodes, Nodes]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: PerType) -> tuple[PerType, PerType]:
         kept, new, further = (at(table, step) for table in coefficients(problem.schedule.levels))
-        x0 = thresholded(problem.estimate(x, step), problem.made, self.threshold)
+        x0 = thresholded(problem.estimate(x, step), problem.generated, self.threshold)
         ahead = jax.tree.map(lambda x0, before: x0 + further * (x0 - before), x0, memory)
         return jax.tree.map(lambda x, x0: (kept * x + new * x0).astype(x.dtype), x, ahead), x0
 
 
-def coefficients(levels: Level) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+def coefficients(
+    levels: NoiseLevel,
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
     """Of every step: what x, x_0, and the difference to the x_0 before are multiplied with."""
     signal, noise, signal_after, noise_after = levels.host()
     with np.errstate(divide="ignore"):  # pure noise and the data lie at lambda = -infinity and infinity

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import jax
 
-from scjax.diffusion.samplers.base import Problem, Sampler, Step, at
+from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, at
 from scjax.models.denoiser.config import Prediction
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Euler(Sampler):
     predictions: ClassVar[tuple[Prediction, ...]] = ("flow",)
     last: ClassVar[float] = 1.0
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
         return _moved(x, problem.denoise(x, step), _length(problem, step)), memory
 
 
@@ -38,21 +38,21 @@ class Heun(Sampler):
     def evaluations(self, steps: int) -> int:
         return 2 * steps - 1
 
-    def step(self, problem: Problem, x: Nodes, step: Step, memory: tuple[()]) -> tuple[Nodes, tuple[()]]:
+    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
         length, velocity = _length(problem, step), problem.denoise(x, step)
         there = _moved(x, velocity, length)
 
-        def corrected() -> Nodes:
+        def corrected() -> PerType:
             mean = jax.tree.map(lambda v, w: (v + w) / 2, velocity, problem.denoise(there, step - 1))
             return _moved(x, mean, length)
 
         return jax.lax.cond(step > 0, corrected, lambda: there), memory
 
 
-def _length(problem: Problem, step: Step):
+def _length(problem: SamplingContext, step: Step):
     _, noise, _, noise_after = problem.schedule.levels.host()
     return at(noise_after - noise, step)
 
 
-def _moved(x: Nodes, velocity: Nodes, length) -> Nodes:
+def _moved(x: PerType, velocity: PerType, length) -> PerType:
     return jax.tree.map(lambda x, v: (x + length * v).astype(x.dtype), x, velocity)

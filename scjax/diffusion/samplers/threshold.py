@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 BOUND = 5.0  # latents are normalised: five standard deviations, as the release clips its states
 
@@ -36,8 +36,8 @@ class Threshold:
             raise ValueError(f"Threshold.quantile must lie in (0, 1], not {self.quantile}: 0.995 is usual")
 
 
-def thresholded(x0: Nodes, made: Nodes, threshold: Threshold | None) -> Nodes:
-    """Bounded estimates; quantiles are of the tokens ``made`` [B, tokens], so that padding never changes them."""
+def thresholded(x0: PerType, generated: PerType, threshold: Threshold | None) -> PerType:
+    """Bounded estimates; quantiles are of the tokens ``generated`` [B, tokens], so that padding never changes them."""
     if threshold is None:
         return x0
 
@@ -47,7 +47,7 @@ def thresholded(x0: Nodes, made: Nodes, threshold: Threshold | None) -> Nodes:
         most = jnp.maximum(_quantile(jnp.abs(x), mask, threshold.quantile), threshold.bound)[:, None, None]
         return jnp.clip(x, -most, most) * (threshold.bound / most)
 
-    return jax.tree.map(bounded, x0, made)
+    return jax.tree.map(bounded, x0, generated)
 
 
 def _quantile(x: Float[Array, "b n d"], mask: Bool[Array, "b n"], q: float) -> Float[Array, " b"]:

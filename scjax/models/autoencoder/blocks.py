@@ -17,11 +17,11 @@ from jaxtyping import Array, Bool, Float
 from scjax.models.autoencoder.edges import DenseEdges, Edges, pair_rstd
 from scjax.nn.attention import attend, split_heads, weights
 from scjax.nn.cpu import matmul as tall
-from scjax.nn.cpu.blockwise import over_rows
+from scjax.nn.cpu.blockwise import blockwise_map
 from scjax.nn.cpu.precision import Compute, matmul
-from scjax.nn.init import Draws
-from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, centred
-from scjax.scene.per_type import Nodes
+from scjax.nn.init import ParamInit
+from scjax.nn.layers import EPS, LayerNorm, Linear, ResidualMLP, subtract_mean
+from scjax.scene.per_type import PerType
 
 Trace = dict[str, Any] | None
 
@@ -34,7 +34,7 @@ class PairMasks(NamedTuple):
     agent_agent: Bool[Array, "b a a"]
 
 
-def pair_masks(mask: Nodes, before: Nodes | None = None) -> PairMasks:
+def pair_masks(mask: PerType, before: PerType | None = None) -> PairMasks:
     """All pairs of real nodes; with ``before`` only those on the same side of the partition."""
 
     def pairs(destination: str, source: str):
@@ -50,10 +50,10 @@ class GraphAttention(nnx.Module):
     """Gated attention and a feed-forward layer, both normed before and after; edges add to keys and values."""
 
     def __init__(
-        self, width: int, heads: int, ff: int, *, draws: Draws, edge_width: int | None = None, compute: Compute
+        self, width: int, heads: int, ff: int, *, init: ParamInit, edge_width: int | None = None, compute: Compute
     ):
         def linear(features_in: int, features_out: int, bias: bool = True) -> Linear:
-            return Linear(features_in, features_out, draws=draws, bias=bias, compute=compute)
+            return Linear(features_in, features_out, init=init, bias=bias, compute=compute)
 
         self.norm = LayerNorm(width)
         self.query, self.key, self.value = linear(width, width), linear(width, width, bias=False), linear(width, width)
@@ -113,7 +113,7 @@ class GraphAttention(nnx.Module):
         args = tuple(scene), (towards, logits, mask, own)
         # Only edges that are written out are heavy enough to be worked on piecemeal.
         dense = isinstance(edges, DenseEdges)
-        p, r = over_rows(mix, *args, mask.any(-1), mask.shape[2]) if dense else jax.checkpoint(mix)(*args)
+        p, r = blockwise_map(mix, *args, mask.any(-1), mask.shape[2]) if dense else jax.checkpoint(mix)(*args)
         m = jnp.einsum("bihj,bhjd->bihd", p, split_heads(v, self.heads))
         r = r * scale[None, None, None] + offset[None, None, None]
         assert self.edge_value.bias is not None
@@ -125,9 +125,9 @@ class GraphAttention(nnx.Module):
 class EdgeUpdate(nnx.Module):
     """c_ij <- MLP([n_ij; c_ij]) with n_ij = MLP([e_i; e_j]), destination i first. No residual."""
 
-    def __init__(self, node_width: int, edge_width: int, *, draws: Draws, compute: Compute):
-        self.nodes = ResidualMLP(2 * node_width, edge_width, draws=draws, compute=compute)
-        self.edges = ResidualMLP(2 * edge_width, edge_width, draws=draws, compute=compute)
+    def __init__(self, node_width: int, edge_width: int, *, init: ParamInit, compute: Compute):
+        self.nodes = ResidualMLP(2 * node_width, edge_width, init=init, compute=compute)
+        self.edges = ResidualMLP(2 * edge_width, edge_width, init=init, compute=compute)
 
     def __call__(
         self,
@@ -143,8 +143,8 @@ class EdgeUpdate(nnx.Module):
         # The first products of the node MLP split into one of the destination and one of the source.
         first_own, first_other = _pair_products(self.nodes.linears[0], e)
         skip_own, skip_other = _pair_products(self.nodes.skip, e)
-        entry = _centred_kernels(self.edges.linears[0], self.edges.skip)
-        second = _centred_kernels(self.nodes.linears[1])
+        entry = _mean_free_kernels(self.edges.linears[0], self.edges.skip)
+        second = _mean_free_kernels(self.nodes.linears[1])
         width = second[0].shape[0]
 
         def update(scene, rows):
@@ -154,12 +154,12 @@ class EdgeUpdate(nnx.Module):
             hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], first_own, first_other))
             hidden = _norm(self.nodes.norms[1], tall.linear(hidden, *second))
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
-            entered = tall.shifted(edges.beside(n, entry[0]), entry[1])
+            entered = tall.add_bias(edges.beside(n, entry[0]), entry[1])
             values = _after_first(self.edges, entered).reshape(*own.shape[:2], -1, width)
             return values if then is None else then(values)
 
         kind, (own, *scene) = type(edges), edges
-        return over_rows(update, (first_other, skip_other, *scene), (first_own, skip_own, own), real, real.shape[1])
+        return blockwise_map(update, (first_other, skip_other, *scene), (first_own, skip_own, own), real, real.shape[1])
 
 
 class FactorisedBlock(nnx.Module):
@@ -171,25 +171,25 @@ class FactorisedBlock(nnx.Module):
         agent: tuple[int, int, int],
         edge_width: int,
         *,
-        draws: Draws,
+        init: ParamInit,
         compute: Compute,
         update_edges: bool = True,
     ):
         """``lane`` and ``agent`` are (width, heads, feed-forward width)."""
-        self.lane_lane = GraphAttention(*lane, draws=draws, edge_width=edge_width, compute=compute)
-        self.down = Linear(lane[0], agent[0], draws=draws, compute=compute)
-        self.lane_agent = GraphAttention(*agent, draws=draws, compute=compute)
-        self.agent_agent = GraphAttention(*agent, draws=draws, compute=compute)
-        self.edge_update = EdgeUpdate(agent[0], edge_width, draws=draws, compute=compute) if update_edges else None
+        self.lane_lane = GraphAttention(*lane, init=init, edge_width=edge_width, compute=compute)
+        self.down = Linear(lane[0], agent[0], init=init, compute=compute)
+        self.lane_agent = GraphAttention(*agent, init=init, compute=compute)
+        self.agent_agent = GraphAttention(*agent, init=init, compute=compute)
+        self.edge_update = EdgeUpdate(agent[0], edge_width, init=init, compute=compute) if update_edges else None
 
     def __call__(
         self,
-        nodes: Nodes,
+        nodes: PerType,
         edges: Edges,
         masks: PairMasks,
         then: Callable[[Array], Any] | None = None,
         trace: Trace = None,
-    ) -> tuple[Nodes, Any]:
+    ) -> tuple[PerType, Any]:
         """New nodes and ``then(new edge values)`` (see ``EdgeUpdate``; None without an edge update)."""
         lanes = self.lane_lane(nodes.lanes, masks.lane_lane, edges=edges)
         real = masks.lane_lane.any(-1)
@@ -201,7 +201,7 @@ class FactorisedBlock(nnx.Module):
             if self.edge_update is not None:
                 trace["edge"] = self.edge_update(down, edges, real)
         updated = None if self.edge_update is None else self.edge_update(down, edges, real, then)
-        return Nodes(agents=agents, lanes=lanes), updated
+        return PerType(agents=agents, lanes=lanes), updated
 
 
 def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
@@ -209,7 +209,7 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
 
     def apply(values: Float[Array, "b i j c"]) -> Float[Array, "b i j k"]:
         flat = values.reshape(-1, values.shape[-1])
-        out = _after_first(head, _centred_product(flat, head.linears[0], head.skip))
+        out = _after_first(head, _mean_free_product(flat, head.linears[0], head.skip))
         return out.reshape(*values.shape[:-1], -1)
 
     return apply
@@ -222,16 +222,16 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
 # product mean-free, and the norm needs one pass less.
 
 
-def _centred_kernels(*linears: Linear) -> tuple[Array, Array]:
+def _mean_free_kernels(*linears: Linear) -> tuple[Array, Array]:
     """Kernels and biases of layers that read the same, side by side: one wide product runs faster than narrow ones."""
     biases = [linear.bias for linear in linears if linear.bias is not None]
     assert len(biases) == len(linears)
-    kernels = jnp.concatenate([centred(linear.kernel[...]) for linear in linears], 1)
-    return kernels, jnp.concatenate([centred(bias[...]) for bias in biases])
+    kernels = jnp.concatenate([subtract_mean(linear.kernel[...]) for linear in linears], 1)
+    return kernels, jnp.concatenate([subtract_mean(bias[...]) for bias in biases])
 
 
-def _centred_product(x: Array, *linears: Linear) -> Array:
-    kernel, bias = _centred_kernels(*linears)
+def _mean_free_product(x: Array, *linears: Linear) -> Array:
+    kernel, bias = _mean_free_kernels(*linears)
     return tall.linear(x, kernel, bias)
 
 
@@ -245,14 +245,14 @@ def _after_first(mlp: ResidualMLP, entered: Array) -> Array:
     first, skip = jnp.split(entered, 2, -1)
     hidden = _norm(mlp.norms[0], first)
     for linear, norm in zip(list(mlp.linears)[1:], list(mlp.norms)[1:], strict=True):
-        hidden = _norm(norm, _centred_product(jax.nn.relu(hidden), linear))
+        hidden = _norm(norm, _mean_free_product(jax.nn.relu(hidden), linear))
     hidden = jax.nn.relu(hidden + _norm(mlp.skip_norm, skip))
     return hidden if mlp.out is None else mlp.out(hidden)
 
 
 def _pair_products(linear: Linear, e: Float[Array, "b l d"]) -> tuple[Array, Array]:
     """Mean-free shares of destination and source in [e_i; e_j] W + b, [B, L, C] each."""
-    kernel, bias = _centred_kernels(linear)
+    kernel, bias = _mean_free_kernels(linear)
     width = e.shape[-1]
     destination = matmul(e, kernel[:width], linear.compute) + bias[None, None]
     return destination, matmul(e, kernel[width:], linear.compute)

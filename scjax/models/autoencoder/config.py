@@ -16,7 +16,7 @@ class AutoencoderConfig:
     """Sizes of the network and of what it reads and writes.
 
     Attributes:
-      lane_types, agent_types, link_types: classes, as counted by the ``Representation``; lane_types may be 0.
+      lane_types, agent_types, link_types: classes, as counted by the ``SceneCodec``; lane_types may be 0.
       points, point_dims: points per lane and coordinates per point (2: x, y; 3: x, y, z).
       columns: numbers of an agent's state.
       max_lanes: the lane-count head has the classes 0..max_lanes.

@@ -12,16 +12,16 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges
 from scjax.models.autoencoder.outputs import Decoded
 from scjax.nn.cpu.precision import matmul
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, ResidualMLP
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 class Decoder(nnx.Module):
     """Two factorised blocks over all pairs of the scene, then one head per quantity."""
 
-    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
-        c, options = config, {"draws": draws, "compute": config.compute}
+    def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
+        c, options = config, {"draws": init, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = Linear(c.lane_latent, c.lane_width, **options)
         self.agent_in = Linear(c.agent_latent, c.agent_width, **options)
@@ -38,7 +38,7 @@ class Decoder(nnx.Module):
         self.links = ResidualMLP(c.edge_width, c.edge_width, features_out=c.link_types, **options)
         self.config = config
 
-    def __call__(self, latents: Nodes, mask: Nodes, trace: Trace = None, *, through_pairs: bool = True) -> Decoded:
+    def __call__(self, latents: PerType, mask: PerType, trace: Trace = None, *, through_pairs: bool = True) -> Decoded:
         """Decodes latents [B, A, .], [B, L, .]; ``mask`` holds [B, A], [B, L], True for real nodes.
 
         Without ``through_pairs`` nodes get no gradient by way of updated pair values: of trained weights little is lost
@@ -53,7 +53,7 @@ class Decoder(nnx.Module):
                 )
         latents, mask = jax.tree.map(jnp.asarray, (latents, mask))
         masks = pair_masks(mask)
-        nodes = Nodes(
+        nodes = PerType(
             agents=self.agent_in(_where(mask.agents, latents.agents)),
             lanes=self.lane_in(_where(mask.lanes, latents.lanes)),
         )

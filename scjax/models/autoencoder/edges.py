@@ -8,7 +8,7 @@ z_ij . u = rstd_ij (c_ij . u), and a weighted sum of z is the centred, rstd-weig
 the caller's to fold.
 
 The first field of each form belongs to the destination rows, the others to the scene, so that the work can be cut
-into blocks of rows i (``over_rows``); u, p and the results of ``scores`` and ``gather`` are [B, i, head, .].
+into blocks of rows i (``blockwise_map``); u, p and the results of ``scores`` and ``gather`` are [B, i, head, .].
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from scjax.nn.cpu import matmul as tall
-from scjax.nn.layers import EPS, centred
+from scjax.nn.layers import EPS, subtract_mean
 
 
 class TypedEdges(NamedTuple):
@@ -63,13 +63,13 @@ class PairEdges(NamedTuple):
 
     def scores(self, u: Float[Array, "b i h c"]) -> Float[Array, "b i h j"]:
         """z_ij . u_hi."""
-        d, s = centred(self.destination), centred(self.source)
+        d, s = subtract_mean(self.destination), subtract_mean(self.source)
         own = jnp.einsum("bihc,bic->bih", u, d)[..., None]
         return (own + jnp.einsum("bihc,bjc->bihj", u, s)) * pair_rstd(d, s)[:, :, None]
 
     def gather(self, p: Float[Array, "b i h j"]) -> Float[Array, "b i h c"]:
         """sum_j p_hij z_ij."""
-        d, s = centred(self.destination), centred(self.source)
+        d, s = subtract_mean(self.destination), subtract_mean(self.source)
         p = p * pair_rstd(d, s)[:, :, None]
         return p.sum(-1, keepdims=True) * d[:, :, None] + jnp.einsum("bihj,bjc->bihc", p, s)
 
@@ -91,11 +91,11 @@ class DenseEdges(NamedTuple):
 
     def scores(self, u: Float[Array, "b i h c"]) -> Float[Array, "b i h j"]:
         """z_ij . u_hi."""
-        return jnp.einsum("bihc,bijc->bihj", centred(u), self.values) * self._rstd()[:, :, None]
+        return jnp.einsum("bihc,bijc->bihj", subtract_mean(u), self.values) * self._rstd()[:, :, None]
 
     def gather(self, p: Float[Array, "b i h j"]) -> Float[Array, "b i h c"]:
         """sum_j p_hij z_ij."""
-        return centred(jnp.einsum("bihj,bijc->bihc", p * self._rstd()[:, :, None], self.values))
+        return subtract_mean(jnp.einsum("bihj,bijc->bihc", p * self._rstd()[:, :, None], self.values))
 
     def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
@@ -107,7 +107,7 @@ class DenseEdges(NamedTuple):
 
     def _rstd(self) -> Float[Array, "b i j"]:
         # Two passes: the mean of a ReLU's output is as large as its deviation.
-        return jax.lax.rsqrt(jnp.square(centred(self.values)).mean(-1) + EPS)
+        return jax.lax.rsqrt(jnp.square(subtract_mean(self.values)).mean(-1) + EPS)
 
 
 Edges = TypedEdges | PairEdges | DenseEdges
@@ -121,5 +121,5 @@ def pair_rstd(destination: Float[Array, "b i c"], source: Float[Array, "b j c"])
 
 
 def _normalise(x: Float[Array, "*b c"]) -> Float[Array, "*b c"]:
-    x = centred(x)
+    x = subtract_mean(x)
     return x * jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + EPS)

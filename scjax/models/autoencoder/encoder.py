@@ -11,17 +11,17 @@ from scjax.models.autoencoder.blocks import FactorisedBlock, GraphAttention, Tra
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, TypedEdges
 from scjax.models.autoencoder.outputs import Posterior
-from scjax.models.codec import Tokens
-from scjax.nn.init import Draws
+from scjax.models.codec import NormalizedScene
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, ResidualMLP
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 class Encoder(nnx.Module):
     """Two factorised blocks over lanes, agents and lane pairs; a query token counts what lies behind the partition."""
 
-    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
-        c, options = config, {"draws": draws, "compute": config.compute}
+    def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
+        c, options = config, {"draws": init, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = ResidualMLP(c.lane_inputs, c.lane_width, **options)
         self.agent_in = ResidualMLP(c.agent_inputs, c.agent_width, **options)
@@ -33,22 +33,22 @@ class Encoder(nnx.Module):
                 for i in range(c.encoder_blocks)
             ]
         )
-        self.query = nnx.Param(draws.xavier((1, c.lane_width)))
+        self.query = nnx.Param(init.xavier((1, c.lane_width)))
         self.query_attention = GraphAttention(*lane, **options)
         self.lane_mean, self.lane_logvar = (Linear(c.lane_width, c.lane_latent, **options) for _ in range(2))
         self.agent_mean, self.agent_logvar = (Linear(c.agent_width, c.agent_latent, **options) for _ in range(2))
         self.lane_count = ResidualMLP(c.lane_width, c.lane_width, features_out=c.max_lanes + 1, **options)
         self.config = config
 
-    def __call__(self, tokens: Tokens, trace: Trace = None) -> Posterior:
+    def __call__(self, tokens: NormalizedScene, trace: Trace = None) -> Posterior:
         """Posterior of a batch of scenes [B]; rows of padding are zero."""
         check_tokens(tokens, self.config)
         tokens = jax.tree.map(jnp.asarray, tokens)
-        mask = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        before = Nodes(agents=tokens.agent_before & mask.agents, lanes=tokens.lane_before & mask.lanes)
+        mask = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        before = PerType(agents=tokens.agent_behind & mask.agents, lanes=tokens.lane_behind & mask.lanes)
         masks = pair_masks(mask, before)
         agents, lanes = agent_inputs(tokens, self.config), lane_inputs(tokens, self.config)
-        nodes = Nodes(agents=self.agent_in(agents), lanes=self.lane_in(lanes))
+        nodes = PerType(agents=self.agent_in(agents), lanes=self.lane_in(lanes))
         edges = self._edges(tokens, nodes.lanes.dtype)
         if trace is not None:
             trace.update(embed_lane=nodes.lanes, embed_agent=nodes.agents, embed_edge=edges.dense())
@@ -64,26 +64,26 @@ class Encoder(nnx.Module):
             edges = edges if values is None else DenseEdges(values)
 
         return Posterior(
-            mean=_masked(Nodes(agents=self.agent_mean(nodes.agents), lanes=self.lane_mean(nodes.lanes)), mask),
-            logvar=_masked(Nodes(agents=self.agent_logvar(nodes.agents), lanes=self.lane_logvar(nodes.lanes)), mask),
+            mean=_masked(PerType(agents=self.agent_mean(nodes.agents), lanes=self.lane_mean(nodes.lanes)), mask),
+            logvar=_masked(PerType(agents=self.agent_logvar(nodes.agents), lanes=self.lane_logvar(nodes.lanes)), mask),
             lane_count_logits=self.lane_count(query[:, 0]),
         )
 
-    def _edges(self, tokens: Tokens, dtype: jnp.dtype) -> TypedEdges:
+    def _edges(self, tokens: NormalizedScene, dtype: jnp.dtype) -> TypedEdges:
         table = self.link_in(jnp.eye(self.config.link_types, dtype=dtype))
         pairs = tokens.lane_mask[:, :, None] & tokens.lane_mask[:, None]
         types = jnp.where(pairs, tokens.links, 0).swapaxes(1, 2)
         return TypedEdges(types, jnp.broadcast_to(table[None], (types.shape[0], *table.shape)))
 
 
-def agent_inputs(tokens: Tokens, config: AutoencoderConfig) -> Float[Array, "b a i"]:
+def agent_inputs(tokens: NormalizedScene, config: AutoencoderConfig) -> Float[Array, "b a i"]:
     """State, one-hot type and known flags; zero at padding."""
     parts = [tokens.agents, jax.nn.one_hot(tokens.agent_types, config.agent_types, dtype=tokens.agents.dtype)]
     parts += [tokens.agent_known[..., [column]].astype(tokens.agents.dtype) for column in config.agent_flags]
     return jnp.where(tokens.agent_mask[..., None], jnp.concatenate(parts, -1), 0.0)
 
 
-def lane_inputs(tokens: Tokens, config: AutoencoderConfig) -> Float[Array, "b l i"]:
+def lane_inputs(tokens: NormalizedScene, config: AutoencoderConfig) -> Float[Array, "b l i"]:
     """Points, one-hot type and known flags; zero at padding."""
     points = tokens.lanes.reshape(*tokens.lanes.shape[:-2], -1)
     parts = [points]
@@ -93,7 +93,7 @@ def lane_inputs(tokens: Tokens, config: AutoencoderConfig) -> Float[Array, "b l 
     return jnp.where(tokens.lane_mask[..., None], jnp.concatenate(parts, -1), 0.0)
 
 
-def check_tokens(tokens: Tokens, config: AutoencoderConfig) -> None:
+def check_tokens(tokens: NormalizedScene, config: AutoencoderConfig) -> None:
     """Raises ValueError where the arrays do not fit the network."""
     if tokens.agent_mask.ndim != 2:
         raise ValueError(
@@ -112,5 +112,5 @@ def check_tokens(tokens: Tokens, config: AutoencoderConfig) -> None:
             )
 
 
-def _masked(values: Nodes, mask: Nodes) -> Nodes:
+def _masked(values: PerType, mask: PerType) -> PerType:
     return jax.tree.map(lambda x, m: jnp.where(m[..., None], x, 0.0), values, mask)

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
-from scjax.models.codec import Tokens
-from scjax.scene import AnyArray, Layout, Link
+from scjax.models.codec import NormalizedScene
+from scjax.scene import AnyArray, Crop, Link
 
 __all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]
 
@@ -34,7 +34,7 @@ class LossWeights:
     kl_agent: float = 0.01
     kl_lane: float = 0.01
     lane_count: float = 0.1
-    lane_joints: float = 0.0
+    lane_connections: float = 0.0
     lane_steps: float = 0.0
 
 
@@ -44,7 +44,7 @@ OFFICIAL_WEIGHTS = LossWeights()
 def loss(
     decoded: Decoded,
     posterior: Posterior,
-    tokens: Tokens,
+    tokens: NormalizedScene,
     weights: LossWeights = OFFICIAL_WEIGHTS,
     *,
     official_lane_count: bool = True,
@@ -82,7 +82,7 @@ def loss(
 def per_scene(
     decoded: Decoded,
     posterior: Posterior,
-    tokens: Tokens,
+    tokens: NormalizedScene,
     weights: LossWeights = OFFICIAL_WEIGHTS,
     *,
     official_lane_count: bool = True,
@@ -114,8 +114,8 @@ def per_scene(
         "kl_agent": _scene_kl(posterior.mean.agents, posterior.logvar.agents, agent_mask),
         "kl_lane": _scene_kl(posterior.mean.lanes, posterior.logvar.lanes, lane_mask),
         "lane_count": jnp.where(_counted(tokens, official_lane_count), count_entropy, 0.0),
-        "lane_joints": _joint_error(decoded.lanes, tokens, pairs)
-        if weights.lane_joints
+        "lane_connections": _connection_error(decoded.lanes, tokens, pairs)
+        if weights.lane_connections
         else jnp.zeros_like(count_entropy),
         "lane_steps": _step_error(decoded.lanes, tokens.lanes, lane_known)
         if weights.lane_steps
@@ -130,18 +130,21 @@ def per_scene(
         of_agents, of_lanes = (
             mask.sum(-1) / n for mask, n in zip((agent_mask, lane_mask), typical_counts, strict=True)
         )
-        shares = {"agent_states": of_agents, **dict.fromkeys(("lane_points", "lane_joints", "lane_steps"), of_lanes)}
+        shares = {
+            "agent_states": of_agents,
+            **dict.fromkeys(("lane_points", "lane_connections", "lane_steps"), of_lanes),
+        }
     total = sum(getattr(weights, name) * shares.get(name, 1.0) * term for name, term in terms.items())
     return terms | {"total": jnp.asarray(total)}
 
 
-def lanes_after(tokens: Tokens) -> Int[AnyArray, " b"]:
+def lanes_after(tokens: NormalizedScene) -> Int[AnyArray, " b"]:
     """Lanes behind the partition (x > 0) of PARTITIONED scenes; 0 in others."""
-    after = (tokens.lane_mask & ~tokens.lane_before).sum(-1)
-    return jnp.where(tokens.layout == Layout.PARTITIONED, after, 0)
+    after = (tokens.lane_mask & ~tokens.lane_behind).sum(-1)
+    return jnp.where(tokens.crop == Crop.PARTITIONED, after, 0)
 
 
-def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[AnyArray, " b"]]:
+def errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArray, " b"]]:
     """Reconstruction errors of each scene, in unit coordinates.
 
     Returns:
@@ -181,9 +184,9 @@ def errors(decoded: Decoded, tokens: Tokens) -> dict[str, Float[AnyArray, " b"]]
     return result
 
 
-def _counted(tokens: Tokens, official: bool) -> Bool[AnyArray, " b"]:
-    layout = tokens.layout
-    return layout != Layout.CENTRED if official else layout == Layout.PARTITIONED
+def _counted(tokens: NormalizedScene, official: bool) -> Bool[AnyArray, " b"]:
+    crop = tokens.crop
+    return crop != Crop.CENTERED if official else crop == Crop.PARTITIONED
 
 
 def _length(difference: Float[AnyArray, "*b 2"]) -> Float[AnyArray, "*b"]:
@@ -215,7 +218,7 @@ def _link_entropy(logits: AnyArray, links: AnyArray, pairs: AnyArray, balanced: 
     return _mean_of(sums / jnp.maximum(members, 1).astype(sums.dtype), members > 0)
 
 
-def _joint_error(lanes: AnyArray, tokens: Tokens, pairs: AnyArray) -> Float[AnyArray, " b"]:
+def _connection_error(lanes: AnyArray, tokens: NormalizedScene, pairs: AnyArray) -> Float[AnyArray, " b"]:
     """Mean |difference| of the step from the end of a lane to the start of each that follows it.
 
     Errors that both lanes share cost nothing here: what counts is that a road stays whole.

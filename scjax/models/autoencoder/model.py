@@ -11,52 +11,52 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.decoder import Decoder
 from scjax.models.autoencoder.encoder import Encoder
 from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
-from scjax.models.codec import Tokens
+from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import Functional, functional
-from scjax.nn.init import Draws
-from scjax.scene.per_type import Nodes
+from scjax.nn.init import ParamInit
+from scjax.scene.per_type import PerType
 
 
 class Autoencoder(nnx.Module):
     """Encoder and decoder; all methods work on batches [B] and never mix scenes."""
 
-    def __init__(self, config: AutoencoderConfig, *, draws: Draws):
-        self.encoder = Encoder(config, draws=draws)
-        self.decoder = Decoder(config, draws=draws)
+    def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
+        self.encoder = Encoder(config, init=init)
+        self.decoder = Decoder(config, init=init)
 
-    def encode(self, tokens: Tokens) -> Posterior:
+    def encode(self, tokens: NormalizedScene) -> Posterior:
         """The posterior of each scene's latents."""
         return self.encoder(tokens)
 
-    def decode(self, latents: Nodes, mask: Nodes, *, through_pairs: bool = True) -> Decoded:
+    def decode(self, latents: PerType, mask: PerType, *, through_pairs: bool = True) -> Decoded:
         """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes; see ``Decoder``."""
         return self.decoder(latents, mask, through_pairs=through_pairs)
 
-    def reconstruct(self, tokens: Tokens, noise: Nodes | None = None) -> tuple[Posterior, Decoded]:
+    def reconstruct(self, tokens: NormalizedScene, noise: PerType | None = None) -> tuple[Posterior, Decoded]:
         """Encodes, moves to mean + exp(logvar / 2) noise (mean alone without noise), and decodes: the training pass."""
         posterior = self.encoder(tokens)
         latents = posterior.mean if noise is None else shift_noise(posterior, noise)
-        return posterior, self.decoder(latents, Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask))
+        return posterior, self.decoder(latents, PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask))
 
-    def trace(self, tokens: Tokens, latents: Nodes) -> tuple[Posterior, Decoded, dict[str, Any]]:
+    def trace(self, tokens: NormalizedScene, latents: PerType) -> tuple[Posterior, Decoded, dict[str, Any]]:
         """``encode(tokens)``, ``decode(latents)`` and every intermediate array, named as in the parity set."""
         encoder, decoder = {}, {}
         posterior = self.encoder(tokens, encoder)
-        decoded = self.decoder(latents, Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask), decoder)
+        decoded = self.decoder(latents, PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask), decoder)
         arrays = {f"enc/{name}": value for name, value in encoder.items()}
         return posterior, decoded, arrays | {f"dec/{name}": value for name, value in decoder.items()}
 
 
 def autoencoder(config: AutoencoderConfig) -> Functional:
     """``init(key) -> params`` and ``apply(params, *args, method="encode" | "decode" | "reconstruct" | "trace")``."""
-    return functional(lambda draws: Autoencoder(config, draws=draws))
+    return functional(lambda init: Autoencoder(config, init=init))
 
 
-def noise_like(key: jax.Array, tokens: Tokens, config: AutoencoderConfig) -> Nodes:
+def noise_like(key: jax.Array, tokens: NormalizedScene, config: AutoencoderConfig) -> PerType:
     """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent], a key for each kind."""
     agents = (*tokens.agent_mask.shape, config.agent_latent)
     lanes = (*tokens.lane_mask.shape, config.lane_latent)
-    return Nodes(
+    return PerType(
         agents=jax.random.normal(jax.random.fold_in(key, 0), agents, tokens.agents.dtype),
         lanes=jax.random.normal(jax.random.fold_in(key, 1), lanes, tokens.lanes.dtype),
     )

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
 
@@ -15,12 +15,12 @@ class Posterior:
     """Diagonal Gaussians over the latents; rows of padding are zero.
 
     Attributes:
-      mean, logvar: ``Nodes`` of [B, A, agent_latent] and [B, L, lane_latent]; logvar is not clipped.
+      mean, logvar: ``PerType`` of [B, A, agent_latent] and [B, L, lane_latent]; logvar is not clipped.
       lane_count_logits: number of lanes behind the partition, classes 0..max_lanes.
     """
 
-    mean: Nodes
-    logvar: Nodes
+    mean: PerType
+    logvar: PerType
     lane_count_logits: Float[Array | np.ndarray, "b classes"]
 
 
@@ -41,13 +41,13 @@ class Decoded:
     link_logits: Float[Array | np.ndarray, "b lanes lanes link_types"]
 
 
-def reparameterise(key: jax.Array, posterior: Posterior) -> Nodes:
+def reparameterise(key: jax.Array, posterior: Posterior) -> PerType:
     """A sample mean + exp(logvar / 2) noise. Agents and lanes draw from keys of their own."""
-    keys = Nodes(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
+    keys = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
     noise = jax.tree.map(lambda k, x: jax.random.normal(k, x.shape, x.dtype), keys, posterior.mean)
     return shift_noise(posterior, noise)
 
 
-def shift_noise(posterior: Posterior, noise: Nodes) -> Nodes:
+def shift_noise(posterior: Posterior, noise: PerType) -> PerType:
     """mean + exp(logvar / 2) noise; padding has mean 0 and logvar 0 and gets the bare noise."""
     return jax.tree.map(lambda m, lv, n: m + jax.numpy.exp(0.5 * lv) * n, posterior.mean, posterior.logvar, noise)

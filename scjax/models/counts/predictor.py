@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scjax.models.denoiser.context import TextFeatures
 from scjax.nn.attention import attend
 from scjax.nn.functional import Functional, functional
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 
 _STD = 0.02
@@ -25,7 +25,7 @@ _NEVER = -1e9  # logit of no lanes, and of no agents
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CounterConfig:
+class CountPredictorConfig:
     """Sizes: ``text_width`` of a token, ``width`` inside, ``queries`` that read the tokens with ``heads`` heads.
 
     ``sharpness`` is the power to which probabilities are raised when numbers are drawn: 1 draws them as they are
@@ -49,24 +49,24 @@ class CounterConfig:
             raise ValueError(f"CounterConfig.width {self.width} must be a multiple of heads {self.heads}")
 
 
-class Counter(nnx.Module):
+class CountPredictor(nnx.Module):
     """Learned queries read the tokens; lanes from what they found, agents from that and the number of lanes."""
 
-    def __init__(self, config: CounterConfig, *, draws: Draws):
+    def __init__(self, config: CountPredictorConfig, *, init: ParamInit):
         width, inner = config.width, config.width * config.queries
 
         def table(rows: int, size: int) -> nnx.Param:
-            return nnx.Param(draws.normal((rows, size), _STD))
+            return nnx.Param(init.normal((rows, size), _STD))
 
-        self.token_in, self.token_norm = Linear(config.text_width, width, draws=draws), LayerNorm(width)
+        self.token_in, self.token_norm = Linear(config.text_width, width, init=init), LayerNorm(width)
         self.query = table(config.queries, width)
-        self.key, self.value = Linear(width, width, draws=draws), Linear(width, width, draws=draws)
+        self.key, self.value = Linear(width, width, init=init), Linear(width, width, init=init)
         self.domains = table(config.domains + 1, inner)  # the last row: not told
-        self.hidden, self.norm = Linear(inner, inner, draws=draws), LayerNorm(inner)
-        self.lanes = Linear(inner, config.max_lanes + 1, draws=draws, std=_STD)
-        self.given_lanes = table(config.max_lanes + 1, inner)
-        self.agents_hidden = Linear(inner, inner, draws=draws)
-        self.agents = Linear(inner, config.max_agents + 1, draws=draws, std=_STD)
+        self.hidden, self.norm = Linear(inner, inner, init=init), LayerNorm(inner)
+        self.lanes = Linear(inner, config.max_lanes + 1, init=init, std=_STD)
+        self.known_lanes = table(config.max_lanes + 1, inner)
+        self.agents_hidden = Linear(inner, inner, init=init)
+        self.agents = Linear(inner, config.max_agents + 1, init=init, std=_STD)
         self.config = config
 
     def __call__(self, text: TextFeatures, domain: Int[Array, " b"]) -> Float[Array, "b lanes agents"]:
@@ -83,11 +83,11 @@ class Counter(nnx.Module):
         found = read.reshape(len(mask), -1) + self.domains[...][domain]
         found = self.norm(found + jax.nn.gelu(self.hidden(found)))
         lanes = _log_softmax(self.lanes(found))
-        inner = jax.nn.gelu(self.agents_hidden(found)[:, None] + self.given_lanes[...][None])
+        inner = jax.nn.gelu(self.agents_hidden(found)[:, None] + self.known_lanes[...][None])
         return lanes[..., None] + _log_softmax(self.agents(inner))
 
 
-def counter_loss(
+def count_loss(
     tables: Float[Array, "b lanes agents"], num_lanes: Int[Array, " b"], num_agents: Int[Array, " b"]
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Mean of -log P of the true numbers, and the mean absolute errors of the expected ones."""
@@ -100,9 +100,9 @@ def counter_loss(
 
 
 @functools.lru_cache(maxsize=8)
-def counter(config: CounterConfig) -> Functional:
+def count_predictor(config: CountPredictorConfig) -> Functional:
     """The network as pure functions."""
-    return functional(lambda draws: Counter(config, draws=draws))
+    return functional(lambda init: CountPredictor(config, init=init))
 
 
 def _log_softmax(logits: Float[Array, "*b n"]) -> Float[Array, "*b n"]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float
 
-from scjax.scene import MAX_AGENTS, MAX_LANES, Layout
+from scjax.scene import MAX_AGENTS, MAX_LANES, Crop
 
 Table = Float[np.ndarray, "domains layouts lanes agents"]
 
@@ -25,9 +25,9 @@ def count_table(
     Cells of zero lanes or agents stay empty. The whole table sums to 1: its marginal over domains and layouts is
     that of the data.
     """
-    raw = np.zeros((domains, len(Layout), max_lanes + 1, max_agents + 1))
-    for domain, layout, lanes, agents in counts:
-        raw[domain, layout, min(lanes, max_lanes), min(agents, max_agents)] += 1
+    raw = np.zeros((domains, len(Crop), max_lanes + 1, max_agents + 1))
+    for domain, crop, lanes, agents in counts:
+        raw[domain, crop, min(lanes, max_lanes), min(agents, max_agents)] += 1
     raw[:, :, 0, :], raw[:, :, :, 0] = 0, 0
 
     def kernel(size: int) -> np.ndarray:
@@ -43,7 +43,7 @@ def count_table(
 def draw_counts(
     rng: np.random.Generator,
     table: Table | None,
-    layout: Layout,
+    crop: Crop,
     *,
     domain: int | None = None,
     num_lanes: int | None = None,
@@ -68,7 +68,7 @@ def draw_counts(
     allowed = np.zeros(table.shape[2:], bool)
     allowed[rows, columns] = True
     # The asked layout and domain first; where the data has none of them, the other layouts, then the other domains.
-    asked = table[:, layout].astype(np.float64)
+    asked = table[:, crop].astype(np.float64)
     anywhere = table.sum(1, dtype=np.float64)
     own = slice(None) if domain is None else slice(domain, domain + 1)
     for cells in (asked[own], anywhere[own], anywhere):

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Literal, get_args
 
 from scjax.nn.cpu.precision import Compute, operands
-from scjax.nn.cross_attention import ContextLayout, ControlOptions, CrossGlobalOptions, GatedOptions
+from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions, CrossGlobalOptions, GatedOptions
 
 Prediction = Literal["noise", "velocity", "flow"]
 """What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
@@ -52,12 +52,12 @@ class DenoiserConfig:
       blocks, l2l_stages: factorized blocks, and lanes-to-lanes stages in each.
       lane_latent, agent_latent: latent numbers a token.
       max_lanes, max_agents: largest numbers of tokens (sizes of the count tables and position tables).
-      domains, layouts: the label table has a row for each pair (``domains * layout + domain``) and a last null row.
+      domains, crops: the label table has a row for each pair (``domains * crop + domain``) and a last null row.
       condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
-      control: how scene tokens read the condition: the options of a mechanism (``scjax.nn.cross_attention``).
-      given_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
-      waves: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
-      hints: what lies near a token joins its embedding (``denoiser.hints``). Not in the release.
+      cross_attention: how scene tokens read the condition: the options of a mechanism (``scjax.nn.cross_attention``).
+      known_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
+      fourier_features: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
+      relative_geometry: what lies near a token joins its embedding (``denoiser.relative_geometry``). Not in the release.
       prediction: what the network estimates, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
@@ -77,12 +77,12 @@ class DenoiserConfig:
     max_lanes: int = 100
     max_agents: int = 61
     domains: int = 4
-    layouts: int = 3
+    crops: int = 3
     condition: Condition = None
-    control: ControlOptions = _RELEASED
-    given_embedding: bool = False
-    waves: int = 0
-    hints: bool = False
+    cross_attention: CrossAttentionOptions = _RELEASED
+    known_embedding: bool = False
+    fourier_features: int = 0
+    relative_geometry: bool = False
     prediction: Prediction = "noise"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
     attend_padding: bool = False
@@ -90,7 +90,7 @@ class DenoiserConfig:
 
     def __post_init__(self):
         integers = [field.name for field in dataclasses.fields(self) if field.type == "int"]
-        _positive(self, *(name for name in integers if name != "waves" or self.waves != 0))
+        _positive(self, *(name for name in integers if name != "fourier_features" or self.fourier_features != 0))
         for kind in ("lane", "agent"):
             width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
             if width % heads:
@@ -101,12 +101,16 @@ class DenoiserConfig:
             raise ValueError(f"lane_width {self.lane_width} must be a multiple of 4 for the position code of an image")
         if self.cross_adaln_init not in ("zero", "xavier"):
             raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
-        if not isinstance(self.control, ControlOptions):
+        if not isinstance(self.cross_attention, CrossAttentionOptions):
             raise ValueError(
-                f"control must be the options of a mechanism, such as CrossGlobalOptions(), not {self.control!r}: "
+                f"control must be the options of a mechanism, such as CrossGlobalOptions(), not {self.cross_attention!r}: "
                 "scjax.nn.cross_attention.named finds them by name"
             )
-        if isinstance(self.control, GatedOptions) and not self.control.start and self.cross_adaln_init == "zero":
+        if (
+            isinstance(self.cross_attention, GatedOptions)
+            and not self.cross_attention.start
+            and self.cross_adaln_init == "zero"
+        ):
             raise ValueError(
                 'GatedOptions.start is 0 and cross_adaln_init "zero": a product of two zeros never trains. Give a '
                 'start of 1, or cross_adaln_init="xavier"'
@@ -118,14 +122,14 @@ class DenoiserConfig:
     @property
     def null_label(self) -> int:
         """Row of the label table for "not told": the last one."""
-        return self.domains * self.layouts
+        return self.domains * self.crops
 
     @property
-    def context_layout(self) -> ContextLayout:
+    def context_spec(self) -> ContextSpec:
         """How the context tokens lie: along a text, or on the image's grid and then on the depth's."""
         if isinstance(self.condition, ImageCondition):
-            return ContextLayout(kind="image", grid=self.condition.grid, modalities=2)
-        return ContextLayout(kind="text")
+            return ContextSpec(kind="image", grid=self.condition.grid, modalities=2)
+        return ContextSpec(kind="text")
 
     @property
     def position_table_size(self) -> int:
@@ -136,7 +140,7 @@ class DenoiserConfig:
         return size
 
 
-_OURS = {"given_embedding": True, "prediction": "velocity"}
+_OURS = {"known_embedding": True, "prediction": "velocity"}
 
 
 def official(condition: Condition = None) -> DenoiserConfig:

@@ -16,9 +16,9 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.embed import image_table
-from scjax.nn.init import Draws
-from scjax.nn.layers import Linear, together
-from scjax.scene.per_type import Nodes
+from scjax.nn.init import ParamInit
+from scjax.nn.layers import Linear, fused_linear
+from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
 _STD = 0.02  # of tables and of the time and text MLPs
@@ -51,42 +51,42 @@ ConditionFeatures = TextFeatures | ImageFeatures
 class TextContext(nnx.Module):
     """One two-layer MLP a kind; no positions."""
 
-    def __init__(self, config: DenoiserConfig, condition: TextCondition, *, draws: Draws):
+    def __init__(self, config: DenoiserConfig, condition: TextCondition, *, init: ParamInit):
         def mlp(width):
             sizes = [(condition.width, width), (width, width)]
-            return nnx.List([Linear(i, o, draws=draws, compute=config.compute, std=_STD) for i, o in sizes])
+            return nnx.List([Linear(i, o, init=init, compute=config.compute, std=_STD) for i, o in sizes])
 
         self.agents, self.lanes = mlp(config.agent_width), mlp(config.lane_width)
 
     def __call__(
         self, features: TextFeatures, absent: Bool[Array, " b"], trace: dict | None = None
-    ) -> tuple[Nodes, Bool[Array, "b n"]]:
+    ) -> tuple[PerType, Bool[Array, "b n"]]:
         """Context tokens a kind, and which of them carry anything. ``absent`` features may hold garbage."""
         valid = jnp.asarray(features.mask) & ~absent[:, None]
         # The features are the largest array of a training step. In rows of 2^n bytes they lie on the same few lines of
         # a cache; with zeros between, the gradients of the kernels take a fifth less time (benchmarks/README.md).
         tokens = jnp.pad(jnp.asarray(features.tokens), ((0, 0), (0, 0), (0, _SPACING)))
         tokens = jnp.where(valid[..., None], tokens, 0)
-        first = together([self.agents[0], self.lanes[0]], tokens, _SPACING)
+        first = fused_linear([self.agents[0], self.lanes[0]], tokens, _SPACING)
         agents, lanes = (
             mlp[1](jax.nn.gelu(hidden, approximate=True))
             for mlp, hidden in zip((self.agents, self.lanes), first, strict=True)
         )
-        return Nodes(agents=agents, lanes=lanes), valid
+        return PerType(agents=agents, lanes=lanes), valid
 
 
 class ImageContext(nnx.Module):
     """Image tokens, then depth tokens, both with the code of their cell; agents read a narrower copy."""
 
-    def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, draws: Draws):
-        self.dino = Linear(condition.channels, config.lane_width, draws=draws, compute=config.compute)
-        self.depth = Linear(1, config.lane_width, draws=draws, compute=config.compute)
-        self.agents = Linear(config.lane_width, config.agent_width, draws=draws, compute=config.compute)
+    def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, init: ParamInit):
+        self.dino = Linear(condition.channels, config.lane_width, init=init, compute=config.compute)
+        self.depth = Linear(1, config.lane_width, init=init, compute=config.compute)
+        self.agents = Linear(config.lane_width, config.agent_width, init=init, compute=config.compute)
         self.grid, self.patch = condition.grid, condition.patch
 
     def __call__(
         self, features: ImageFeatures, absent: Bool[Array, " b"], trace: dict | None = None
-    ) -> tuple[Nodes, Bool[Array, "b n"]]:
+    ) -> tuple[PerType, Bool[Array, "b n"]]:
         """As ``TextContext``."""
         dino, depth = jnp.asarray(features.dino), jnp.asarray(features.depth)
         if dino.shape[1:] != (self.dino.kernel.shape[0], *self.grid):
@@ -102,7 +102,7 @@ class ImageContext(nnx.Module):
             trace |= {"dino_proj": dino, "depth_patch_mean": means, "depth_proj": depth}
         lanes = jnp.concatenate([dino + code, depth + code], 1)
         valid = jnp.broadcast_to(~absent[:, None], lanes.shape[:2])
-        return Nodes(agents=self.agents(lanes), lanes=lanes), valid
+        return PerType(agents=self.agents(lanes), lanes=lanes), valid
 
 
 def normalise_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.ndarray, "*b height width"]:

@@ -14,19 +14,19 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 
 # In units of a projection, which at first has the spread of one latent number.
 WAVELENGTHS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 
 
-class Waves(nnx.Module):
+class FourierFeatures(nnx.Module):
     """Latents [.., latent] -> what joins the embedding [.., width]: exactly zero in a fresh network."""
 
-    def __init__(self, latent: int, width: int, projections: int, *, draws: Draws, compute: Compute = "float32"):
-        self.project = Linear(latent, projections, draws=draws, std=latent**-0.5)  # full precision: phases are fine
-        self.out = Linear(2 * projections * len(WAVELENGTHS), width, draws=draws, compute=compute, std=0.0)
+    def __init__(self, latent: int, width: int, projections: int, *, init: ParamInit, compute: Compute = "float32"):
+        self.project = Linear(latent, projections, init=init, std=latent**-0.5)  # full precision: phases are fine
+        self.out = Linear(2 * projections * len(WAVELENGTHS), width, init=init, compute=compute, std=0.0)
 
     def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b width"]:
         projected = self.project(latents)

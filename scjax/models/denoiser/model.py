@@ -14,15 +14,15 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
-from scjax.models.denoiser.fourier_features import Waves
-from scjax.models.denoiser.position_head import POINTS, Anchors
-from scjax.models.denoiser.relative_geometry import Hints
+from scjax.models.denoiser.fourier_features import FourierFeatures
+from scjax.models.denoiser.position_head import POINTS, PositionHead
+from scjax.models.denoiser.relative_geometry import RelativeGeometry
 from scjax.models.denoiser.stage import Head, Stage
-from scjax.nn.cross_attention import Aux, NoOptions
+from scjax.nn.cross_attention import AuxOutputs, NoOptions
 from scjax.nn.functional import Functional, functional
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, ResidualMLP
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 _STD = 0.02  # of tables and of the time and text MLPs
 
@@ -32,23 +32,23 @@ def denoiser(config: DenoiserConfig) -> Functional:
 
     ``apply(..., method="encode_condition")`` and ``method="modulation"`` run these methods.
     """
-    return functional(lambda draws: Denoiser(config, draws=draws))
+    return functional(lambda init: Denoiser(config, init=init))
 
 
 class Block(nnx.Module):
     """The four stages, with projections between the two widths."""
 
-    def __init__(self, config: DenoiserConfig, *, draws: Draws):
+    def __init__(self, config: DenoiserConfig, *, init: ParamInit):
         def stage(width, heads):
             return Stage(
-                width, heads, draws=draws, mlp_ratio=config.mlp_ratio, compute=config.compute,
-                cross_adaln_init=config.cross_adaln_init, layout=config.context_layout,
-                control=None if config.condition is None else config.control,
+                width, heads, init=init, mlp_ratio=config.mlp_ratio, compute=config.compute,
+                cross_adaln_init=config.cross_adaln_init, spec=config.context_spec,
+                cross_attention=None if config.condition is None else config.cross_attention,
             )  # fmt: skip
 
         lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
-        self.agents_up = Linear(agent[0], lane[0], draws=draws, compute=config.compute)
-        self.lanes_down = Linear(lane[0], agent[0], draws=draws, compute=config.compute)
+        self.agents_up = Linear(agent[0], lane[0], init=init, compute=config.compute)
+        self.lanes_down = Linear(lane[0], agent[0], init=init, compute=config.compute)
         self.a2l = stage(*lane)
         self.l2l = nnx.List([stage(*lane) for _ in range(config.l2l_stages)])
         self.l2a = stage(*agent)
@@ -61,7 +61,7 @@ class Block(nnx.Module):
             "a2l": ("lanes", self.a2l), **lane_stages, "l2a": ("agents", self.l2a), "a2a": ("agents", self.a2a)
         }  # fmt: skip
 
-    def modulation(self, wide: Nodes, narrow: Nodes) -> dict:
+    def modulation(self, wide: PerType, narrow: PerType) -> dict:
         """AdaLN chunks of every stage from the conditioning vectors at both widths (after SiLU)."""
         chunks = {}
         for name, (kind, stage) in self.stages().items():
@@ -73,7 +73,7 @@ class Block(nnx.Module):
                 chunks[name] = stage.modulation(wide.lanes if kind == "lanes" else narrow.agents)
         return chunks
 
-    def encode(self, context: Nodes, mask: Bool[Array, "b m"]) -> dict:
+    def encode(self, context: PerType, mask: Bool[Array, "b m"]) -> dict:
         """Cross-attention cache of every stage."""
         caches = {}
         for name, (kind, stage) in self.stages().items():
@@ -82,8 +82,8 @@ class Block(nnx.Module):
         return caches
 
     def __call__(
-        self, x: Nodes, modulation: dict, masks: Nodes, cache: dict | None, trace: dict | None
-    ) -> tuple[Nodes, dict[str, Aux]]:
+        self, x: PerType, modulation: dict, masks: PerType, cache: dict | None, trace: dict | None
+    ) -> tuple[PerType, dict[str, AuxOutputs]]:
         """The updated tokens, and what the stages' conditioning tells of itself."""
         sources = {"a2l": ("agents", self.agents_up), "l2a": ("lanes", self.lanes_down)}
         aux = {}
@@ -106,39 +106,53 @@ class Block(nnx.Module):
 class Denoiser(nnx.Module):
     """z_t -> estimate of what was added; see ``__call__``."""
 
-    def __init__(self, config: DenoiserConfig, *, draws: Draws):
+    def __init__(self, config: DenoiserConfig, *, init: ParamInit):
         def table(rows, width):
-            return nnx.Param(draws.normal((rows, width), _STD))
+            return nnx.Param(init.normal((rows, width), _STD))
 
         lane, agent, compute = config.lane_width, config.agent_width, config.compute
         # In full precision: near the data little noise is left to be told from latents that are mostly signal.
-        self.lane_embedder = ResidualMLP(config.lane_latent, lane, draws=draws)
-        self.agent_embedder = ResidualMLP(config.agent_latent, agent, draws=draws)
-        waves = config.waves
-        self.lane_waves = Waves(config.lane_latent, lane, waves, draws=draws, compute=compute) if waves else None
-        self.agent_waves = Waves(config.agent_latent, agent, waves, draws=draws, compute=compute) if waves else None
+        self.lane_embedder = ResidualMLP(config.lane_latent, lane, init=init)
+        self.agent_embedder = ResidualMLP(config.agent_latent, agent, init=init)
+        fourier_features = config.fourier_features
+        self.lane_fourier = (
+            FourierFeatures(config.lane_latent, lane, fourier_features, init=init, compute=compute)
+            if fourier_features
+            else None
+        )
+        self.agent_fourier = (
+            FourierFeatures(config.agent_latent, agent, fourier_features, init=init, compute=compute)
+            if fourier_features
+            else None
+        )
         sizes = {"agents": (config.agent_latent, POINTS.agents), "lanes": (config.lane_latent, POINTS.lanes)}
-        anchors = {kind: Anchors(*size, draws=draws) for kind, size in sizes.items()} if config.hints else None
-        self.anchors = None if anchors is None else nnx.Dict(anchors)
-        self.hints = Hints(Nodes(agents=agent, lanes=lane), draws=draws, compute=compute) if config.hints else None
-        self.time_in = Linear(TIME_CODE, lane, draws=draws, compute=compute, std=_STD)
-        self.time_out = Linear(lane, lane, draws=draws, compute=compute, std=_STD)
+        position_heads = (
+            {kind: PositionHead(*size, init=init) for kind, size in sizes.items()} if config.relative_geometry else None
+        )
+        self.position_heads = None if position_heads is None else nnx.Dict(position_heads)
+        self.relative_geometry = (
+            RelativeGeometry(PerType(agents=agent, lanes=lane), init=init, compute=compute)
+            if config.relative_geometry
+            else None
+        )
+        self.time_in = Linear(TIME_CODE, lane, init=init, compute=compute, std=_STD)
+        self.time_out = Linear(lane, lane, init=init, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
         self.lane_counts = table(config.max_lanes + 1, lane)
         self.agent_counts = table(config.max_agents + 1, lane)
-        self.narrow = Linear(lane, agent, draws=draws, compute=compute)
-        self.blocks = nnx.List([Block(config, draws=draws) for _ in range(config.blocks)])
-        self.lane_head = Head(lane, config.lane_latent, draws=draws, compute=compute)
-        self.agent_head = Head(agent, config.agent_latent, draws=draws, compute=compute)
-        self.lane_given = nnx.Param(jnp.zeros(lane)) if config.given_embedding else None
-        self.agent_given = nnx.Param(jnp.zeros(agent)) if config.given_embedding else None
+        self.narrow = Linear(lane, agent, init=init, compute=compute)
+        self.blocks = nnx.List([Block(config, init=init) for _ in range(config.blocks)])
+        self.lane_head = Head(lane, config.lane_latent, init=init, compute=compute)
+        self.agent_head = Head(agent, config.agent_latent, init=init, compute=compute)
+        self.lane_known = nnx.Param(jnp.zeros(lane)) if config.known_embedding else None
+        self.agent_known = nnx.Param(jnp.zeros(agent)) if config.known_embedding else None
         context = None
-        if isinstance(config.control, NoOptions):
+        if isinstance(config.cross_attention, NoOptions):
             pass  # nobody would read it
         elif isinstance(config.condition, TextCondition):
-            context = TextContext(config, config.condition, draws=draws)
+            context = TextContext(config, config.condition, init=init)
         elif isinstance(config.condition, ImageCondition):
-            context = ImageContext(config, config.condition, draws=draws)
+            context = ImageContext(config, config.condition, init=init)
         self.context = context
         self.config = config
 
@@ -175,7 +189,7 @@ class Denoiser(nnx.Module):
         return [block.encode(context, mask) for block in self.blocks]
 
     def modulation(
-        self, t: Real[Array, " b"], label: Int[Array, " b"], counts: Nodes, trace: dict | None = None
+        self, t: Real[Array, " b"], label: Int[Array, " b"], counts: PerType, trace: dict | None = None
     ) -> dict:
         """All AdaLN chunks, one row a scene and kind; ``counts`` are the numbers of valid tokens [B] a kind.
 
@@ -183,7 +197,7 @@ class Denoiser(nnx.Module):
         """
         time = self.time_out(jax.nn.silu(self.time_in(time_code(t, self.labels.dtype))))
         kind = self.labels[...][label]
-        number = Nodes(agents=self.agent_counts[...][counts.agents], lanes=self.lane_counts[...][counts.lanes])
+        number = PerType(agents=self.agent_counts[...][counts.agents], lanes=self.lane_counts[...][counts.lanes])
         wide = jax.tree.map(lambda n: time + kind + n, number)
         narrow = jax.tree.map(self.narrow, wide)
         if trace is not None:
@@ -191,31 +205,31 @@ class Denoiser(nnx.Module):
             trace |= {"c_lane": wide.lanes, "c_agent": wide.agents}
             trace |= {"c_small_lane": narrow.lanes, "c_small_agent": narrow.agents}
         wide, narrow = jax.tree.map(jax.nn.silu, (wide, narrow))
-        heads = Nodes(
+        heads = PerType(
             agents=self.agent_head.modulation(narrow.agents), lanes=self.lane_head.modulation(wide.lanes)
         )  # fmt: skip
         return {"blocks": [block.modulation(wide, narrow) for block in self.blocks], "heads": heads}
 
     def __call__(
         self,
-        z: Nodes,
+        z: PerType,
         t: Real[Array, " b"],
         label: Int[Array, " b"],
-        masks: Nodes,
-        given: Nodes | None = None,
+        masks: PerType,
+        known: PerType | None = None,
         cache: list | None = None,
         modulation: dict | None = None,
         trace: dict | None = None,
-        aux: dict[str, Aux] | None = None,
-    ) -> Nodes:
+        aux: dict[str, AuxOutputs] | None = None,
+    ) -> PerType:
         """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
           z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.token_order); padding may hold anything.
           t: timesteps 0..99; of a rectified flow also between them (``diffusion.flow``).
-          label: ``config.domains * layout + domain``, or ``config.null_label``.
+          label: ``config.domains * crop + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].
-          given: True at tokens that are given (clean); used by ``given_embedding`` only.
+          known: True at tokens that are given (clean); used by ``known_embedding`` only.
           cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch
             belongs to its first scenes (unless ``attend_padding``, the null branch of guidance needs none: the rest
             gets what a dropped condition gives).
@@ -224,25 +238,27 @@ class Denoiser(nnx.Module):
           aux: filled with the losses and metrics of the conditioning, by block and stage, where a dict is given.
         """
         z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
-        tokens = Nodes(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
-        if self.lane_waves is not None and self.agent_waves is not None:
-            waves = Nodes(agents=self.agent_waves(z.agents), lanes=self.lane_waves(z.lanes))
-            tokens = jax.tree.map(jnp.add, tokens, waves)
-        if self.hints is not None and self.anchors is not None:
-            points = Nodes(agents=self.anchors["agents"](z.agents), lanes=self.anchors["lanes"](z.lanes))
-            tokens = jax.tree.map(jnp.add, tokens, self.hints(points, masks))
+        tokens = PerType(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
+        if self.lane_fourier is not None and self.agent_fourier is not None:
+            fourier_features = PerType(agents=self.agent_fourier(z.agents), lanes=self.lane_fourier(z.lanes))
+            tokens = jax.tree.map(jnp.add, tokens, fourier_features)
+        if self.relative_geometry is not None and self.position_heads is not None:
+            points = PerType(
+                agents=self.position_heads["agents"](z.agents), lanes=self.position_heads["lanes"](z.lanes)
+            )
+            tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(points, masks))
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config
-        tables = Nodes(
+        tables = PerType(
             agents=position_table(config.max_lanes, config.max_agents, config.agent_width),
             lanes=position_table(0, config.max_lanes, config.lane_width),
         )
         tokens = jax.tree.map(_add_positions, tokens, masks, tables)
-        if self.lane_given is not None and self.agent_given is not None and given is not None:
-            vectors = Nodes(agents=self.agent_given[...], lanes=self.lane_given[...])
+        if self.lane_known is not None and self.agent_known is not None and known is not None:
+            vectors = PerType(agents=self.agent_known[...], lanes=self.lane_known[...])
             tokens = jax.tree.map(
-                lambda x, flag, vector: x + jnp.where(flag[..., None], vector[None, None], 0), tokens, given, vectors
+                lambda x, flag, vector: x + jnp.where(flag[..., None], vector[None, None], 0), tokens, known, vectors
             )
         if modulation is None:
             counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
@@ -261,7 +277,7 @@ class Denoiser(nnx.Module):
             if trace is not None and notes is not None:
                 trace |= {f"b{i}/{name}": value for name, value in notes.items()}
         heads = modulation["heads"]
-        eps = Nodes(
+        eps = PerType(
             agents=self.agent_head(tokens.agents, heads.agents), lanes=self.lane_head(tokens.lanes, heads.lanes)
         )  # fmt: skip
         return jax.tree.map(lambda noise, mask: jnp.where(mask[..., None], noise, 0), eps, masks)

@@ -10,28 +10,28 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Float
 
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.scene import POINTS_PER_LANE
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 UNIT = 16.0
 """Metres of an anchor's 1."""
 ALONG = tuple(int(k) for k in np.linspace(0, POINTS_PER_LANE - 1, 5).round())
 """Which of a lane's points are its anchors; those of an agent are its centre and a point ``AHEAD`` metres before it."""
 AHEAD = 10.0
-POINTS = Nodes(agents=2, lanes=len(ALONG))
+POINTS = PerType(agents=2, lanes=len(ALONG))
 """Anchors of a token."""
 
 _HIDDEN = 96
 
 
-class Anchors(nnx.Module):
+class PositionHead(nnx.Module):
     """Latents [.., latent] -> points [.., points, 2] from the middle of the window, in units of ``UNIT``."""
 
-    def __init__(self, latent: int, points: int, *, draws: Draws):
+    def __init__(self, latent: int, points: int, *, init: ParamInit):
         def linear(features_in, features_out):
-            return Linear(features_in, features_out, draws=draws)  # in full precision: decimetres in 64 m
+            return Linear(features_in, features_out, init=init)  # in full precision: decimetres in 64 m
 
         self.skip = linear(latent, 2 * points)
         self.first, self.second, self.out = (

@@ -3,7 +3,7 @@
 Whether two lanes meet or a car stands on its lane is a matter of decimetres between two tokens, which attention has to
 find in products of hidden numbers. The mean shift toward what is near (Comaniciu & Meer 2002), at several scales, says
 it in numbers that are linear in what has to be corrected. It is taken between the points that the noisy latents tell
-(``Anchors``). Not in the release.
+(``PositionHead``). Not in the release.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.models.denoiser.position_head import POINTS, UNIT
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 # Points of a lane, and of others that they are held against: what follows, precedes, splits, merges, runs beside.
 _PAIRED = ((-1, 0), (0, -1), (0, 0), (-1, -1), (POINTS.lanes // 2, POINTS.lanes // 2))
 _SCALES = {"lanes": (1.0, 3.0, 9.0), "agents": (2.0, 4.0, 8.0), "on lane": (1.0, 2.0, 4.0)}  # metres
-_NUMBERS = Nodes(  # shift and weight, and for agents on lanes the lane's direction
+_NUMBERS = PerType(  # shift and weight, and for agents on lanes the lane's direction
     agents=3 * len(_SCALES["agents"]) + 5 * len(_SCALES["on lane"]), lanes=3 * len(_PAIRED) * len(_SCALES["lanes"])
 )
 _LEAST = 0.1  # of a neighbour at no distance: below, a shift fades
 _SHORT = 0.1  # m: directions of shorter segments fade
 
 
-class Hints(nnx.Module):
+class RelativeGeometry(nnx.Module):
     """Points of tokens -> what joins their embeddings: exactly zero in a fresh network."""
 
-    def __init__(self, width: Nodes, *, draws: Draws, compute: Compute = "float32"):
-        self.agents = Linear(_NUMBERS.agents, width.agents, draws=draws, compute=compute, std=0.0)
-        self.lanes = Linear(_NUMBERS.lanes, width.lanes, draws=draws, compute=compute, std=0.0)
+    def __init__(self, width: PerType, *, init: ParamInit, compute: Compute = "float32"):
+        self.agents = Linear(_NUMBERS.agents, width.agents, init=init, compute=compute, std=0.0)
+        self.lanes = Linear(_NUMBERS.lanes, width.lanes, init=init, compute=compute, std=0.0)
 
-    def __call__(self, points: Nodes, masks: Nodes) -> Nodes:
+    def __call__(self, points: PerType, masks: PerType) -> PerType:
         """Anchors [B, tokens, points, 2] a kind, finite also at padding, and masks -> [B, tokens, width] a kind."""
         agents, lanes = UNIT * points.agents, UNIT * points.lanes
-        return Nodes(
+        return PerType(
             agents=self.agents(about_agents(agents, lanes, masks)), lanes=self.lanes(about_lanes(lanes, masks.lanes))
         )
 
@@ -55,7 +55,7 @@ def about_lanes(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> Flo
 
 
 def about_agents(
-    agents: Float[Array, "b n p 2"], lanes: Float[Array, "b m r 2"], masks: Nodes
+    agents: Float[Array, "b n p 2"], lanes: Float[Array, "b m r 2"], masks: PerType
 ) -> Float[Array, "b n f"]:
     """Shifts from every agent toward the others and toward the nearest points of lanes, with the lanes' directions."""
     others = masks.agents[:, None] & ~jnp.eye(masks.agents.shape[1], dtype=bool)[None]

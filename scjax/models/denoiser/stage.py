@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention import Aux, ContextLayout, ControlOptions, NoOptions, build
-from scjax.nn.init import Draws
+from scjax.nn.cross_attention import AuxOutputs, ContextSpec, CrossAttentionOptions, NoOptions, build
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, standardise
 from scjax.scene.pytree import pytree
 
@@ -45,25 +45,25 @@ class Stage(nnx.Module):
         width: int,
         heads: int,
         *,
-        draws: Draws,
+        init: ParamInit,
         mlp_ratio: int = 4,
-        control: ControlOptions | None = None,
-        layout: ContextLayout | None = None,
+        cross_attention: CrossAttentionOptions | None = None,
+        spec: ContextSpec | None = None,
         cross_adaln_init: Literal["zero", "xavier"] = "zero",
         compute: Compute = "float32",
     ):
         def linear(features_in, features_out, std=None):
-            return Linear(features_in, features_out, draws=draws, compute=compute, std=std)
+            return Linear(features_in, features_out, init=init, compute=compute, std=std)
 
         self.adaln = linear(width, 6 * width, _ZERO)
         self.q, self.k, self.v, self.out = (linear(width, width) for _ in range(4))
         self.up, self.down = linear(width, mlp_ratio * width), linear(mlp_ratio * width, width)
         cross_adaln = cross = None
-        if control is not None and not isinstance(control, NoOptions):
+        if cross_attention is not None and not isinstance(cross_attention, NoOptions):
             cross_adaln = linear(width, 3 * width, _ZERO if cross_adaln_init == "zero" else None)
-            cross = build(control, width, heads, layout or ContextLayout(), draws=draws, compute=compute)
+            cross = build(cross_attention, width, heads, spec or ContextSpec(), init=init, compute=compute)
         self.cross_adaln, self.cross = cross_adaln, cross
-        self.heads, self.control = heads, control
+        self.heads, self.cross_attention = heads, cross_attention
 
     def modulation(
         self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None
@@ -86,7 +86,7 @@ class Stage(nnx.Module):
         source: Float[Array, "b m d"] | None = None,
         cache: Any = None,
         trace: dict | None = None,
-    ) -> tuple[Float[Array, "b n d"], Aux | None]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs | None]:
         """Updates x, real where ``mask``: it reads ``source`` (None: itself) where ``source_mask``, and the condition.
 
         A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
@@ -118,7 +118,7 @@ class Stage(nnx.Module):
 
     def _complete(self, cache: Any, x: Float[Array, "b n d"]) -> Any:
         """The cache of all scenes, if a scene without condition gets something too (``empty_is_zero`` is False)."""
-        if self.cross is None or self.control is None or self.control.empty_is_zero:
+        if self.cross is None or self.cross_attention is None or self.cross_attention.empty_is_zero:
             return cache
         if cache is None:
             nothing = jnp.zeros((len(x), 1, x.shape[2]), x.dtype)
@@ -131,9 +131,9 @@ class Stage(nnx.Module):
 class Head(nnx.Module):
     """Modulated plain layer norm and a linear map to the estimate; zero at first."""
 
-    def __init__(self, width: int, features_out: int, *, draws: Draws, compute: Compute = "float32"):
-        self.adaln = Linear(width, 2 * width, draws=draws, compute=compute, std=_ZERO)
-        self.linear = Linear(width, features_out, draws=draws, compute=compute, std=_ZERO)
+    def __init__(self, width: int, features_out: int, *, init: ParamInit, compute: Compute = "float32"):
+        self.adaln = Linear(width, 2 * width, init=init, compute=compute, std=_ZERO)
+        self.linear = Linear(width, features_out, init=init, compute=compute, std=_ZERO)
 
     def modulation(self, to: Float[Array, "b d"]) -> Float[Array, "b 2 d"]:
         """Shift and scale from the conditioning vector (after SiLU)."""

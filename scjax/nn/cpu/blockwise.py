@@ -1,7 +1,7 @@
 """Work on lane pairs a few destination rows at a time: small enough for the cache, and none for padding.
 
 On a CPU the features of 10,000 pairs fall out of the cache between any two operations, and half of a batch's pairs are
-padding. ``over_rows`` therefore walks through scenes and blocks of rows, leaves out blocks without a real row, and
+padding. ``blockwise_map`` therefore walks through scenes and blocks of rows, leaves out blocks without a real row, and
 works each block out again for the gradient instead of keeping its intermediate values.
 """
 
@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool
 _PAIRS_ON_CPU = 512
 
 
-def over_rows(
+def blockwise_map(
     function: Callable[[Any, Any], Any], scenes: Any, rows: Any, real: Bool[Array, "b l"], sources: int
 ) -> Any:
     """``function(scenes, rows)``, blockwise on a CPU; elsewhere at once. Its gradient recomputes.

@@ -16,7 +16,7 @@ _SMALL_KERNEL = 128 * 128  # numbers
 
 def linear(x: Float[Array, "m k"], w: Float[Array, "k n"], b: Float[Array, " n"]) -> Float[Array, "m n"]:
     """``x @ w + b``; see ``product``."""
-    return shifted(product(x, w), b)
+    return add_bias(product(x, w), b)
 
 
 def product(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
@@ -30,12 +30,12 @@ def product(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n
 
 
 @jax.custom_vjp
-def shifted(x: Float[Array, "m c"], offset: Float[Array, " c"]) -> Float[Array, "m c"]:
+def add_bias(x: Float[Array, "m c"], offset: Float[Array, " c"]) -> Float[Array, "m c"]:
     """``x + offset``."""
     return x + offset[None]
 
 
-shifted.defvjp(lambda x, offset: (shifted(x, offset), None), lambda _, g: (g, _column_sums(g)))
+add_bias.defvjp(lambda x, offset: (add_bias(x, offset), None), lambda _, g: (g, _column_sums(g)))
 
 
 def rstd(x: Float[Array, "m c"], eps: float) -> Float[Array, "m 1"]:

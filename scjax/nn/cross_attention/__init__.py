@@ -1,7 +1,7 @@
 """Ways to condition scene tokens on context tokens, one a file, with one interface (attention-variants.md).
 
 A mechanism is chosen by its options: a frozen, hashable dataclass, part of a network's config. ``build`` makes its
-module; ``named`` and ``described`` go between options and plain text.
+module; ``from_name`` and ``to_config`` go between options and plain text.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.cross_attention.agent import Agent, AgentOptions
-from scjax.nn.cross_attention.base import Aux, ContextLayout, Control
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, CrossAttention
 from scjax.nn.cross_attention.concat import Concat, ConcatOptions
 from scjax.nn.cross_attention.cross_global import CrossGlobal, CrossGlobalOptions
 from scjax.nn.cross_attention.deformable import Deformable, DeformableOptions
@@ -23,9 +23,19 @@ from scjax.nn.cross_attention.linear import FocusedLinear, LinearOptions
 from scjax.nn.cross_attention.saap import Saap, SaapOptions
 from scjax.nn.cross_attention.squeezed import Squeezed, SqueezedOptions
 from scjax.nn.cross_attention.windowed import Windowed, WindowedOptions
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
-__all__ = ["OPTIONS", "Aux", "ContextLayout", "Control", "ControlOptions", "NoOptions", "build", "described", "named"]
+__all__ = [
+    "OPTIONS",
+    "AuxOutputs",
+    "ContextSpec",
+    "CrossAttention",
+    "CrossAttentionOptions",
+    "NoOptions",
+    "build",
+    "from_name",
+    "to_config",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +45,7 @@ class NoOptions:
     empty_is_zero: ClassVar[bool] = True
 
 
-ControlOptions = (
+CrossAttentionOptions = (
     NoOptions
     | ConcatOptions
     | FullOptions
@@ -64,7 +74,7 @@ OPTIONS = {
     "cross_global": CrossGlobalOptions,
 }
 
-_MODULES: dict[type, Callable[..., Control] | None] = {
+_MODULES: dict[type, Callable[..., CrossAttention] | None] = {
     NoOptions: None,
     ConcatOptions: Concat,
     FullOptions: Full,
@@ -80,14 +90,14 @@ _MODULES: dict[type, Callable[..., Control] | None] = {
 
 
 def build(
-    options: ControlOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+    options: CrossAttentionOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
     compute: Compute = "float32",
-) -> Control | None:  # fmt: skip
+) -> CrossAttention | None:  # fmt: skip
     """The module; None for ``NoOptions``.
 
     Args:
       width, heads: of the scene tokens and of the context.
-      layout: how the context's tokens lie.
+      spec: how the context's tokens lie.
 
     Raises:
       ValueError: ``width`` is no multiple of ``heads``, or the options do not fit the layout.
@@ -95,10 +105,10 @@ def build(
     if width % heads:
         raise ValueError(f"width {width} must be a multiple of heads {heads}")
     module = _MODULES[type(options)]
-    return None if module is None else module(options, width, heads, layout, draws=draws, compute=compute)
+    return None if module is None else module(options, width, heads, spec, init=init, compute=compute)
 
 
-def named(name: str, **fields: Any) -> ControlOptions:
+def from_name(name: str, **fields: Any) -> CrossAttentionOptions:
     """The options of a mechanism by its name; those not given have their defaults.
 
     Raises:
@@ -115,7 +125,7 @@ def named(name: str, **fields: Any) -> ControlOptions:
     return OPTIONS[name](**fields)
 
 
-def described(options: ControlOptions) -> dict[str, Any]:
-    """Name and fields, JSON-ready: ``named(**described(options)) == options``."""
+def to_config(options: CrossAttentionOptions) -> dict[str, Any]:
+    """Name and fields, JSON-ready: ``from_name(**to_config(options)) == options``."""
     name = next(name for name, kind in OPTIONS.items() if isinstance(options, kind))
     return {"name": name, **dataclasses.asdict(options)}

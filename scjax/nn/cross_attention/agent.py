@@ -17,9 +17,9 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend, attend_heads, merge_heads, split_heads, weights
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, one_of, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, one_of, only, readers
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.scene.pytree import pytree
 
 _TABLE = 7  # rows and columns of the coarse bias table
@@ -58,15 +58,15 @@ class Agent(Projections):
     """y = W_o Attn(Q, A, Attn(A, K, V)) with agents A in the space of the queries."""
 
     def __init__(
-        self, options: AgentOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: AgentOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
+        super().__init__(width, heads, init=init, compute=compute)
         tokens = options.tokens or (32 if width <= 256 else 49)
-        self.agents = None if options.pooling == "segment" else nnx.Param(draws.normal((tokens, width), 0.02))
-        if options.grid_bias and layout.grid is None:
-            raise ValueError(f"AgentOptions.grid_bias needs an image's grid, not {layout.kind} tokens: leave it out")
-        self.bias = GridBias(heads * tokens, layout, draws=draws) if options.grid_bias else None
+        self.agents = None if options.pooling == "segment" else nnx.Param(init.normal((tokens, width), 0.02))
+        if options.grid_bias and spec.grid is None:
+            raise ValueError(f"AgentOptions.grid_bias needs an image's grid, not {spec.kind} tokens: leave it out")
+        self.bias = GridBias(heads * tokens, spec, init=init) if options.grid_bias else None
         self.options, self.tokens = options, tokens
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys | AgentValues:
@@ -78,7 +78,7 @@ class Agent(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys | AgentValues
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read of what the agents have read."""
         query = self.query(x, x_mask)
         if isinstance(cache, AgentValues):
@@ -92,7 +92,7 @@ class Agent(Projections):
         attended = merge_heads(
             attend_heads(split_heads(query, self.heads), split_heads(agents, self.heads), values, None)
         )
-        return only(readers(x_mask, cache.mask), self.out(attended)), Aux()
+        return only(readers(x_mask, cache.mask), self.out(attended)), AuxOutputs()
 
     def _learned(self, scenes: int) -> Float[Array, "b agents d"]:
         assert self.agents is not None
@@ -112,20 +112,20 @@ class Agent(Projections):
 class GridBias(nnx.Module):
     """A logit a row (head and agent) and cell: a coarse table, enlarged, and one a row and one a column of the grid."""
 
-    def __init__(self, rows: int, layout: ContextLayout, *, draws: Draws):
-        assert layout.grid is not None
-        self.coarse = nnx.Param(draws.normal((rows, _TABLE, _TABLE), 0.02))
-        self.rows = nnx.Param(draws.normal((rows, layout.grid[0], 1), 0.02))
-        self.columns = nnx.Param(draws.normal((rows, 1, layout.grid[1]), 0.02))
-        self.layout = layout
+    def __init__(self, rows: int, spec: ContextSpec, *, init: ParamInit):
+        assert spec.grid is not None
+        self.coarse = nnx.Param(init.normal((rows, _TABLE, _TABLE), 0.02))
+        self.rows = nnx.Param(init.normal((rows, spec.grid[0], 1), 0.02))
+        self.columns = nnx.Param(init.normal((rows, 1, spec.grid[1]), 0.02))
+        self.spec = spec
 
     def __call__(self) -> Float[Array, "rows m"]:
         """The same for all modalities."""
-        assert self.layout.grid is not None
+        assert self.spec.grid is not None
         coarse = self.coarse[...]
-        bias = jax.image.resize(coarse, (len(coarse), *self.layout.grid), "linear", antialias=False)
+        bias = jax.image.resize(coarse, (len(coarse), *self.spec.grid), "linear", antialias=False)
         bias = bias + self.rows[...] + self.columns[...]
-        return jnp.tile(bias.reshape(len(coarse), -1), (1, self.layout.modalities))
+        return jnp.tile(bias.reshape(len(coarse), -1), (1, self.spec.modalities))
 
 
 def segments(mask: Bool[Array, "b n"], parts: int) -> Float[Array, "b parts n"]:

@@ -22,7 +22,7 @@ from scjax.scene.pytree import pytree
 
 
 @dataclasses.dataclass(frozen=True)
-class ContextLayout:
+class ContextSpec:
     """How context tokens lie. Some parameters' shapes depend on it, so that it is told when a module is built.
 
     Attributes:
@@ -44,7 +44,7 @@ class ContextLayout:
 
 
 @pytree
-class Aux:
+class AuxOutputs:
     """What ``attend`` tells besides its result.
 
     Attributes:
@@ -60,7 +60,7 @@ class Aux:
 
 
 @runtime_checkable
-class Control(Protocol):
+class CrossAttention(Protocol):
     """A conditioning mechanism, as ``scjax.nn.cross_attention.build`` makes it."""
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Any:
@@ -69,7 +69,7 @@ class Control(Protocol):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Any
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read, and what else is to be told of it."""
         ...
 

@@ -14,9 +14,9 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, only
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, only
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Concat(Projections):
     """y = W_o Attn(Q(X), K(S), V(S)) with S = [X; F + e]."""
 
     def __init__(
-        self, options: ConcatOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: ConcatOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
-        self.kind = nnx.Param(draws.normal((width,), 0.02))
+        super().__init__(width, heads, init=init, compute=compute)
+        self.kind = nnx.Param(init.normal((width,), 0.02))
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
         """Keys and values of the condition."""
@@ -42,7 +42,7 @@ class Concat(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """Scene tokens read each other and the condition."""
         own = self.project(x, x_mask)
         keys = Keys(
@@ -50,4 +50,4 @@ class Concat(Projections):
             value=jnp.concatenate([own.value, cache.value], 2),
             mask=jnp.concatenate([own.mask, cache.mask], 1),
         )
-        return only(x_mask, self.out(self.read(self.query(x, x_mask), keys))), Aux()
+        return only(x_mask, self.out(self.read(self.query(x, x_mask), keys))), AuxOutputs()

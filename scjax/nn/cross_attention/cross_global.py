@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend_heads, merge_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, one_of, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, one_of, only, readers
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.scene.pytree import pytree
 
@@ -54,13 +54,13 @@ class CrossGlobal(Projections):
     """y = W_o Attn(Q, K, V) + tanh(gate) W_lo Attn(Q, K2, V2), with K2, V2 from latents that attended to K, V."""
 
     def __init__(
-        self, options: CrossGlobalOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: CrossGlobalOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
         def linear():
-            return Linear(width, width, draws=draws, compute=compute)
+            return Linear(width, width, init=init, compute=compute)
 
-        super().__init__(width, heads, draws=draws, compute=compute)
+        super().__init__(width, heads, init=init, compute=compute)
         self.latent_q = linear()
         self.latent_k, self.latent_v = (linear(), linear()) if options.style == "code" else (None, None)
         self.latent_out = linear()
@@ -68,7 +68,7 @@ class CrossGlobal(Projections):
         self.latent_norm, self.latent_k_norm = (
             (LayerNorm(width), LayerNorm(width)) if options.style == "code" else (None, None)
         )
-        self.latents = nnx.Param(draws.normal((options.latent_tokens, width), 0.02))
+        self.latents = nnx.Param(init.normal((options.latent_tokens, width), 0.02))
         self.gate = nnx.Param(jnp.zeros(1))
 
     def encode(
@@ -95,7 +95,7 @@ class CrossGlobal(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: ContextCache, trace: dict | None = None
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """Both paths."""
         query = self.query(x, x_mask)
         full = self.read(query, cache.context)
@@ -108,4 +108,4 @@ class CrossGlobal(Projections):
             trace |= {"out_full": out_full, "out_coarse": out_coarse}
         gate = jnp.tanh(self.gate[...])
         y = only(readers(x_mask, cache.context.mask), out_full + gate[None, None] * out_coarse)
-        return y, Aux(metrics={"gate": stop_gradient(gate[0])})
+        return y, AuxOutputs(metrics={"gate": stop_gradient(gate[0])})

@@ -19,9 +19,9 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import merge_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, only, readers
 from scjax.nn.cross_attention.gathered import rows_at
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.scene.pytree import pytree
 
@@ -49,18 +49,18 @@ class Deformable(nnx.Module):
     """y = W_o sum of A V(p + offset) over levels and points, with p, offsets and weights A from the query."""
 
     def __init__(
-        self, options: DeformableOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: DeformableOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        self.axes = 1 if layout.grid is None else 2
-        samples = heads * layout.modalities * options.points
-        self.v, self.out = (Linear(width, width, draws=draws, compute=compute) for _ in range(2))
+        self.axes = 1 if spec.grid is None else 2
+        samples = heads * spec.modalities * options.points
+        self.v, self.out = (Linear(width, width, init=init, compute=compute) for _ in range(2))
         # Places and weights stay in float32: bfloat16 resolves a grid of 14 cells to 0.06.
-        self.reference = Linear(width, self.axes, draws=draws)
-        self.offsets = Linear(width, samples * self.axes, draws=draws, std=0.0)
-        self.offsets.bias = nnx.Param(jnp.asarray(ring(heads, layout.modalities, options.points, self.axes)))
-        self.weights = Linear(width, samples, draws=draws, std=0.0)
-        self.heads, self.layout, self.points = heads, layout, options.points
+        self.reference = Linear(width, self.axes, init=init)
+        self.offsets = Linear(width, samples * self.axes, init=init, std=0.0)
+        self.offsets.bias = nnx.Param(jnp.asarray(ring(heads, spec.modalities, options.points, self.axes)))
+        self.weights = Linear(width, samples, init=init, std=0.0)
+        self.heads, self.spec, self.points = heads, spec, options.points
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Values:
         """Values alone."""
@@ -69,25 +69,25 @@ class Deformable(nnx.Module):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Values
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens sample."""
         x = only(x_mask, x)
-        shape = (*x_mask.shape, self.heads, self.layout.modalities * self.points)
+        shape = (*x_mask.shape, self.heads, self.spec.modalities * self.points)
         weights = jax.nn.softmax(self.weights(x).reshape(shape), -1)
         extent = cache.mask.sum(-1).astype(x.dtype)[:, None, None]  # [b 1 1]
-        if self.layout.grid is not None:
-            rows, columns = self.layout.grid
+        if self.spec.grid is not None:
+            rows, columns = self.spec.grid
             extent = jnp.asarray([columns, rows], x.dtype)[None, None]
         centre = jax.nn.sigmoid(self.reference(x)) * extent - 0.5
         position = centre[:, :, None, None] + self.offsets(x).reshape(*shape, self.axes)
-        level = jnp.repeat(jnp.arange(self.layout.modalities), self.points)
-        attended = sample(cache.value, cache.mask, position, weights, level, self.layout)
-        return only(readers(x_mask, cache.mask), self.out(merge_heads(attended))), Aux()
+        level = jnp.repeat(jnp.arange(self.spec.modalities), self.points)
+        attended = sample(cache.value, cache.mask, position, weights, level, self.spec)
+        return only(readers(x_mask, cache.mask), self.out(merge_heads(attended))), AuxOutputs()
 
 
 def sample(
     value: Float[Array, "b h m d"], mask: Bool[Array, "b m"], position: Float[Array, "b n h k axes"],
-    weights: Float[Array, "b n h k"], level: Array, layout: ContextLayout,
+    weights: Float[Array, "b n h k"], level: Array, spec: ContextSpec,
 ) -> Float[Array, "b h n d"]:  # fmt: skip
     """Sum over samples k of weight times the value at a position, interpolated linearly along each axis.
 
@@ -98,7 +98,7 @@ def sample(
     """
     low = jnp.floor(position)
     part = position - low
-    sizes = (layout.grid[1], layout.grid[0]) if layout.grid is not None else (mask.shape[1],)
+    sizes = (spec.grid[1], spec.grid[0]) if spec.grid is not None else (mask.shape[1],)
     valid_cells = mask.sum(-1)[:, None, None, None]
     indices, shares = [], []
     for corner in itertools.product((0, 1), repeat=position.shape[-1]):
@@ -106,7 +106,7 @@ def sample(
         inside = jnp.ones(weights.shape, bool)
         for axis in reversed(range(len(sizes))):  # the slowest first
             along = cell[..., axis]
-            end = valid_cells if layout.grid is None else sizes[axis]
+            end = valid_cells if spec.grid is None else sizes[axis]
             inside = inside & (along >= 0) & (along < end)
             share = share * (part[..., axis] if corner[axis] else 1 - part[..., axis])
             index = index * sizes[axis] + jnp.clip(along, 0, sizes[axis] - 1).astype(jnp.int32)

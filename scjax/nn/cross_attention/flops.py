@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from scjax.nn.cross_attention import ContextLayout, ControlOptions
+from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions
 from scjax.nn.cross_attention.agent import AgentOptions
 from scjax.nn.cross_attention.concat import ConcatOptions
 from scjax.nn.cross_attention.cross_global import CrossGlobalOptions
@@ -28,7 +28,7 @@ class Work(NamedTuple):
 
 
 def control_work(
-    options: ControlOptions, width: int, heads: int, layout: ContextLayout, queries: int, context: int
+    options: CrossAttentionOptions, width: int, heads: int, spec: ContextSpec, queries: int, context: int
 ) -> Work:  # fmt: skip
     """Of ``queries`` scene tokens and ``context`` condition tokens."""
     n, m, d, size = queries, context, width, width // heads
@@ -52,13 +52,13 @@ def control_work(
             route = n * heads * hidden * (size + buckets)
             return Work(project + m * buckets * d, 2 * square + route + 2 * n * probes * m / buckets * d)
         case WindowedOptions(window=window, per_modality=per_modality):
-            parts = layout.modalities if per_modality else 1
-            window = window or (32 if layout.kind == "image" and per_modality else 64)
+            parts = spec.modalities if per_modality else 1
+            window = window or (32 if spec.kind == "image" and per_modality else 64)
             return Work(project, 2 * square + 2 * n * parts * min(2 * window + 1, m // parts) * d)
         case DeformableOptions(points=points):
-            axes, samples = (1 if layout.grid is None else 2), heads * layout.modalities * points
+            axes, samples = (1 if spec.grid is None else 2), heads * spec.modalities * points
             predict = n * d * (axes + (axes + 1) * samples)
-            return Work(m * d * d, square + predict + n * 2**axes * layout.modalities * points * d)
+            return Work(m * d * d, square + predict + n * 2**axes * spec.modalities * points * d)
         case SqueezedOptions(clusters=clusters, keep=keep, iterations=iterations):
             return Work(project + iterations * m * clusters * d, 2 * square + n * clusters * d + 2 * n * keep * m * d)
         case CrossGlobalOptions(latent_tokens=latents):

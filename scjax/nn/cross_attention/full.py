@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.online_softmax import attend_chunked
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, only, readers
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,12 +43,12 @@ class Full(Projections):
     """y = W_o Attn(Q, K, V)."""
 
     def __init__(
-        self, options: FullOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: FullOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute, inner=options.inner_ratio * width)
+        super().__init__(width, heads, init=init, compute=compute, inner=options.inner_ratio * width)
         shape = (options.memory_tokens, width)
-        self.memory = nnx.Param(draws.normal(shape, 0.02)) if options.memory_tokens else None
+        self.memory = nnx.Param(init.normal(shape, 0.02)) if options.memory_tokens else None
         self.options = options
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
@@ -61,7 +61,7 @@ class Full(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read."""
         query, chunk = self.query(x, x_mask), self.options.chunk
         if chunk:
@@ -70,4 +70,4 @@ class Full(Projections):
         else:
             attended = self.read(query, cache)
         told = cache.mask[:, : cache.mask.shape[1] - self.options.memory_tokens]
-        return only(readers(x_mask, told), self.out(attended)), Aux()
+        return only(readers(x_mask, told), self.out(attended)), AuxOutputs()

@@ -15,9 +15,9 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, only, readers
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 
 
@@ -39,13 +39,13 @@ class Gated(Projections):
     """y = tanh(gate) W_o Attn(Q, K, V) [+ tanh(ffn_gate) MLP(LN(x + the first term))]."""
 
     def __init__(
-        self, options: GatedOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: GatedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
+        super().__init__(width, heads, init=init, compute=compute)
         self.gate = nnx.Param(jnp.full(1, options.start))
         self.feed_forward = (
-            FeedForward(width, options.start, draws=draws, compute=compute) if options.feed_forward else None
+            FeedForward(width, options.start, init=init, compute=compute) if options.feed_forward else None
         )
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
@@ -54,7 +54,7 @@ class Gated(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read, through the gates."""
         gate, rows = jnp.tanh(self.gate[...]), readers(x_mask, cache.mask)
         y = gate[None, None] * self.out(self.read(self.query(x, x_mask), cache))
@@ -62,16 +62,16 @@ class Gated(Projections):
         if self.feed_forward is not None:
             update, metrics["ffn_gate"] = self.feed_forward(only(rows, x + y))
             y = y + update
-        return only(rows, y), Aux(metrics=metrics)
+        return only(rows, y), AuxOutputs(metrics=metrics)
 
 
 class FeedForward(nnx.Module):
     """tanh(gate) W_2 GELU(W_1 LN(x)), without biases."""
 
-    def __init__(self, width: int, start: float, *, draws: Draws, compute: Compute):
+    def __init__(self, width: int, start: float, *, init: ParamInit, compute: Compute):
         self.norm = LayerNorm(width)
-        self.up = Linear(width, 4 * width, draws=draws, compute=compute, bias=False)
-        self.down = Linear(4 * width, width, draws=draws, compute=compute, bias=False)
+        self.up = Linear(width, 4 * width, init=init, compute=compute, bias=False)
+        self.down = Linear(4 * width, width, init=init, compute=compute, bias=False)
         self.gate = nnx.Param(jnp.full(1, start))
 
     def __call__(self, x: Float[Array, "b n d"]) -> tuple[Float[Array, "b n d"], Float[Array, ""]]:

@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import merge_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, one_of, only
-from scjax.nn.init import Draws
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, one_of, only
+from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.scene.pytree import pytree
 
@@ -58,18 +58,18 @@ class FocusedLinear(nnx.Module):
     """y = W_o phi(Q) mean(phi(K) V') / (phi(Q) mean(phi(K)))."""
 
     def __init__(
-        self, options: LinearOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: LinearOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        self.q, self.k, self.v, self.out = (Linear(width, width, draws=draws, compute=compute) for _ in range(4))
+        self.q, self.k, self.v, self.out = (Linear(width, width, init=init, compute=compute) for _ in range(4))
         self.q_norm, self.k_norm = (LayerNorm(width), LayerNorm(width)) if options.qk_norm else (None, None)
         self.sigma = nnx.Param(jnp.zeros(width))
-        taps = (5, 5) if layout.kind == "image" else (5,)
+        taps = (5, 5) if spec.kind == "image" else (5,)
         kernel = None
         if options.dwc == "value":
-            kernel = nnx.Param(draws.uniform((*taps, width // heads), 5 ** (-len(taps) / 2)))
+            kernel = nnx.Param(init.uniform((*taps, width // heads), 5 ** (-len(taps) / 2)))
         self.dwc = kernel
-        self.options, self.heads, self.layout = options, heads, layout
+        self.options, self.heads, self.spec = options, heads, spec
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Summary:
         """The two means."""
@@ -84,14 +84,14 @@ class FocusedLinear(nnx.Module):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Summary
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read."""
         query = self.q(only(x_mask, x))
         query = query if self.q_norm is None else self.q_norm(query)
         features = split_heads(self._features(query), self.heads)
         total = (features * cache.key[:, :, None]).sum(-1, keepdims=True)
         attended = merge_heads(features @ cache.outer / (total + _TINY))
-        return only(x_mask & cache.readable[:, None], self.out(attended)), Aux()
+        return only(x_mask & cache.readable[:, None], self.out(attended)), AuxOutputs()
 
     def _features(self, x: Float[Array, "b t d"]) -> Float[Array, "b t d"]:
         """phi(x) = |u| u^p / |u^p| with u = (ReLU(x) + 1e-6) / softplus(sigma), over the width before heads part.
@@ -106,7 +106,7 @@ class FocusedLinear(nnx.Module):
         """The depthwise convolution: a weight a tap and channel, shared by heads; zeros outside."""
         assert self.dwc is not None
         kernel, (b, h, m, d) = self.dwc[...], value.shape
-        grid = (1, m) if self.layout.grid is None else (self.layout.modalities, *self.layout.grid)
+        grid = (1, m) if self.spec.grid is None else (self.spec.modalities, *self.spec.grid)
         cells = value.reshape(b * h * grid[0], *grid[1:], d)
         padded = jnp.pad(cells, [(0, 0), *[(2, 2)] * (kernel.ndim - 1), (0, 0)])
         total = jnp.zeros_like(cells)

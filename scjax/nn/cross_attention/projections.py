@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend_heads, merge_heads, split_heads
 from scjax.nn.cpu.precision import Compute, matmul
-from scjax.nn.init import Draws
-from scjax.nn.layers import EPS, LayerNorm, Linear, centred
+from scjax.nn.init import ParamInit
+from scjax.nn.layers import EPS, LayerNorm, Linear, subtract_mean
 from scjax.scene.pytree import pytree
 
 
@@ -37,11 +37,11 @@ class Projections(nnx.Module):
     """Base of the softmax mechanisms; ``inner`` is the width between the projections (default: ``width``)."""
 
     def __init__(
-        self, width: int, heads: int, *, draws: Draws, compute: Compute = "float32", inner: int | None = None
+        self, width: int, heads: int, *, init: ParamInit, compute: Compute = "float32", inner: int | None = None
     ):  # fmt: skip
         inner = inner or width
-        self.q, self.k, self.v = (Linear(width, inner, draws=draws, compute=compute) for _ in range(3))
-        self.out = Linear(inner, width, draws=draws, compute=compute)
+        self.q, self.k, self.v = (Linear(width, inner, init=init, compute=compute) for _ in range(3))
+        self.out = Linear(inner, width, init=init, compute=compute)
         self.q_norm, self.k_norm = LayerNorm(inner), LayerNorm(inner)
         self.heads = heads
 
@@ -49,10 +49,10 @@ class Projections(nnx.Module):
         """Keys and values. What stands at masked tokens is ignored."""
         context = jnp.where(mask[..., None], context, 0)
         assert self.k.bias is not None
-        kernels = jnp.concatenate([centred(self.k.kernel[...]), self.v.kernel[...]], 1)
+        kernels = jnp.concatenate([subtract_mean(self.k.kernel[...]), self.v.kernel[...]], 1)
         flat = matmul(context.reshape(-1, context.shape[-1]), kernels, self.k.compute)
         key, value = jnp.split(flat.reshape(*context.shape[:-1], -1), 2, -1)
-        key = key + centred(self.k.bias[...])[None, None]
+        key = key + subtract_mean(self.k.bias[...])[None, None]
         key = key * jax.lax.rsqrt(jnp.square(key).mean(-1, keepdims=True) + EPS)
         return Keys(key=split_heads(key, self.heads), value=split_heads(value, self.heads), mask=mask)
 

@@ -2,7 +2,7 @@
 
 Keys fall into buckets by k-means; a small classifier of the query, trained on the attention that the buckets receive,
 says which few buckets it reads. The original approximates a trained model: here ``posthoc``, which is full attention
-until ``saap_fit.fit`` has found buckets and classifier. ``joint`` trains both beside the model, by the loss in ``Aux``;
+until ``saap_fit.fit`` has found buckets and classifier. ``joint`` trains both beside the model, by the loss in ``AuxOutputs``;
 there the centroids follow the gradient of a soft k-means, which, unlike the moving average of the specification, needs
 no state outside the parameters and no re-seeding. (For dense first steps, start a joint run from a posthoc model.)
 """
@@ -21,11 +21,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.attention import split_heads, weights
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, mean_over, one_of, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, mean_over, one_of, only, readers
 from scjax.nn.cross_attention.clusters import members, nearest, unit
 from scjax.nn.cross_attention.gathered import attend_gathered, rows_at
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.scene.pytree import pytree
 
 _TEMPERATURE = 0.1  # of the soft assignment that trains centroids
@@ -73,13 +73,13 @@ class Saap(Projections):
     """y = W_o Attn(Q, K, V) where the key's bucket is among the query's ``probes`` most promising."""
 
     def __init__(
-        self, options: SaapOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: SaapOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
+        super().__init__(width, heads, init=init, compute=compute)
         size = width // heads
-        self.router = Router(heads, size, options.router_width or max(64, size), options.buckets, draws=draws)
-        self.centroids = nnx.Param(draws.normal((heads, options.buckets, size), 1.0))
+        self.router = Router(heads, size, options.router_width or max(64, size), options.buckets, init=init)
+        self.centroids = nnx.Param(init.normal((heads, options.buckets, size), 1.0))
         self.fitted = nnx.Param(jnp.zeros(1))  # no gradient reaches it: ``saap_fit.fit`` sets it to 1
         self.options = options
 
@@ -91,7 +91,7 @@ class Saap(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Buckets
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read."""
         query, rows = self.query(x, x_mask), readers(x_mask, cache.keys.mask)
         joint = self.options.mode == "joint"
@@ -113,7 +113,7 @@ class Saap(Projections):
             recall = jnp.where(chosen, shares, 0).sum(-1).mean(1)
             metrics = {**metrics, "recall": mean_over(rows, recall)}
         metrics = jax.tree.map(stop_gradient, metrics)
-        return only(rows, self.out(attended)), Aux(loss=loss, metrics=metrics)
+        return only(rows, self.out(attended)), AuxOutputs(loss=loss, metrics=metrics)
 
     def routing_loss(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], context: Float[Array, "b m d"],
@@ -168,10 +168,10 @@ class Saap(Projections):
 class Router(nnx.Module):
     """One classifier a head: query -> SiLU layer -> logits of the buckets."""
 
-    def __init__(self, heads: int, size: int, hidden: int, buckets: int, *, draws: Draws):
-        self.up = nnx.Param(draws.uniform((heads, size, hidden), math.sqrt(6 / (size + hidden))))
+    def __init__(self, heads: int, size: int, hidden: int, buckets: int, *, init: ParamInit):
+        self.up = nnx.Param(init.uniform((heads, size, hidden), math.sqrt(6 / (size + hidden))))
         self.up_bias = nnx.Param(jnp.zeros((heads, 1, hidden)))
-        self.down = nnx.Param(draws.uniform((heads, hidden, buckets), math.sqrt(6 / (hidden + buckets))))
+        self.down = nnx.Param(init.uniform((heads, hidden, buckets), math.sqrt(6 / (hidden + buckets))))
         self.down_bias = nnx.Param(jnp.zeros((heads, 1, buckets)))
 
     def __call__(self, query: Float[Array, "b h n d"]) -> Float[Array, "b h n c"]:

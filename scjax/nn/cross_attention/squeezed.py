@@ -21,11 +21,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.attention import attend_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, mean_over, one_of, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, mean_over, one_of, only, readers
 from scjax.nn.cross_attention.clusters import kmeans, members, nearest
 from scjax.nn.cross_attention.gathered import attend_gathered, first_of, rows_at
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from scjax.scene.pytree import pytree
 
 
@@ -81,10 +81,10 @@ class Squeezed(Projections):
     """y = W_o Attn(Q, K, V) over the keys of the clusters with the largest shares."""
 
     def __init__(
-        self, options: SqueezedOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: SqueezedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
+        super().__init__(width, heads, init=init, compute=compute)
         self.threshold = nnx.Param(jnp.full(1, -1.0))  # no gradient reaches it
         self.options = options
 
@@ -102,14 +102,14 @@ class Squeezed(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: SqueezedCache
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read of the chosen keys."""
         query, rows = self.query(x, x_mask), readers(x_mask, cache.keys.mask)
         attended, share = self._if_used(
             lambda: self._sparse(query, rows, cache),
             lambda: (self.read(query, cache.keys), jnp.ones((), query.dtype)),
         )
-        return only(rows, self.out(attended)), Aux(metrics={"selected": stop_gradient(share)})
+        return only(rows, self.out(attended)), AuxOutputs(metrics={"selected": stop_gradient(share)})
 
     def scores(
         self, query: Float[Array, "b n d"], rows: Bool[Array, "b n"], cache: SqueezedCache

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import Aux, ContextLayout, at_least, mean_over, one_of, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, mean_over, one_of, only, readers
 from scjax.nn.cross_attention.gathered import attend_gathered, first_of
 from scjax.nn.cross_attention.projections import Keys, Projections
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,12 +47,12 @@ class Windowed(Projections):
     """y = W_o Attn(Q, K, V) where |rank of the key - centre of the query| <= window; 0 where no key is in it."""
 
     def __init__(
-        self, options: WindowedOptions, width: int, heads: int, layout: ContextLayout, *, draws: Draws,
+        self, options: WindowedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
         compute: Compute = "float32",
     ):  # fmt: skip
-        super().__init__(width, heads, draws=draws, compute=compute)
-        self.parts = layout.modalities if options.per_modality else 1
-        self.window = options.window or (32 if layout.kind == "image" and options.per_modality else 64)
+        super().__init__(width, heads, init=init, compute=compute)
+        self.parts = spec.modalities if options.per_modality else 1
+        self.window = options.window or (32 if spec.kind == "image" and options.per_modality else 64)
         self.options = options
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
@@ -63,7 +63,7 @@ class Windowed(Projections):
 
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys
-    ) -> tuple[Float[Array, "b n d"], Aux]:
+    ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
         """What the scene tokens read in their windows."""
         query = self.query(x, x_mask)
         masks = cache.mask.reshape(len(x), self.parts, -1)  # [b parts cells]
@@ -79,7 +79,9 @@ class Windowed(Projections):
             attended = self.offset(attend_gathered(self.towards(query), cache.key, cache.value, index, mask))
         rows = readers(x_mask, cache.mask)
         share = admitted.sum(-1) / jnp.maximum(cache.mask.sum(-1, keepdims=True), 1)
-        return only(rows & admitted.any(-1), self.out(attended)), Aux(metrics={"selected": mean_over(rows, share)})
+        return only(rows & admitted.any(-1), self.out(attended)), AuxOutputs(
+            metrics={"selected": mean_over(rows, share)}
+        )
 
     def _inside(
         self, x_mask: Bool[Array, "b n"], masks: Bool[Array, "b parts cells"], rank: Int[Array, "b n_or_1 parts w"]

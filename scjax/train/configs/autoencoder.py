@@ -36,7 +36,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config = ml_collections.ConfigDict()
     config.stage = "autoencoder"
     config.records = "runs/records"  # folder made by python -m scjax.data build
-    config.representation = "official_nuplan" if official else "scjax"
+    config.codec = "official_nuplan" if official else "scjax"
     config.start = ""  # model folder of an autoencoder to begin with; "shipped": the package's
     config.seed = 0
     config.steps = steps
@@ -44,14 +44,14 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
-        "layouts": (1.0, 1.0, 1.0),  # centred, partitioned, forward
+        "crops": (1.0, 1.0, 1.0),  # centred, partitioned, forward
         "jitter_position": 0.0 if official else 2.0,  # m
         "jitter_heading": 0.0 if official else 10.0,  # degrees
         "order": "shuffle",
         "seed": 0,
         "workers": 1,
     }
-    config.optimiser = {
+    config.optimizer = {
         "kind": "adamw",  # or "muon": fewer steps, each somewhat dearer (experiments/results/real_small)
         "learning_rate": learning_rate,
         "warmup": 1000 if official else min(500, steps // 10),
@@ -68,7 +68,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         | (
             {}
             if official
-            else {"agent_states": 10.0, "lane_joints": 0.0 if variant == "tiny" else 10.0, "lane_steps": 20.0}
+            else {"agent_states": 10.0, "lane_connections": 0.0 if variant == "tiny" else 10.0, "lane_steps": 20.0}
         ),
         "balanced_links": not official,
         "official_lane_count": official,

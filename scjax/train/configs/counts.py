@@ -17,7 +17,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         raise ValueError(f"unknown variant {variant!r} of counter.py: choose one of {', '.join(VARIANTS)}")
     batch_size, steps = VARIANTS[variant]
     config = ml_collections.ConfigDict()
-    config.stage = "counter"
+    config.stage = "count_predictor"
     config.records = "runs/records"  # captioned and embedded
     config.denoiser = "runs/text/model"  # model folder that the network is added to
     config.seed = 0
@@ -26,7 +26,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((61, 100),),  # (agent, lane) slots
-        "layouts": (1.0, 0.0, 0.0),  # captions describe centred windows
+        "crops": (1.0, 0.0, 0.0),  # captions describe centred windows
         "jitter_position": 0.5,  # m
         "jitter_heading": 2.0,  # degrees
         "order": "shuffle",
@@ -34,7 +34,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "seed": 0,
         "workers": 1,
     }
-    config.optimiser = {
+    config.optimizer = {
         "kind": "adamw",  # or "muon"
         "learning_rate": 1e-3, "warmup": 100, "schedule": "linear", "weight_decay": 1e-3, "clip": 10.0
     }  # fmt: skip

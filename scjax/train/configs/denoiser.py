@@ -25,12 +25,12 @@ VARIANTS = {
 
 
 def size_fields(model: sizes.DenoiserConfig) -> dict:
-    """All fields but ``control``, whose options depend on its name."""
-    return {name: value for name, value in dataclasses.asdict(model).items() if name != "control"}
+    """All fields but ``cross_attention``, whose options depend on its name."""
+    return {name: value for name, value in dataclasses.asdict(model).items() if name != "cross_attention"}
 
 
-def control_options() -> dict[str, dict]:
-    """The default options of every conditioning mechanism that has any; only those of ``config.control`` are used."""
+def cross_attention_options() -> dict[str, dict]:
+    """The default options of every conditioning mechanism that has any; only those of ``config.cross_attention`` are used."""
     options = {name: dataclasses.asdict(kind()) for name, kind in OPTIONS.items()}
     return {name: fields for name, fields in options.items() if fields}
 
@@ -54,12 +54,14 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.seed = 0
     config.steps = steps
     config.model = size_fields(getattr(sizes, variant)())
-    config.control = "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
-    config.control_options = control_options()  # --config.control_options.windowed.window=16
+    config.cross_attention = (
+        "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
+    )
+    config.cross_attention_options = cross_attention_options()  # --config.control_options.windowed.window=16
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
-        "layouts": (1.0, 1.0, 1.0) if official else (3.0, 1.0, 1.0),  # centred, partitioned, forward
+        "crops": (1.0, 1.0, 1.0) if official else (3.0, 1.0, 1.0),  # centred, partitioned, forward
         "jitter_position": 0.0 if official else 2.0,  # m
         "jitter_heading": 0.0 if official else 10.0,  # degrees
         "order": "recursive",
@@ -67,7 +69,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "text_slots": 96,  # tokens of a caption at most
         "workers": 1,
     }
-    config.optimiser = {
+    config.optimizer = {
         "kind": "adamw",  # or "muon" (scjax/train/muon.py)
         "learning_rate": learning_rate,
         "warmup": 500,
@@ -81,12 +83,12 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "continuous_times": False,  # also between the timesteps; needs config.model.prediction=flow
         "label_dropout": 0.1,
         "condition_dropout": 0.1,
-        "lanes_given": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
-        "count_given": official,  # whether given tokens stay in the loss mean
+        "known_lanes_share": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
+        "count_known": official,  # whether given tokens stay in the loss mean
         "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
         # Weights of errors in metres of the decoded estimate: joints of lanes, offsets of agents from their lane.
-        "joints": 0.0,
-        "offsets": 0.0,
+        "connections": 0.0,
+        "lateral_offsets": 0.0,
     }
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)

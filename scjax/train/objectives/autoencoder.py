@@ -15,10 +15,10 @@ from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.loss import LossWeights, loss, reparameterise
 from scjax.models.autoencoder.model import autoencoder, noise_like
 from scjax.models.latents import LatentStatistics, statistics
-from scjax.scene.per_type import Nodes
-from scjax.train.flat_params import Packing
+from scjax.scene.per_type import PerType
+from scjax.train.flat_params import FlatParams
 from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, optimiser_of, pipeline_config, training_step
+from scjax.train.step import Stage, TrainState, initial, make_optimizer, pipeline_config, training_step
 from scjax.train.warm_start import model_at, started
 from scjax.viz import grid
 
@@ -28,28 +28,28 @@ _PICTURED = 6
 
 def build(config) -> Stage:
     """The stage's functions from its resolved config."""
-    representation = presets.PRESETS[config.representation]()
+    codec = presets.PRESETS[config.codec]()
     model = AutoencoderConfig(**config.model.to_dict())
     network = autoencoder(model)
     options = config.loss.to_dict()
     weights = LossWeights(**options.pop("weights"))
-    packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimiser = optimiser_of(config, packing)
+    packing = FlatParams.of(jax.eval_shape(network.init, jax.random.key(0)))
+    optimizer = make_optimizer(config, packing)
     manifest = load_manifest(config.records)
-    validation = validation_scenes(config.records, representation)
+    validation = validation_scenes(config.records, codec)
     base = model_at(config.start).autoencoder if config.start else {}
 
     def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), packing, optimiser)
+        return initial(started(network.init(key), base), packing, optimizer)
 
     def objective(params, batch, key):
-        tokens = representation.tokens(batch.scene)
+        tokens = codec.normalize(batch.scene)
         posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, model), method="reconstruct")
         return loss(decoded, posterior, tokens, weights, **options)
 
     def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
         return Model(
-            representation=representation,
+            codec=codec,
             autoencoder=packing.unpack(jax.device_get(state.ema)),
             autoencoder_config=model,
             latents=latents or LatentStatistics.identity(),
@@ -73,19 +73,19 @@ def build(config) -> Stage:
 
         @jax.jit
         def sampled(params, scene, key):
-            return reparameterise(key, network.apply(params, representation.tokens(scene), method="encode"))
+            return reparameterise(key, network.apply(params, codec.normalize(scene), method="encode"))
 
-        stream = training_batches(config.records, representation, pipeline_config(resolved["batch"], seed=1))
+        stream = training_batches(config.records, codec, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []
         for i in range(_STATISTICS_BATCHES):
             scene = next(stream).scene
             draw = sampled(params, scene, jax.random.fold_in(jax.random.key(1), i))
             latents.append(jax.tree.map(np.asarray, draw))
-            masks.append(Nodes(agents=np.asarray(scene.agent_mask), lanes=np.asarray(scene.lane_mask)))
+            masks.append(PerType(agents=np.asarray(scene.agent_mask), lanes=np.asarray(scene.lane_mask)))
         notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
         return as_model(state, statistics(latents, masks), notes)
 
     step = training_step(
-        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(representation, init, step, evaluate, pictures, export)
+    return Stage(codec, init, step, evaluate, pictures, export)

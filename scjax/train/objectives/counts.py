@@ -11,12 +11,12 @@ import numpy as np
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, batch_of, validation_scenes
 from scjax.generate.model import Model, load
-from scjax.models.counts.predictor import CounterConfig, counter, counter_loss
+from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.objectives.denoiser import with_captions
 from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, optimiser_of, training_step
+from scjax.train.step import Stage, TrainState, initial, make_optimizer, training_step
 
 
 def build(config) -> Stage:
@@ -29,15 +29,15 @@ def build(config) -> Stage:
             f"{config.records} are embedded by {texts.encoder}: give the text-conditioned model of these records"
         )
     domains = len(base.domains)
-    model = CounterConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
-    network = counter(model)
-    packing = Packing.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimiser = optimiser_of(config, packing)
+    model = CountPredictorConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
+    network = count_predictor(model)
+    packing = FlatParams.of(jax.eval_shape(network.init, jax.random.key(0)))
+    optimizer = make_optimizer(config, packing)
     bucket = tuple(config.batch.buckets[-1])
-    validation = with_captions(config, validation_scenes(config.records, base.representation, bucket=bucket))
+    validation = with_captions(config, validation_scenes(config.records, base.codec, bucket=bucket))
 
     def init(key: jax.Array) -> TrainState:
-        return initial(network.init(key), packing, optimiser)
+        return initial(network.init(key), packing, optimizer)
 
     def objective(params, example: Example, key):
         told = jax.random.bernoulli(key, 1 - config.domain_dropout, example.scene.domain.shape)
@@ -46,7 +46,7 @@ def build(config) -> Stage:
         tables = network.apply(params, text, domain)
         lanes = jnp.minimum(example.scene.lane_mask.sum(-1), model.max_lanes)
         agents = jnp.minimum(example.scene.agent_mask.sum(-1), model.max_agents)
-        return counter_loss(tables, lanes, agents)
+        return count_loss(tables, lanes, agents)
 
     @jax.jit
     def held_back(params, example, key):
@@ -63,11 +63,11 @@ def build(config) -> Stage:
         """Counts are no pictures."""
 
     def export(state: TrainState, resolved: dict) -> Model:
-        notes = {**base.notes, "counter": {"steps": int(state.step), "config": resolved}}
+        notes = {**base.notes, "count_predictor": {"steps": int(state.step), "config": resolved}}
         params = packing.unpack(jax.device_get(state.ema))
-        return dataclasses.replace(base, counter=params, counter_config=model, notes=notes)
+        return dataclasses.replace(base, count_predictor=params, count_predictor_config=model, notes=notes)
 
     step = training_step(
-        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(base.representation, init, step, evaluate, pictures, export, texts)
+    return Stage(base.codec, init, step, evaluate, pictures, export, texts)

@@ -15,28 +15,28 @@ from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, batch_of, captioned, pictured, training_batches, validation_scenes
 from scjax.diffusion.energies.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.relation_loss import estimate_weight, joint_error, offset_error
+from scjax.diffusion.relation_loss import connection_error, estimate_weight, offset_error
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.timestep_sampling import Times
+from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.compiled import decode
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load
 from scjax.generate.sample import sample_many
 from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.codec import Representation
+from scjax.models.codec import SceneCodec
 from scjax.models.counts.prior import count_table
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.cross_attention import ControlOptions, named
+from scjax.nn.cross_attention import CrossAttentionOptions, from_name
 from scjax.nn.functional import Params, flatten, unflatten
-from scjax.scene import AgentType, Layout, Scene
-from scjax.scene.per_type import Nodes
+from scjax.scene import AgentType, Crop, Scene
+from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import fit_anchors
-from scjax.train.flat_params import Packing
+from scjax.train.flat_params import FlatParams
 from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, optimiser_of, pipeline_config, training_step
+from scjax.train.step import Stage, TrainState, initial, make_optimizer, pipeline_config, training_step
 from scjax.train.warm_start import denoiser_base, model_at, started
 from scjax.viz import grid
 
@@ -47,13 +47,13 @@ _VALIDATION_DRAWS = 4  # times and noises a validation scene
 def build(config) -> Stage:
     """The stage's functions from its resolved config."""
     frozen = load(config.autoencoder)
-    representation, coder = frozen.representation, autoencoder(frozen.autoencoder_config)
+    codec, coder = frozen.codec, autoencoder(frozen.autoencoder_config)
     manifest = load_manifest(config.records)
     fields = config.model.to_dict()
     texts, images = _texts(config), config.condition == "image"
     fields |= {
         "condition": ImageCondition(len(CLASSES), GRID, patch=1) if images else texts and TextCondition(texts.width),
-        "control": _control(config),
+        "cross_attention": _control(config),
         "lane_latent": frozen.autoencoder_config.lane_latent,
         "agent_latent": frozen.autoencoder_config.agent_latent,
         "domains": max(len(manifest["domains"]), 1),
@@ -63,69 +63,71 @@ def build(config) -> Stage:
     base = _base(config, frozen.autoencoder, manifest["domains"])
     shapes = jax.eval_shape(network.init, jax.random.key(0))
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
-    if model.hints:  # what reads the autoencoder's latents is fitted once
-        kept |= {path for path in flatten(shapes) if path[0] == "anchors"}
-    packing = Packing.of(shapes, kept)
-    optimiser = optimiser_of(config, packing)
+    if model.relative_geometry:  # what reads the autoencoder's latents is fitted once
+        kept |= {path for path in flatten(shapes) if path[0] == "position_heads"}
+    packing = FlatParams.of(shapes, kept)
+    optimizer = make_optimizer(config, packing)
     schedule = cosine_schedule()
     loss = config.loss
-    times = Times(draw=loss.times, continuous=loss.continuous_times)
-    validation = validation_examples(config, representation)
+    times = TimestepSampling(draw=loss.times, continuous=loss.continuous_times)
+    validation = validation_examples(config, codec)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
     coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
 
     def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), packing, optimiser)
+        return initial(started(network.init(key), base), packing, optimizer)
 
     @jax.jit
-    def means(scene) -> Nodes:
-        return frozen.latents.normalise(coder.apply(coder_params, representation.tokens(scene), method="encode").mean)
+    def means(scene) -> PerType:
+        return frozen.latents.normalize(coder.apply(coder_params, codec.normalize(scene), method="encode").mean)
 
     def prepare(state: TrainState) -> TrainState:
-        if not model.hints or "anchors" in base:
+        if not model.relative_geometry or "position_heads" in base:
             return state
-        batches = training_batches(config.records, representation, pipeline_config(config.batch.to_dict()))
+        batches = training_batches(config.records, codec, pipeline_config(config.batch.to_dict()))
         fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))
-        params, ema = (packing.unpack(jax.device_get(x)) | {"anchors": fitted} for x in (state.params, state.ema))
+        params, ema = (
+            packing.unpack(jax.device_get(x)) | {"position_heads": fitted} for x in (state.params, state.ema)
+        )
         return state.replace(params=packing.pack(params), ema=packing.pack(ema))
 
     def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
-        tokens = representation.tokens(batch.scene)
+        tokens = codec.normalize(batch.scene)
         posterior = coder.apply(coder_params, tokens, method="encode")
         latents = reparameterise(jax.random.fold_in(key, 0), posterior)
-        masks = Nodes(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        all_lanes = jax.random.bernoulli(jax.random.fold_in(key, 1), loss.lanes_given, tokens.layout.shape)
-        given = Nodes(agents=tokens.agent_before, lanes=tokens.lane_before | (all_lanes[:, None] & tokens.lane_mask))
+        masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
+        all_lanes = jax.random.bernoulli(jax.random.fold_in(key, 1), loss.known_lanes_share, tokens.crop.shape)
+        known = PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | (all_lanes[:, None] & tokens.lane_mask))
         return LatentBatch(
-            latents=frozen.latents.normalise(latents), masks=masks, given=given,
-            label=model.domains * tokens.layout + tokens.domain,
+            latents=frozen.latents.normalize(latents), masks=masks, known=known,
+            label=model.domains * tokens.crop + tokens.domain,
             condition=condition_features(batch),
         )  # fmt: skip
 
-    def penalty_of(masks: Nodes, scene):
+    def penalty_of(masks: PerType, scene):
         vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
 
-        def penalty(estimate: Nodes, level):
-            latents = frozen.latents.denormalise(estimate)
-            made, _ = decode(coder, coder_params, representation, latents, masks, scene.layout, scene.domain)
-            total = jnp.zeros(len(scene.layout))
+        def penalty(estimate: PerType, level):
+            latents = frozen.latents.denormalize(estimate)
+            made, _ = decode(coder, coder_params, codec, latents, masks, scene.crop, scene.domain)
+            total = jnp.zeros(len(scene.crop))
             if loss.collision:
                 total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
-            if loss.joints:
-                total += loss.joints * estimate_weight(level) * joint_error(made, scene)
-            if loss.offsets:
-                total += loss.offsets * estimate_weight(level) * offset_error(made, scene)
+            if loss.connections:
+                total += loss.connections * estimate_weight(level) * connection_error(made, scene)
+            if loss.lateral_offsets:
+                total += loss.lateral_offsets * estimate_weight(level) * offset_error(made, scene)
             return total
 
-        return penalty if loss.collision or loss.joints or loss.offsets else None
+        return penalty if loss.collision or loss.connections or loss.lateral_offsets else None
 
     def objective(params, example: Example, key):
         batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
             network, held(params, kept), schedule, batch, key, null_label=model.null_label,
             prediction=model.prediction, times=times, label_dropout=loss.label_dropout,
-            condition_dropout=loss.condition_dropout, count_given=loss.count_given,
+            condition_dropout=loss.condition_dropout, count_known=loss.count_known,
             penalty=penalty_of(batch.masks, example.scene),
         )  # fmt: skip
 
@@ -163,9 +165,9 @@ def build(config) -> Stage:
         return as_model(state, {**notes, "autoencoder": frozen.notes})
 
     step = training_step(
-        objective, packing, optimiser, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
+        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
     )
-    return Stage(representation, init, step, evaluate, pictures, export, texts, images, prepare)
+    return Stage(codec, init, step, evaluate, pictures, export, texts, images, prepare)
 
 
 def condition_features(batch: Example) -> ConditionFeatures | None:
@@ -192,10 +194,13 @@ def _base(config, autoencoder: Params, domains: Sequence[str]) -> Params:
     return {}
 
 
-def _control(config) -> ControlOptions:
+def _control(config) -> CrossAttentionOptions:
     """The conditioning mechanism that the config names, with its options."""
-    options = config.control_options
-    return named(config.control, **(options[config.control].to_dict() if config.control in options else {}))
+    options = config.cross_attention_options
+    return from_name(
+        config.cross_attention,
+        **(options[config.cross_attention].to_dict() if config.cross_attention in options else {}),
+    )
 
 
 def _texts(config) -> TextStore | None:
@@ -204,11 +209,11 @@ def _texts(config) -> TextStore | None:
     return TextStore(config.records, "train") if config.condition == "text" else None
 
 
-def validation_examples(config, representation: Representation) -> list[Example]:
+def validation_examples(config, codec: SceneCodec) -> list[Example]:
     """Held-back scenes of ``config.records``, cut to the largest bucket as training scenes are: centred ones, with
     the first caption of each, or those ahead, with what stands in for their images."""
-    layout = Layout.FORWARD if config.condition == "image" else Layout.CENTRED
-    scenes = validation_scenes(config.records, representation, layout=layout, bucket=tuple(config.batch.buckets[-1]))
+    crop = Crop.FORWARD if config.condition == "image" else Crop.CENTERED
+    scenes = validation_scenes(config.records, codec, crop=crop, bucket=tuple(config.batch.buckets[-1]))
     if config.condition == "text":
         return with_captions(config, scenes)
     return [pictured(scene) if config.condition == "image" else Example(scene=scene) for scene in scenes]
@@ -231,12 +236,12 @@ def _like(example: Example) -> Condition:
         tokens = np.asarray(example.tokens[example.token_mask], np.float32)
     return Condition(
         num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain),
-        layout=Layout(int(scene.layout)), tokens=tokens, image=example.image, depth=example.depth,
+        crop=Crop(int(scene.crop)), tokens=tokens, image=example.image, depth=example.depth,
     )  # fmt: skip
 
 
 def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:
     """The joint table of the training split, centred tiles standing in for the other layouts."""
     counted = manifest["counts"]
-    rows = ((domain, Layout.CENTRED, lanes, agents) for domain, lanes, agents, n in counted for _ in range(n))
+    rows = ((domain, Crop.CENTERED, lanes, agents) for domain, lanes, agents, n in counted for _ in range(n))
     return count_table(rows, model.domains, max_lanes=model.max_lanes, max_agents=model.max_agents)

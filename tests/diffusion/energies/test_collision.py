@@ -8,7 +8,7 @@ import pytest
 from scjax.diffusion.energies.collision import collision_penalty, noise_weight
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 def boxes(*places, heading=0.0, size=(4.5, 2.0)) -> jnp.ndarray:
@@ -73,9 +73,9 @@ def test_weight_is_large_where_the_scene_is_nearly_known():
 
 def test_the_penalty_sees_the_estimate_and_joins_the_loss():
     schedule = cosine_schedule()
-    clean = Nodes(agents=jnp.ones((2, 3, 4)), lanes=jnp.ones((2, 5, 6)))
+    clean = PerType(agents=jnp.ones((2, 3, 4)), lanes=jnp.ones((2, 5, 6)))
     masks = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), clean)
-    given = masks.replace(agents=jnp.zeros((2, 3), bool).at[:, 0].set(True), lanes=jnp.zeros((2, 5), bool))
+    known = masks.replace(agents=jnp.zeros((2, 3), bool).at[:, 0].set(True), lanes=jnp.zeros((2, 5), bool))
     noise = jax.tree.map(jnp.zeros_like, clean)
     level = schedule.levels[jnp.array([10, 60])]
     seen = []
@@ -88,7 +88,7 @@ def test_the_penalty_sees_the_estimate_and_joins_the_loss():
         return jax.tree.map(jnp.zeros_like, z)
 
     options = {"prediction": "noise", "penalty": record}
-    loss, terms = diffusion_loss(perfect, level, clean, noise, masks, given, **options)
+    loss, terms = diffusion_loss(perfect, level, clean, noise, masks, known, **options)
     for x, y in zip(jax.tree.leaves(seen[0][0]), jax.tree.leaves(clean), strict=True):
         np.testing.assert_allclose(x, y, atol=1e-5)
     np.testing.assert_array_equal(terms["penalty"], [1.0, 3.0])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.energies.validity import energy, joint_energy, overlap_depth, overlap_energy, stray_energy
+from scjax.diffusion.energies.validity import connection_energy, energy, off_lane_energy, overlap_depth, overlap_energy
 from scjax.scene import AgentType, Link, Scene, empty, pad, stack
 from scjax.scene.boxes import overlaps
 
@@ -38,10 +38,10 @@ def of(energy, scene: Scene, **options) -> float:
 
 
 def test_a_gap_costs_half_its_square():
-    assert of(joint_energy, road()) == 0
-    assert of(joint_energy, road((0.3, -0.4))) == pytest.approx(0.125, rel=0.01)
-    assert of(joint_energy, road((30, 40))) == pytest.approx(5 * 50, rel=0.12), "wide gaps: 5 m times their length"
-    assert of(joint_energy, road((3, 4)).replace(links=np.diag([Link.SELF, Link.SELF]).astype(np.int32))) == 0
+    assert of(connection_energy, road()) == 0
+    assert of(connection_energy, road((0.3, -0.4))) == pytest.approx(0.125, rel=0.01)
+    assert of(connection_energy, road((30, 40))) == pytest.approx(5 * 50, rel=0.12), "wide gaps: 5 m times their length"
+    assert of(connection_energy, road((3, 4)).replace(links=np.diag([Link.SELF, Link.SELF]).astype(np.int32))) == 0
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_downhill_parts_boxes_and_closes_joints():
     roads = stack([road((3, 4))])
     lanes = jnp.asarray(roads.lanes)
     for _ in range(40):
-        lanes = lanes - 0.4 * jax.grad(lambda x: joint_energy(roads.replace(lanes=x)).sum())(lanes)
+        lanes = lanes - 0.4 * jax.grad(lambda x: connection_energy(roads.replace(lanes=x)).sum())(lanes)
     assert float(jnp.abs(lanes[0, 0, -1] - lanes[0, 1, 0]).max()) < 1e-3
 
 
@@ -93,17 +93,17 @@ def test_strays_are_vehicles_farther_from_lanes_than_is_usual():
     scene = pad(road(), 2, 2)
 
     def at(y: float, speed: float, kind=AgentType.VEHICLE) -> float:
-        made = scene.replace(
+        generated = scene.replace(
             agents=np.zeros_like(scene.agents), agent_types=np.full_like(scene.agent_types, kind),
             agent_mask=np.array([True, False]),
         )  # fmt: skip
-        made.agents[:, :4] = (7, y, 0, speed)
-        return of(stray_energy, made)
+        generated.agents[:, :4] = (7, y, 0, speed)
+        return of(off_lane_energy, generated)
 
     assert at(0.9, 5.0) == at(-3.9, 0.0) == at(3.0, 5.0, AgentType.PEDESTRIAN) == 0
     assert at(1.5, 5.0) == pytest.approx(0.125, rel=0.01) and at(-4.5, 0.0) == pytest.approx(0.125, rel=0.01)
     assert at(51.0, 5.0) == pytest.approx(5 * 50, rel=0.12), "far ones: 5 m times their way"
-    assert of(stray_energy, cars((0, 9, 0))) == 0
+    assert of(off_lane_energy, cars((0, 9, 0))) == 0
 
 
 def test_downhill_leads_a_stray_to_its_lane_and_leaves_the_lane():
@@ -113,22 +113,22 @@ def test_downhill_leads_a_stray_to_its_lane_and_leaves_the_lane():
     scene = scene.replace(agents=agents)
     places = jnp.asarray(agents)
     for _ in range(20):
-        places = places - 0.4 * jax.grad(lambda a: stray_energy(scene.replace(agents=a)).sum())(places)
+        places = places - 0.4 * jax.grad(lambda a: off_lane_energy(scene.replace(agents=a)).sum())(places)
     np.testing.assert_allclose(places[0, 0, :2], (7, -1), atol=1e-2)
-    assert not jax.grad(lambda x: stray_energy(scene.replace(lanes=x)).sum())(jnp.asarray(scene.lanes)).any()
+    assert not jax.grad(lambda x: off_lane_energy(scene.replace(lanes=x)).sum())(jnp.asarray(scene.lanes)).any()
 
 
 def test_what_steers_is_their_sum():
     scene = pad(road((1, 0)), 2, 2)
     both = cars((0, 3, 0), (3, 3, 0)).replace(lanes=scene.lanes, links=scene.links, lane_mask=scene.lane_mask)
     both.agents[:, 3] = 9.0
-    parts = [of(one, both) for one in (joint_energy, overlap_energy, stray_energy)]
+    parts = [of(one, both) for one in (connection_energy, overlap_energy, off_lane_energy)]
     assert min(parts) > 0 and of(energy, both) == pytest.approx(parts[0] + parts[1] + 0.5 * parts[2], rel=1e-6)
 
 
 def test_padding_costs_nothing_and_has_finite_gradients():
     for part, scene in (
-        (joint_energy, road((1, 0))),
+        (connection_energy, road((1, 0))),
         (overlap_energy, cars((0, 0, 0), (3, 0, 0))),
         (energy, road((1, 0))),
     ):

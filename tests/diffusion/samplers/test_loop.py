@@ -9,7 +9,7 @@ import pytest
 
 from scjax.diffusion.samplers.loop import CLIP, clamp, sample, scene_noise
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories.sampler_oracles import CASES, MOST, WIDTHS, drawn
 from tests.factories.sampler_oracles import masks as _masks
 
@@ -18,7 +18,7 @@ SCHEDULE = cosine_schedule()
 
 
 def _zeros(batch, agents, lanes):
-    return Nodes(agents=jnp.zeros((batch, agents, 3)), lanes=jnp.zeros((batch, lanes, 5)))
+    return PerType(agents=jnp.zeros((batch, agents, 3)), lanes=jnp.zeros((batch, lanes, 5)))
 
 
 def _shrink(z, t):
@@ -40,11 +40,11 @@ def _noise(keys, like):
 
 
 def test_noise_differs_between_scenes_steps_and_kinds():
-    like = Nodes(agents=jnp.zeros((2, 7, 5)), lanes=jnp.zeros((2, 7, 5)))
-    most = Nodes(agents=7, lanes=7)
+    like = PerType(agents=jnp.zeros((2, 7, 5)), lanes=jnp.zeros((2, 7, 5)))
+    most = PerType(agents=7, lanes=7)
     one, two = (scene_noise(KEYS[:2], step, like, most) for step in (0, 1))
-    draws = [one.agents[0], one.agents[1], one.lanes[0], one.lanes[1], two.agents[0], two.lanes[1]]
-    assert len({np.asarray(x).tobytes() for x in draws}) == len(draws)
+    init = [one.agents[0], one.agents[1], one.lanes[0], one.lanes[1], two.agents[0], two.lanes[1]]
+    assert len({np.asarray(x).tobytes() for x in init}) == len(init)
 
 
 def test_more_tokens_than_the_model_knows_are_refused():
@@ -68,19 +68,19 @@ def test_samples_do_not_depend_on_batch_and_padding(case):
 def test_given_tokens_stay_bit_for_bit(case):
     masks = _masks([(3, 4), (7, 9)], 7, 9)
     rng = np.random.default_rng(0)
-    given = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.5), masks)
-    given = given.replace(lanes=given.lanes.at[1].set(masks.lanes[1]))  # lane-conditioned
-    draws = jax.tree.map(lambda flag, width: 7 * jnp.asarray(rng.normal(size=(*flag.shape, width))), given, WIDTHS)
-    values = jax.tree.map(lambda flag, draw: jnp.where(flag[..., None], draw, jnp.nan), given, draws)
-    result = drawn(case, _shrink, KEYS[:2], masks, steps=6, given=given, values=values)
+    known = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.5), masks)
+    known = known.replace(lanes=known.lanes.at[1].set(masks.lanes[1]))  # lane-conditioned
+    init = jax.tree.map(lambda flag, width: 7 * jnp.asarray(rng.normal(size=(*flag.shape, width))), known, WIDTHS)
+    values = jax.tree.map(lambda flag, draw: jnp.where(flag[..., None], draw, jnp.nan), known, init)
+    result = drawn(case, _shrink, KEYS[:2], masks, steps=6, known=known, values=values)
     for kind in ("agents", "lanes"):
-        flags = np.asarray(getattr(given, kind))
+        flags = np.asarray(getattr(known, kind))
         np.testing.assert_array_equal(
             np.asarray(getattr(result, kind))[flags], np.asarray(getattr(values, kind))[flags]
         )
         assert np.isfinite(getattr(result, kind)).all()
     with pytest.raises(ValueError, match="values"):
-        clamp(values, given, None)
+        clamp(values, known, None)
 
 
 @pytest.mark.parametrize("steps", [100, 25])
@@ -112,7 +112,7 @@ def test_the_exact_estimate_of_a_gaussian_follows_its_recursion(steps):
         return jax.tree.map(lambda x: optimal * (x - jnp.sqrt(level) * mean), z)
 
     keys, masks = jax.random.split(jax.random.key(1), scenes), _masks([(7, 9)] * scenes, 7, 9)
-    even = Nodes(agents=1.0, lanes=1.0)
+    even = PerType(agents=1.0, lanes=1.0)
     result = jax.jit(
         lambda: sample(denoise, schedule, keys, masks, widths=WIDTHS, most=MOST, temperature=even, clip=None)
     )()
@@ -140,7 +140,7 @@ def test_temperature_scales_the_noise_of_a_kind():
             masks,
             widths=WIDTHS,
             most=MOST,
-            temperature=Nodes(agents=1.0, lanes=0.0),
+            temperature=PerType(agents=1.0, lanes=0.0),
         )
     )()
     assert np.any(quiet.agents) and not np.any(quiet.lanes)

@@ -13,8 +13,8 @@ from scjax.diffusion.process import posterior_std
 from scjax.diffusion.samplers import (
     DDIM,
     DDPM,
+    DEFAULT_STEPS,
     SAMPLERS,
-    STEPS,
     DPMSolver,
     Euler,
     Heun,
@@ -22,9 +22,9 @@ from scjax.diffusion.samplers import (
     sampler_of,
     schedule_of,
 )
-from scjax.diffusion.samplers.base import Problem
+from scjax.diffusion.samplers.base import SamplingContext
 from scjax.diffusion.samplers.loop import scene_noise
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 from tests.factories.sampler_oracles import (
     CASES,
     EVEN,
@@ -77,11 +77,11 @@ def test_ddim_of_eta_one_is_ancestral_sampling():
 def test_the_noise_of_ddim_is_eta_times_that_of_the_posterior(eta):
     """From one x, with noise and without: the difference is the noise drawn; its scale is that of the posterior."""
     levels = schedule(DDIM(), "noise", 100)
-    ones = Nodes(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
+    ones = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
     def at(number, noise):
         step = jnp.int32(number)
-        problem = Problem(
+        problem = SamplingContext(
             lambda x, step: jax.tree.map(lambda x: 0.3 * x, x), lambda step: jax.tree.map(lambda x: noise * x, ones),
             levels, "noise", masks([(2, 2)], 2, 2),
         )  # fmt: skip
@@ -96,7 +96,7 @@ def test_the_noise_of_ddim_is_eta_times_that_of_the_posterior(eta):
 def test_deterministic_samplers_draw_no_noise_after_the_start(case):
     sampler, prediction = CASES[case]
     denoise = normal(0.7, 0.4, prediction)
-    x = Nodes(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
+    x = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
     def refuse(step):
         raise AssertionError("noise was drawn")
@@ -104,7 +104,7 @@ def test_deterministic_samplers_draw_no_noise_after_the_start(case):
     levels = schedule(sampler, prediction, 10)
     everything = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), x)
     time = levels.levels.time[5:6]
-    problem = Problem(lambda x, step: denoise(x, jnp.asarray(time)), refuse, levels, prediction, everything)
+    problem = SamplingContext(lambda x, step: denoise(x, jnp.asarray(time)), refuse, levels, prediction, everything)
     found, _ = sampler.step(problem, x, jnp.int32(5), sampler.begin(x))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
@@ -195,10 +195,11 @@ def test_networks_disagree_where_they_should():
 
 
 def test_every_sampler_that_fits_a_prediction_has_a_number_of_steps():
-    assert {name: set(steps) for name, steps in STEPS.items()} == {
-        prediction: {name for name, one in SAMPLERS.items() if prediction in one.predictions} for prediction in STEPS
+    assert {name: set(steps) for name, steps in DEFAULT_STEPS.items()} == {
+        prediction: {name for name, one in SAMPLERS.items() if prediction in one.predictions}
+        for prediction in DEFAULT_STEPS
     }
-    for prediction, steps in STEPS.items():
+    for prediction, steps in DEFAULT_STEPS.items():
         for name, count in steps.items():
             assert schedule_of(SAMPLERS[name], prediction).steps == count
-    assert STEPS["noise"]["ddpm"] == 100  # what the release does
+    assert DEFAULT_STEPS["noise"]["ddpm"] == 100  # what the release does

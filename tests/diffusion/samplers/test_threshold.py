@@ -9,16 +9,16 @@ import pytest
 
 from scjax.diffusion.samplers import Threshold
 from scjax.diffusion.samplers.threshold import thresholded
-from scjax.scene.per_type import Nodes
+from scjax.scene.per_type import PerType
 
 
 def both(x):
     x = jnp.asarray(x, jnp.float32)
-    return Nodes(agents=x, lanes=x)
+    return PerType(agents=x, lanes=x)
 
 
 def bounded(x, mask, threshold):
-    found = thresholded(both(x), Nodes(agents=jnp.asarray(mask), lanes=jnp.asarray(mask)), threshold)
+    found = thresholded(both(x), PerType(agents=jnp.asarray(mask), lanes=jnp.asarray(mask)), threshold)
     jax.tree.map(np.testing.assert_array_equal, found.agents, found.lanes)
     return np.asarray(found.lanes)
 
@@ -40,11 +40,11 @@ def test_dynamic_clips_to_a_quantile_and_shrinks_to_the_bound():
 @pytest.mark.parametrize("garbage", [0.0, 1e9])
 def test_each_scene_has_its_own_quantile_of_made_tokens_only(garbage):
     scenes = np.array([[[1.0, -2.0], [4.0, -8.0], [garbage] * 2], [[1.0, 1.0], [garbage] * 2, [garbage] * 2]])
-    made = np.array([[True, True, False], [True, False, False]])
-    found = bounded(scenes, made, Threshold(2.0, quantile=0.75))
+    generated = np.array([[True, True, False], [True, False, False]])
+    found = bounded(scenes, generated, Threshold(2.0, quantile=0.75))
     np.testing.assert_allclose(found[0, :2], [[0.5, -1.0], [2.0, -2.0]])
     np.testing.assert_allclose(found[1, 0], [1.0, 1.0])
-    assert np.isfinite(bounded(scenes, made & False, Threshold(2.0, quantile=0.75))).all()
+    assert np.isfinite(bounded(scenes, generated & False, Threshold(2.0, quantile=0.75))).all()
 
 
 @pytest.mark.parametrize("options", [{"bound": 0.0}, {"quantile": 0.0}, {"quantile": 1.5}])

@@ -6,10 +6,10 @@ import numpy as np
 import optax
 import pytest
 
-from scjax.models.counts.predictor import CounterConfig, counter, counter_loss
+from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
 
-CONFIG = CounterConfig(text_width=6, domains=2, width=16, queries=2, heads=2, max_lanes=9, max_agents=7)
+CONFIG = CountPredictorConfig(text_width=6, domains=2, width=16, queries=2, heads=2, max_lanes=9, max_agents=7)
 
 
 def texts(seed=0, rows=3, slots=5) -> TextFeatures:
@@ -23,7 +23,7 @@ def texts(seed=0, rows=3, slots=5) -> TextFeatures:
 
 @pytest.fixture(scope="module")
 def network():
-    made = counter(CONFIG)
+    made = count_predictor(CONFIG)
     return made, made.init(jax.random.key(1))
 
 
@@ -51,17 +51,17 @@ def test_learns_what_a_text_says(network):
     made, params = network
     numbers = jnp.arange(1, 7)
     text = TextFeatures(tokens=jax.nn.one_hot(numbers - 1, 6)[:, None], mask=jnp.ones((6, 1), bool))
-    domain, optimiser = jnp.full(6, 2), optax.adam(1e-2)
+    domain, optimizer = jnp.full(6, 2), optax.adam(1e-2)
 
     @jax.jit
     def step(params, moments):
         (_, terms), gradient = jax.value_and_grad(
-            lambda p: counter_loss(made.apply(p, text, domain), numbers, 8 - numbers), has_aux=True
+            lambda p: count_loss(made.apply(p, text, domain), numbers, 8 - numbers), has_aux=True
         )(params)
-        updates, moments = optimiser.update(gradient, moments)
+        updates, moments = optimizer.update(gradient, moments)
         return optax.apply_updates(params, updates), moments, terms
 
-    moments = optimiser.init(params)
+    moments = optimizer.init(params)
     for _ in range(150):
         params, moments, terms = step(params, moments)
     assert float(terms["lanes_mae"]) < 0.2 and float(terms["agents_mae"]) < 0.2
@@ -70,4 +70,4 @@ def test_learns_what_a_text_says(network):
 @pytest.mark.parametrize("change", [{"width": 0}, {"width": 15}])
 def test_bad_sizes(change):
     with pytest.raises(ValueError, match=r"CounterConfig\.width"):
-        CounterConfig(**{"text_width": 4, "domains": 1, **change})
+        CountPredictorConfig(**{"text_width": 4, "domains": 1, **change})

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from scjax.models.counts.prior import count_table, draw_counts
-from scjax.scene import Layout
+from scjax.scene import Crop
 
-ROWS = [(0, Layout.CENTRED, 10, 5)] * 3 + [(1, Layout.CENTRED, 30, 20)]
+ROWS = [(0, Crop.CENTERED, 10, 5)] * 3 + [(1, Crop.CENTERED, 30, 20)]
 
 
 def test_table_is_a_distribution_with_the_data_marginal():
@@ -20,31 +20,31 @@ def test_table_is_a_distribution_with_the_data_marginal():
 
 def test_draws_follow_the_restrictions():
     table, rng = count_table(ROWS, 2), np.random.default_rng(0)
-    draws = np.array([draw_counts(rng, table, Layout.CENTRED) for _ in range(2000)])
-    assert (draws[:, 0] == 0).mean() == pytest.approx(0.75, abs=0.04)
-    assert draws[draws[:, 0] == 0, 1].mean() == pytest.approx(10, abs=0.5)
+    init = np.array([draw_counts(rng, table, Crop.CENTERED) for _ in range(2000)])
+    assert (init[:, 0] == 0).mean() == pytest.approx(0.75, abs=0.04)
+    assert init[init[:, 0] == 0, 1].mean() == pytest.approx(10, abs=0.5)
     for _ in range(50):
-        assert draw_counts(rng, table, Layout.CENTRED, domain=1, num_agents=19)[::2] == (1, 19)
-        _, lanes, agents = draw_counts(rng, table, Layout.CENTRED, least_lanes=11, least_agents=6)
+        assert draw_counts(rng, table, Crop.CENTERED, domain=1, num_agents=19)[::2] == (1, 19)
+        _, lanes, agents = draw_counts(rng, table, Crop.CENTERED, least_lanes=11, least_agents=6)
         assert lanes >= 11 and agents >= 6
 
 
 def test_unusual_requests_borrow_from_what_there_is():
     table, rng = count_table(ROWS, 3), np.random.default_rng(0)
-    domain, lanes, agents = draw_counts(rng, table, Layout.CENTRED, domain=1, num_lanes=90)
+    domain, lanes, agents = draw_counts(rng, table, Crop.CENTERED, domain=1, num_lanes=90)
     assert (domain, lanes) == (1, 90) and 12 <= agents <= 30
-    domain, lanes, agents = draw_counts(rng, table, Layout.CENTRED, domain=2)
+    domain, lanes, agents = draw_counts(rng, table, Crop.CENTERED, domain=2)
     assert domain == 2 and lanes > 5 and agents > 2
-    assert draw_counts(rng, np.zeros_like(table), Layout.CENTRED, num_lanes=4, least_agents=3)[1:] == (4, 3)
+    assert draw_counts(rng, np.zeros_like(table), Crop.CENTERED, num_lanes=4, least_agents=3)[1:] == (4, 3)
 
 
 def test_layout_without_data_borrows_the_others():
     table = count_table(ROWS, 2)
-    assert draw_counts(np.random.default_rng(0), table, Layout.FORWARD)[1] > 1
+    assert draw_counts(np.random.default_rng(0), table, Crop.FORWARD)[1] > 1
 
 
 def test_without_a_table_counts_must_be_given():
     rng = np.random.default_rng(0)
-    assert draw_counts(rng, None, Layout.CENTRED, num_lanes=4, num_agents=2) == (0, 4, 2)
+    assert draw_counts(rng, None, Crop.CENTERED, num_lanes=4, num_agents=2) == (0, 4, 2)
     with pytest.raises(ValueError, match="num_lanes"):
-        draw_counts(rng, None, Layout.CENTRED, num_agents=2)
+        draw_counts(rng, None, Crop.CENTERED, num_agents=2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.nn.cpu import matmul as tall
-from scjax.nn.layers import EPS, centred
+from scjax.nn.layers import EPS, subtract_mean
 
 
 def drawn(*shapes):
@@ -40,11 +40,11 @@ def test_rows_are_normed_scaled_and_shifted(sums):
     x, scale, offset, g = drawn((96, 64), (64,), (64,), (96, 64))
 
     def plain(x, scale, offset):
-        x = centred(x)
+        x = subtract_mean(x)
         return x / jnp.sqrt(x.var(1, keepdims=True) + EPS) * scale[None] + offset[None]
 
     def found(x, scale, offset):
-        x = centred(x)
+        x = subtract_mean(x)
         return tall.affine(x, tall.rstd(x, EPS), scale, offset)
 
     assert_same(found, plain, (x, scale, offset), g)

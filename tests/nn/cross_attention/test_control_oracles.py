@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.nn.cross_attention import ContextLayout, named
+from scjax.nn.cross_attention import ContextSpec, from_name
 from scjax.nn.cross_attention.deformable import ring
 from scjax.nn.functional import flatten
 from tests.factories import golden
@@ -25,12 +25,12 @@ SIZE = WIDTH // HEADS
 TOLERANCE = 1e-9
 
 
-def _ours(options, params, batch, layout=TEXT, heads=HEADS):
+def _ours(options, params, batch, spec=TEXT, heads=HEADS):
     """y, and the gradients of sum(sin(y)) by (parameters, x, context)."""
     x, x_mask, context, mask = batch
 
     def loss(params, x, context):
-        y, _ = apply(options, params, x, x_mask, context, mask, layout=layout, heads=heads)
+        y, _ = apply(options, params, x, x_mask, context, mask, spec=spec, heads=heads)
         return jnp.sin(y).sum(), y
 
     with jax.enable_x64(True):
@@ -38,10 +38,10 @@ def _ours(options, params, batch, layout=TEXT, heads=HEADS):
         return jax.device_get((y, gradients))
 
 
-def _value(options, params, batch, layout=TEXT, heads=HEADS):
+def _value(options, params, batch, spec=TEXT, heads=HEADS):
     """y alone."""
     with jax.enable_x64(True):
-        return jax.device_get(call(options, params, *batch, layout=layout, heads=heads)[0])
+        return jax.device_get(call(options, params, *batch, spec=spec, heads=heads)[0])
 
 
 def _compare(name, ours, theirs, params, x, context):
@@ -101,7 +101,7 @@ def _query(params, x):
 
 @pytest.mark.parametrize("fields", [{}, {"inner_ratio": 2}, {"chunk": 3}])
 def test_full(fields):
-    options, batch = named("full", **fields), scenes()
+    options, batch = from_name("full", **fields), scenes()
     params, (x, context) = params_of(options), _tensors((batch[0], batch[2]))
     theirs = _tensors(params)
     attended = _attention(theirs, _query(theirs, x), context, torch.tensor(batch[3])[:, None, None])
@@ -124,11 +124,11 @@ def _window(n, m, window, alignment):
 @pytest.mark.parametrize("alignment", ["diagonal", "diagonal_rev", "fa2"])
 @pytest.mark.parametrize("kind", ["text", "image"])
 def test_windowed(alignment, kind):
-    layout, window = (TEXT, 2) if kind == "text" else (IMAGE, 1)
-    options, batch = named("windowed", window=window, alignment=alignment), scenes(layout)
-    params, (x, context) = params_of(options, layout), _tensors((batch[0], batch[2]))
+    spec, window = (TEXT, 2) if kind == "text" else (IMAGE, 1)
+    options, batch = from_name("windowed", window=window, alignment=alignment), scenes(spec)
+    params, (x, context) = params_of(options, spec), _tensors((batch[0], batch[2]))
     theirs, admitted = _tensors(params), np.zeros((2, 6, KEYS), bool)
-    cells = KEYS // layout.modalities
+    cells = KEYS // spec.modalities
     for scene, (rows, keys) in enumerate(zip(batch[1], batch[3], strict=True)):
         for start in range(0, KEYS, cells):
             count = keys[start : start + cells].sum()
@@ -137,7 +137,7 @@ def test_windowed(alignment, kind):
     attended = _attention(theirs, _query(theirs, x), context, torch.tensor(admitted)[:, None])
     y = _finished(theirs, attended, batch[1] & admitted.any(-1))
     assert 0.2 < admitted[0, :4].mean() < 0.7
-    _compare(f"windowed {kind} {alignment}", _ours(options, params, batch, layout), y, theirs, x, context)
+    _compare(f"windowed {kind} {alignment}", _ours(options, params, batch, spec), y, theirs, x, context)
 
 
 def test_flash_attention_reaches_no_real_token_of_a_padded_prompt():
@@ -148,7 +148,7 @@ def test_flash_attention_reaches_no_real_token_of_a_padded_prompt():
 
 def test_agent():
     """PyTorch's adaptive pooling of each scene's queries, and its attention twice."""
-    options, batch = named("agent", tokens=3), scenes()
+    options, batch = from_name("agent", tokens=3), scenes()
     params, (x, context) = params_of(options), _tensors((batch[0], batch[2]))
     theirs = _tensors(params)
     query, readable = _query(theirs, x), torch.tensor(batch[3])[:, None, None]
@@ -168,7 +168,7 @@ def test_gated_is_the_cross_attention_layer_of_mllama():
     transformers = pytest.importorskip("transformers")
     from transformers.models.mllama.modeling_mllama import MllamaCrossAttentionDecoderLayer
 
-    options, (x, x_mask, context, mask) = named("gated"), scenes()
+    options, (x, x_mask, context, mask) = from_name("gated"), scenes()
     x = x / np.sqrt(np.square(x).mean(-1, keepdims=True) + ~x_mask[..., None])
     zero, params = np.zeros(WIDTH), params_of(options, heads=1)
     params = {**params, **{n: {"kernel": params[n]["kernel"], "bias": zero} for n in ("q", "k", "v", "out")}}
@@ -223,7 +223,7 @@ def _by_kernel_matrix(params, batch, values, power):
 
 @pytest.mark.parametrize("power", [1, 3])
 def test_linear(power):
-    options, batch = named("linear", power=power), scenes()
+    options, batch = from_name("linear", power=power), scenes()
     params = params_of(options)
     values = batch[2] @ params["v"]["kernel"] + params["v"]["bias"]
     error = np.abs(_value(options, params, batch) - _by_kernel_matrix(params, batch, values, power)).max()
@@ -234,19 +234,19 @@ def test_linear(power):
 @pytest.mark.parametrize("kind", ["text", "image"])
 def test_convolution_of_values(kind):
     """PyTorch's depthwise convolution of the values, then the explicit kernel."""
-    layout = TEXT if kind == "text" else IMAGE
-    options, batch = named("linear", dwc="value"), scenes(layout)
-    params = params_of(options, layout)
+    spec = TEXT if kind == "text" else IMAGE
+    options, batch = from_name("linear", dwc="value"), scenes(spec)
+    params = params_of(options, spec)
     values = (batch[2] @ params["v"]["kernel"] + params["v"]["bias"]) * batch[3][..., None]
-    cells = torch.tensor(values.reshape(2, layout.modalities, -1, HEADS, SIZE)).permute(0, 1, 3, 4, 2).flatten(0, 2)
+    cells = torch.tensor(values.reshape(2, spec.modalities, -1, HEADS, SIZE)).permute(0, 1, 3, 4, 2).flatten(0, 2)
     kernel = torch.tensor(np.moveaxis(params["dwc"], -1, 0)[:, None])
     if kind == "text":
         near = functional.conv1d(cells, kernel, padding=2, groups=SIZE)
     else:
-        near = functional.conv2d(cells.unflatten(-1, layout.grid), kernel, padding=2, groups=SIZE).flatten(2)
-    near = near.unflatten(0, (2, layout.modalities, HEADS)).permute(0, 1, 4, 2, 3).reshape(values.shape).numpy()
+        near = functional.conv2d(cells.unflatten(-1, spec.grid), kernel, padding=2, groups=SIZE).flatten(2)
+    near = near.unflatten(0, (2, spec.modalities, HEADS)).permute(0, 1, 4, 2, 3).reshape(values.shape).numpy()
     wanted = _by_kernel_matrix(params, batch, values + near, 3)
-    error = np.abs(_value(options, params, batch, layout) - wanted).max()
+    error = np.abs(_value(options, params, batch, spec) - wanted).max()
     print(f"convolution of values, {kind}: largest error {error:.1e}")
     assert error < TOLERANCE and np.abs(near).max() > 0.1
 
@@ -256,12 +256,12 @@ def test_deformable_is_the_module_of_deformable_detr():
     from transformers import DeformableDetrConfig
     from transformers.models.deformable_detr.modeling_deformable_detr import DeformableDetrMultiscaleDeformableAttention
 
-    layout = ContextLayout(kind="image", grid=(2, 4), modalities=2)
+    spec = ContextSpec(kind="image", grid=(2, 4), modalities=2)
     rng = np.random.default_rng(0)
     x, context = rng.normal(size=(2, 6, WIDTH)), rng.normal(size=(2, 16, WIDTH))
     x_mask, mask = scenes()[1], rng.random((2, 16)) < 0.8
-    options = named("deformable", points=3)
-    params = params_of(options, layout)
+    options = from_name("deformable", points=3)
+    params = params_of(options, spec)
     config = DeformableDetrConfig(d_model=WIDTH, num_feature_levels=2, disable_custom_kernels=True)
     layer = DeformableDetrMultiscaleDeformableAttention(config, HEADS, 3).double()
     names = {"v": "value_proj", "out": "output_proj", "offsets": "sampling_offsets", "weights": "attention_weights"}
@@ -276,7 +276,7 @@ def test_deformable_is_the_module_of_deformable_detr():
         spatial_shapes_list=[(2, 4), (2, 4)], level_start_index=torch.tensor([0, 8]),
     )  # fmt: skip
     told = torch.where(torch.tensor(x_mask)[..., None], told, 0.0)
-    y, (of_params, of_x, of_context) = _ours(options, params, (x, x_mask, context, mask), layout)
+    y, (of_params, of_x, of_context) = _ours(options, params, (x, x_mask, context, mask), spec)
     told.sin().sum().backward()
     pairs = {"y": (y, told), "x": (of_x, x_t.grad), "context": (of_context, context_t.grad)}
     for ours, theirs in names.items():
@@ -336,7 +336,7 @@ def _unit(x):
 
 def test_saap():
     """Nearest centroid by angle; the classifier's two best buckets among those that hold a key."""
-    options, batch = named("saap", buckets=5, probes=2), scenes()
+    options, batch = from_name("saap", buckets=5, probes=2), scenes()
     params = params_of(options)
 
     def choose(head, queries, keys):
@@ -371,7 +371,7 @@ def _kmeans(keys, count, iterations):
 @pytest.mark.parametrize("pool", ["mean", "none"])
 def test_squeezed(pool):
     """Shares of clusters by their mean keys; a threshold on the length-normalised share, and always the best."""
-    options, batch = named("squeezed", clusters=3, iterations=4, pool=pool), scenes()
+    options, batch = from_name("squeezed", clusters=3, iterations=4, pool=pool), scenes()
     params = params_of(options)
 
     def choose(head, queries, keys):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scjax.nn.cross_attention import ContextLayout, named
+from scjax.nn.cross_attention import ContextSpec, from_name
 from scjax.nn.cross_attention.flops import control_work
 
 # MFLOP a scene and module at width 2048: of the context alone, and of a step that finds it encoded.
@@ -13,19 +13,21 @@ TABLE = {
     "windowed": (6577, 2871), "deformable": (3288, 1626), "squeezed": (6577 + 514, 2877), "cross_global": (7485, 4611),
 }  # fmt: skip
 CACHED_256 = {"full": 107, "linear": 45, "windowed": 64, "deformable": 40, "squeezed": 64, "cross_global": 133}
-IMAGE = ContextLayout(kind="image", grid=(14, 14), modalities=2)
+IMAGE = ContextSpec(kind="image", grid=(14, 14), modalities=2)
 
 
 @pytest.mark.parametrize("name", TABLE)
 def test_table_of_work(name):
-    work = control_work(named(name), 2048, 16, IMAGE, queries=161, context=392)
+    work = control_work(from_name(name), 2048, 16, IMAGE, queries=161, context=392)
     assert [2e-6 * part for part in work] == pytest.approx(TABLE[name], rel=1e-3)
 
 
 @pytest.mark.parametrize("name", CACHED_256)
 def test_work_of_a_small_model(name):
-    assert 2e-6 * control_work(named(name), 256, 8, IMAGE, 161, 392).attend == pytest.approx(CACHED_256[name], abs=0.6)
+    assert 2e-6 * control_work(from_name(name), 256, 8, IMAGE, 161, 392).attend == pytest.approx(
+        CACHED_256[name], abs=0.6
+    )
 
 
 def test_no_mechanism_no_work():
-    assert control_work(named("none"), 256, 8, IMAGE, 161, 392) == (0, 0)
+    assert control_work(from_name("none"), 256, 8, IMAGE, 161, 392) == (0, 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.convert.denoiser import cross_global_rules
-from scjax.nn.cross_attention import ContextLayout
+from scjax.nn.cross_attention import ContextSpec
 from scjax.nn.cross_attention.cross_global import CrossGlobal, CrossGlobalOptions
 from scjax.nn.functional import functional
 from scjax.nn.state_dict import convert
@@ -24,7 +24,7 @@ def test_cross_global_parity(parity_dir, kind):
     sizes = golden.config_of(parity_dir)["denoiser"]
     width, heads = sizes[f"{kind}_width"], sizes[f"{kind}_heads"]
     options = CrossGlobalOptions(latent_tokens=sizes["latent_tokens"])
-    module = functional(lambda draws: CrossGlobal(options, width, heads, ContextLayout(), draws=draws))
+    module = functional(lambda init: CrossGlobal(options, width, heads, ContextSpec(), init=init))
     rules, prefix = cross_global_rules(MODULES[kind]), MODULES[kind] + "."
     state = {key: value for key, value in weights.items() if key.startswith(prefix)}
     params = jax.tree.map(jnp.asarray, convert(state, rules, jax.eval_shape(module.init, jax.random.key(0))))
@@ -60,7 +60,7 @@ def test_cross_global_parity(parity_dir, kind):
 @pytest.fixture(scope="module")
 def module():
     options = CrossGlobalOptions(latent_tokens=4)
-    made = functional(lambda draws: CrossGlobal(options, 16, 2, ContextLayout(), draws=draws))
+    made = functional(lambda init: CrossGlobal(options, 16, 2, ContextSpec(), init=init))
     params = made.init(jax.random.key(0))
     params = jax.tree.map(lambda x: x + 0.1 * jax.random.normal(jax.random.key(1), x.shape), params)
 

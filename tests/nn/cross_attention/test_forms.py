@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.nn.cross_attention import OPTIONS, ContextLayout, CrossGlobalOptions, build, described, named
+from scjax.nn.cross_attention import OPTIONS, ContextSpec, CrossGlobalOptions, build, from_name, to_config
 from scjax.nn.cross_attention.base import one_of
 from scjax.nn.cross_attention.clusters import kmeans, nearest
 from scjax.nn.cross_attention.saap_fit import fit
 from scjax.nn.cross_attention.squeezed_fit import key_scores, threshold_of, with_threshold
 from scjax.nn.functional import count
-from scjax.nn.init import Draws
+from scjax.nn.init import ParamInit
 from tests.factories import golden
 from tests.factories.attention_cases import (
     CASES,
@@ -32,27 +32,27 @@ from tests.factories.attention_cases import (
 )
 
 FORMS = {
-    "saap": (named("saap", buckets=4, probes=2, capacity=KEYS), TEXT),
-    "windowed": (named("windowed", window=1), TEXT),
-    "windowed image": (named("windowed", window=1), IMAGE),
-    "windowed whole image": (named("windowed", window=2, per_modality=False, alignment="diagonal_rev"), IMAGE),
-    "windowed fa2": (named("windowed", window=1, alignment="fa2"), TEXT),
-    "squeezed": (named("squeezed", clusters=3, capacity=KEYS), TEXT),
-    "squeezed none": (named("squeezed", clusters=3, pool="none", capacity=KEYS), TEXT),
-    "squeezed top": (named("squeezed", clusters=3, rule="top", keep=0.4), TEXT),
-    "squeezed top none": (named("squeezed", clusters=3, rule="top", keep=0.4, pool="none"), TEXT),
+    "saap": (from_name("saap", buckets=4, probes=2, capacity=KEYS), TEXT),
+    "windowed": (from_name("windowed", window=1), TEXT),
+    "windowed image": (from_name("windowed", window=1), IMAGE),
+    "windowed whole image": (from_name("windowed", window=2, per_modality=False, alignment="diagonal_rev"), IMAGE),
+    "windowed fa2": (from_name("windowed", window=1, alignment="fa2"), TEXT),
+    "squeezed": (from_name("squeezed", clusters=3, capacity=KEYS), TEXT),
+    "squeezed none": (from_name("squeezed", clusters=3, pool="none", capacity=KEYS), TEXT),
+    "squeezed top": (from_name("squeezed", clusters=3, rule="top", keep=0.4), TEXT),
+    "squeezed top none": (from_name("squeezed", clusters=3, rule="top", keep=0.4, pool="none"), TEXT),
 }
 
 
 @pytest.mark.parametrize("name", FORMS)
 def test_gathering_is_masking(name):
     """Values, metrics, and the gradient by x and context; and something is left out."""
-    options, layout = FORMS[name]
-    x, x_mask, context, mask = scenes(layout)
-    params = params_of(options, layout)
+    options, spec = FORMS[name]
+    x, x_mask, context, mask = scenes(spec)
+    params = params_of(options, spec)
 
     def loss(x, context, form):
-        y, aux = apply(dataclasses.replace(options, form=form), params, x, x_mask, context, mask, layout=layout)
+        y, aux = apply(dataclasses.replace(options, form=form), params, x, x_mask, context, mask, spec=spec)
         return jnp.sin(y).sum(), (y, aux.metrics)
 
     compiled = golden.jit(jax.value_and_grad(loss, (0, 1), has_aux=True), static_argnums=2)
@@ -72,7 +72,7 @@ def test_windows_of_flash_attention_may_be_empty():
 
 
 def test_what_does_not_fit_a_bucket_is_counted():
-    options = named("saap", buckets=4, probes=2, form="gather", capacity=1)
+    options = from_name("saap", buckets=4, probes=2, form="gather", capacity=1)
     x, x_mask, context, mask = scenes()
     aux = call(options, params_of(options), x, x_mask, context, mask)[1]
     assert aux.metrics["overflow"] > 0.1
@@ -81,10 +81,10 @@ def test_what_does_not_fit_a_bucket_is_counted():
 @pytest.mark.parametrize("name", ["concat", "linear", "agent learned", "saap joint", "deformable image", "squeezed"])
 def test_a_cache_is_reused(name):
     """Encoded once and read in three steps: the same as encoding at each, bit for bit; and batches of caches join."""
-    options, layout = CASES[name]
-    made, (x, x_mask, context, mask) = module(options, layout), scenes(layout)
+    options, spec = CASES[name]
+    made, (x, x_mask, context, mask) = module(options, spec), scenes(spec)
     params, x, context = jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, jnp.float32), (params_of(options, layout), x, context)
+        lambda leaf: jnp.asarray(leaf, jnp.float32), (params_of(options, spec), x, context)
     )
     x_mask, mask = jnp.asarray(x_mask), jnp.asarray(mask)
     encode = golden.jit(lambda params, context, mask: made.apply(params, context, mask, method="encode"))
@@ -102,7 +102,7 @@ def test_a_cache_is_reused(name):
 
 
 def test_the_losses_of_saap_train_classifier_and_centroids_alone():
-    options = named("saap", mode="joint", buckets=4, probes=2)
+    options = from_name("saap", mode="joint", buckets=4, probes=2)
     x, x_mask, context, mask = scenes()
 
     def loss(params, x, context):
@@ -128,7 +128,7 @@ def _directions(seed, scenes, tokens):
 
 
 def test_fitting_saap_makes_it_sparse_and_right():
-    options = named("saap", buckets=4, probes=1, router_width=16)
+    options = from_name("saap", buckets=4, probes=1, router_width=16)
     made, context, x = module(options), _directions(0, 24, KEYS), _directions(0, 24, 5)
     params = jax.tree.map(np.float32, params_of(options)) | {"fitted": np.zeros(1, np.float32)}
     for name in ("q", "k"):  # queries look for keys like themselves
@@ -147,7 +147,7 @@ def test_fitting_saap_makes_it_sparse_and_right():
 
 
 def test_calibrating_squeezed_keeps_the_share():
-    options = named("squeezed", clusters=4, keep=0.4, pool="none")
+    options = from_name("squeezed", clusters=4, keep=0.4, pool="none")
     made, params = module(options), {"cross": jax.tree.map(np.float32, params_of(options))}
     rng = np.random.default_rng(0)
     x, context = (rng.normal(size=(16, size, WIDTH)).astype(np.float32) for size in (6, 40))
@@ -175,27 +175,27 @@ def test_kmeans_finds_directions_whatever_the_padding():
 
 def test_names_and_options():
     for name, kind in OPTIONS.items():
-        assert named(**described(named(name))) == kind() and hash(kind()) == hash(named(name))
+        assert from_name(**to_config(from_name(name))) == kind() and hash(kind()) == hash(from_name(name))
     with pytest.raises(ValueError, match=r"did you mean 'windowed'\? choose one of none, concat, full"):
-        named("windowd")
+        from_name("windowd")
     with pytest.raises(ValueError, match="windowed has no option width: it has window, alignment"):
-        named("windowed", width=3)
+        from_name("windowed", width=3)
     for name, fields, message in (
         ("windowed", {"window": -1}, "at least 0"),
         ("saap", {"probes": 33}, "probes is 33"), ("squeezed", {"keep": 0.0}, "share of the keys"),
         ("full", {"inner_ratio": 0}, "inner_ratio"), ("full", {"chunk": True}, "integer"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=message):
-            named(name, **fields)
+            from_name(name, **fields)
     with pytest.raises(ValueError, match=r"CrossGlobalOptions.style must be one of 'a', 'b', not 'code'"):
         one_of(CrossGlobalOptions(), style=("a", "b"))
     with pytest.raises(ValueError, match="image's grid"):
-        build(named("agent", grid_bias=True), 8, 2, TEXT, draws=Draws())
+        build(from_name("agent", grid_bias=True), 8, 2, TEXT, init=ParamInit())
     with pytest.raises(ValueError, match="multiple of heads"):
-        build(named("full"), 9, 2, TEXT, draws=Draws())
+        build(from_name("full"), 9, 2, TEXT, init=ParamInit())
     for fields in ({"kind": "image"}, {"grid": (2, 2)}, {"modalities": 2}):
         with pytest.raises(ValueError, match="ContextLayout"):
-            ContextLayout(**fields)
+            ContextSpec(**fields)
 
 
 @pytest.mark.parametrize(
@@ -216,13 +216,13 @@ def test_names_and_options():
 )
 def test_parameter_counts(name, fields, parameters):
     """The closed forms of the specification, at 8 heads and two 14 x 14 grids."""
-    made = module(named(name, **fields), ContextLayout(kind="image", grid=(14, 14), modalities=2), 64, 8)
+    made = module(from_name(name, **fields), ContextSpec(kind="image", grid=(14, 14), modalities=2), 64, 8)
     assert count(jax.eval_shape(made.init, jax.random.key(0))) == parameters(64)
 
 
 def test_full_attention_at_the_parameters_of_cross_global():
     sizes = [
-        count(jax.eval_shape(module(named(name, **fields), TEXT, 512, 8).init, jax.random.key(0)))
+        count(jax.eval_shape(module(from_name(name, **fields), TEXT, 512, 8).init, jax.random.key(0)))
         for name, fields in (("full", {"inner_ratio": 2}), ("cross_global", {}))
     ]
     assert sizes[1] == 2_122_753 and abs(sizes[0] / sizes[1] - 1) < 0.01

@@ -9,28 +9,28 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.nn.cross_attention import ContextLayout, named
+from scjax.nn.cross_attention import ContextSpec, from_name
 from scjax.nn.cross_attention.deformable import sample
 from scjax.nn.cross_attention.squeezed import cluster, cluster_shares
 from tests.factories import golden
 from tests.factories.attention_cases import HEADS, IMAGE, KEYS, QUERIES, TEXT, WIDTH, call, close, params_of, scenes
 
-FULL = named("full")
+FULL = from_name("full")
 _EVERYTHING = max(QUERIES, KEYS)
 LIMITS = {
-    "chunked": (named("full", chunk=3), {}),
-    "gated": (named("gated"), {}),
-    "saap": (named("saap", buckets=4, probes=4), {}),
-    "saap before it is fitted": (named("saap", buckets=4, probes=1, form="gather"), {"fitted": np.zeros(1)}),
+    "chunked": (from_name("full", chunk=3), {}),
+    "gated": (from_name("gated"), {}),
+    "saap": (from_name("saap", buckets=4, probes=4), {}),
+    "saap before it is fitted": (from_name("saap", buckets=4, probes=1, form="gather"), {"fitted": np.zeros(1)}),
     **{
-        f"windowed {a}": (named("windowed", window=_EVERYTHING, alignment=a), {})
+        f"windowed {a}": (from_name("windowed", window=_EVERYTHING, alignment=a), {})
         for a in ("diagonal", "diagonal_rev", "fa2")
     },
-    "windowed as one": (named("windowed", window=_EVERYTHING, per_modality=False), {}),
-    "squeezed": (named("squeezed", clusters=KEYS, rule="top", keep=1.0), {}),
-    "squeezed before it is fitted": (named("squeezed", clusters=2), {"threshold": np.full(1, -1.0)}),
-    "cross_global": (named("cross_global"), {"gate": np.zeros(1)}),
-    "cross_global paper": (named("cross_global", style="paper"), {"gate": np.zeros(1)}),
+    "windowed as one": (from_name("windowed", window=_EVERYTHING, per_modality=False), {}),
+    "squeezed": (from_name("squeezed", clusters=KEYS, rule="top", keep=1.0), {}),
+    "squeezed before it is fitted": (from_name("squeezed", clusters=2), {"threshold": np.full(1, -1.0)}),
+    "cross_global": (from_name("cross_global"), {"gate": np.zeros(1)}),
+    "cross_global paper": (from_name("cross_global", style="paper"), {"gate": np.zeros(1)}),
 }
 _ROUNDED = ("chunked", "saap", "windowed diagonal", "squeezed", "cross_global")
 
@@ -45,8 +45,8 @@ def test_equals_full_attention(limit, x64, tolerance):
     with jax.enable_x64(x64):
         batch, shared = _cast(scenes(IMAGE), x64), params_of(FULL)
         params = _cast({**params_of(options, IMAGE), **shared, **known}, x64)
-        y, _ = call(options, params, *batch, layout=IMAGE)
-        wanted, _ = call(FULL, _cast(shared, x64), *batch, layout=IMAGE)
+        y, _ = call(options, params, *batch, spec=IMAGE)
+        wanted, _ = call(FULL, _cast(shared, x64), *batch, spec=IMAGE)
         close(y, wanted * np.tanh(params["gate"][0]) if limit == "gated" else wanted, tolerance)
 
 
@@ -61,7 +61,7 @@ def _in64(*arguments, **options):
 
 
 def test_concat_is_full_attention_to_scene_and_context():
-    options, (x, x_mask, context, mask) = named("concat"), scenes()
+    options, (x, x_mask, context, mask) = from_name("concat"), scenes()
     params = {**params_of(options), "kind": np.zeros(WIDTH)}
     shared = {name: leaf for name, leaf in params.items() if name != "kind"}
     both, both_mask = np.concatenate([x, context], 1), np.concatenate([x_mask, mask], 1)
@@ -69,7 +69,7 @@ def test_concat_is_full_attention_to_scene_and_context():
 
 
 def test_memory_is_more_context():
-    options, (x, x_mask, context, mask) = named("full", memory_tokens=2), scenes()
+    options, (x, x_mask, context, mask) = from_name("full", memory_tokens=2), scenes()
     params = params_of(options)
     more = np.concatenate([context, np.stack([params["memory"]] * 2)], 1)
     more_mask = np.concatenate([mask, np.ones((2, 2), bool)], 1)
@@ -84,7 +84,7 @@ def test_an_agent_a_query_is_full_attention(sharpness, error):
     One head, so that the norms give all queries one length. Larger queries sharpen both stages; smaller keys undo it
     in the first.
     """
-    options, (x, x_mask, context, mask) = named("agent", tokens=4), (part[:1] for part in scenes())
+    options, (x, x_mask, context, mask) = from_name("agent", tokens=4), (part[:1] for part in scenes())
     params = params_of(options, heads=1)
     params = {**params, "q_norm": {"scale": np.full(WIDTH, sharpness), "bias": np.zeros(WIDTH)}}
     params["k_norm"] = {"scale": params["k_norm"]["scale"] / sharpness, "bias": np.zeros(WIDTH)}
@@ -98,15 +98,15 @@ def test_an_agent_a_query_is_full_attention(sharpness, error):
 def test_one_agent_tells_all_the_same():
     x, x_mask, context, mask = scenes()
     for pooling in ("segment", "learned", "set"):
-        options = named("agent", tokens=1, pooling=pooling)
+        options = from_name("agent", tokens=1, pooling=pooling)
         y = _in64(options, params_of(options), x, x_mask, context, mask)
         close(y[0, :4], np.broadcast_to(y[0, :1], (4, WIDTH)))
 
 
 SOFTMAX = {
-    "full": FULL, "wide": named("full", inner_ratio=2), "gated": named("gated"), "agent": named("agent", tokens=2),
-    "saap": named("saap", buckets=2, probes=1), "windowed": named("windowed", window=1),
-    "squeezed": named("squeezed", clusters=2),
+    "full": FULL, "wide": from_name("full", inner_ratio=2), "gated": from_name("gated"), "agent": from_name("agent", tokens=2),
+    "saap": from_name("saap", buckets=2, probes=1), "windowed": from_name("windowed", window=1),
+    "squeezed": from_name("squeezed", clusters=2),
 }  # fmt: skip
 
 
@@ -129,14 +129,14 @@ def test_constant_values_pass_through(name):
 
 
 @functools.partial(golden.jit, static_argnums=5)
-def _sampled(value, mask, position, weights, level, layout):
-    return sample(value, mask, position, weights, level, layout)
+def _sampled(value, mask, position, weights, level, spec):
+    return sample(value, mask, position, weights, level, spec)
 
 
 def test_deformable_core_with_the_weights_of_full_attention():
     """Sampled at all cell centres, each returns its own value; far outside there is nothing."""
     rng = np.random.default_rng(0)
-    layout = ContextLayout(kind="image", grid=(2, 3))
+    spec = ContextSpec(kind="image", grid=(2, 3))
     value, logits = rng.normal(size=(1, HEADS, 6, 4)), rng.normal(size=(1, 5, HEADS, 6))
     weights = np.exp(logits) / np.exp(logits).sum(-1, keepdims=True)
     row, column = np.divmod(np.arange(6.0), 3)
@@ -144,10 +144,10 @@ def test_deformable_core_with_the_weights_of_full_attention():
     mask, level = np.ones((1, 6), bool), np.zeros(6, int)
     one = np.broadcast_to(np.arange(6) == 4, weights.shape).astype(float)
     with jax.enable_x64(True):
-        close(_sampled(value, mask, position, weights, level, layout), np.einsum("bnhk,bhkd->bhnd", weights, value))
-        own = _sampled(value, mask, position, one, level, layout)
+        close(_sampled(value, mask, position, weights, level, spec), np.einsum("bnhk,bhkd->bhnd", weights, value))
+        own = _sampled(value, mask, position, one, level, spec)
         close(own, np.broadcast_to(value[:, :, 4:5], (1, HEADS, 5, 4)))
-        assert not np.any(_sampled(value, mask, position + 100, weights, level, layout))
+        assert not np.any(_sampled(value, mask, position + 100, weights, level, spec))
 
 
 def test_text_is_interpolated_linearly():
@@ -182,7 +182,7 @@ def test_shares_of_keys_sum_to_one():
 
 @pytest.mark.parametrize("name", ["concat", "agent", "linear", "deformable", "cross_global"])
 def test_bfloat16_products(name):
-    options, batch = named(name), _cast(scenes(), False)
+    options, batch = from_name(name), _cast(scenes(), False)
     params = _cast(params_of(options), False)
     exact, rounded = (call(options, params, *batch, compute=compute)[0] for compute in ("float32", "bfloat16"))
     assert rounded.dtype == jnp.float32

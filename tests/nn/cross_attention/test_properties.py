@@ -18,14 +18,14 @@ ORDERED_KEYS = _WINDOWED | _PLACED | {"squeezed top"}  # members of a cluster ar
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_masked_never_matters(case):
     """Masked rows at random places, of NaN, of 1e30 and of numbers: values and gradients stay, to rounding."""
-    layout = CASES[case][1]
-    x, x_mask, context, mask = scenes(layout)
+    spec = CASES[case][1]
+    x, x_mask, context, mask = scenes(spec)
     (loss, y, aux), (of_params, of_x, of_context) = evaluate(case, x, x_mask, context, mask)
     assert not np.any(y[~x_mask]) and not np.any(of_x[~x_mask]) and not np.any(of_context[~mask])
     assert np.abs(of_x).max() > 1e-3 and np.abs(of_context).max() > 1e-3
     for seed, fill in enumerate((np.nan, 1e30, 0.7)):
         new_x = scattered(x_mask, 1, seed)
-        new = mask if case in _PLACED else scattered(mask, layout.modalities, seed)
+        new = mask if case in _PLACED else scattered(mask, spec.modalities, seed)
         spoilt = moved(x, x_mask, new_x, fill), new_x, moved(context, mask, new, fill), new
         (loss_2, y_2, aux_2), (of_params_2, of_x_2, of_context_2) = evaluate(case, *spoilt)
         close(loss_2, loss)
@@ -62,9 +62,9 @@ def test_other_queries(case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_order_of_keys(case):
-    layout = CASES[case][1]
-    x, x_mask, context, mask = scenes(layout)
-    order = np.array([3, 1, 0, 2, 4, 5, 6, 7]) if layout.modalities == 1 else np.array([1, 0, 2, 3, 5, 4, 6, 7])
+    spec = CASES[case][1]
+    x, x_mask, context, mask = scenes(spec)
+    order = np.array([3, 1, 0, 2, 4, 5, 6, 7]) if spec.modalities == 1 else np.array([1, 0, 2, 3, 5, 4, 6, 7])
     y, permuted = (
         evaluate(case, x, x_mask, c, k)[0][1] for c, k in ((context, mask), (context[:, order], mask[:, order]))
     )
@@ -74,8 +74,8 @@ def test_order_of_keys(case):
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_to_read(case):
     """Zero with zero gradients, except for concat, whose tokens read each other; finite in every other corner."""
-    layout = CASES[case][1]
-    x, x_mask, context, mask = scenes(layout)
+    spec = CASES[case][1]
+    x, x_mask, context, mask = scenes(spec)
     context = np.where(mask[..., None], context, np.nan)
     (_, y, _), gradients = evaluate(case, x, x_mask, np.full_like(context, np.nan), mask & False)
     if CASES[case][0].empty_is_zero:
@@ -83,7 +83,7 @@ def test_nothing_to_read(case):
     else:
         assert np.any(y[x_mask]) and not np.any(gradients[2])
     one = np.zeros_like(mask)
-    one[:, :: KEYS // layout.modalities] = True  # a key a modality
+    one[:, :: KEYS // spec.modalities] = True  # a key a modality
     corners = {
         "all keys masked": (x_mask, mask & False), "all queries masked": (x_mask & False, mask),
         "one query": (x_mask & (np.arange(QUERIES) == 2)[None], mask), "one key": (x_mask, one),
@@ -99,8 +99,8 @@ def test_nothing_to_read(case):
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_are_derivatives(case):
     """Along a random direction in parameters, x and context, by central differences."""
-    layout = CASES[case][1]
-    x, x_mask, context, mask = scenes(layout)
+    spec = CASES[case][1]
+    x, x_mask, context, mask = scenes(spec)
     params = params_of(*CASES[case])
     _, gradients = evaluate(case, x, x_mask, context, mask)
     rng, step = np.random.default_rng(3), 1e-6
