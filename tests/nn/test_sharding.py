@@ -11,7 +11,7 @@ from scjax.nn.sharding import scene_mesh, spread
 def scenes(scale, keys, values, nothing):
     """Shared scale; per scene a draw from its own key and a sum of its own row."""
     init = jax.vmap(lambda key: jax.random.normal(key, (3,)))(keys)
-    return {"draws": init * scale, "sums": values.sum(1), "nothing": nothing}
+    return {"init": init * scale, "sums": values.sum(1), "nothing": nothing}
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 8])

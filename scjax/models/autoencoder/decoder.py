@@ -21,7 +21,7 @@ class Decoder(nnx.Module):
     """Two factorised blocks over all pairs of the scene, then one head per quantity."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
-        c, options = config, {"draws": init, "compute": config.compute}
+        c, options = config, {"init": init, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = Linear(c.lane_latent, c.lane_width, **options)
         self.agent_in = Linear(c.agent_latent, c.agent_width, **options)

@@ -21,7 +21,7 @@ class Encoder(nnx.Module):
     """Two factorised blocks over lanes, agents and lane pairs; a query token counts what lies behind the partition."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
-        c, options = config, {"draws": init, "compute": config.compute}
+        c, options = config, {"init": init, "compute": config.compute}
         lane, agent = (c.lane_width, c.lane_heads, c.lane_ff), (c.agent_width, c.agent_heads, c.agent_ff)
         self.lane_in = ResidualMLP(c.lane_inputs, c.lane_width, **options)
         self.agent_in = ResidualMLP(c.agent_inputs, c.agent_width, **options)
