@@ -26,7 +26,7 @@ from scjax.metrics.pooling import singles
 from scjax.scene import Scene, Signal
 
 FORMAT = 2
-Crop = Literal[
+RoadLayout = Literal[
     "no road", "straight", "curve", "winding", "four-way", "T", "complex", "roundabout", "parking area",
     "intersection at the edge", "side road", "several side streets", "lane added", "lane ends", "split", "merge",
     "junction at the edge",
@@ -58,7 +58,7 @@ class Facts:
       traffic: numbers of agents by relation to the ego.
     """
 
-    layout: Crop
+    layout: RoadLayout
     curve: Curve | None = None
     lanes_same: int = 0
     lanes_opposite: int = 0
@@ -156,7 +156,7 @@ def _side_streets(intersections: list[Intersection]) -> dict[str, int]:
 def _layout(
     road: Road, scene: Scene, intersections: list[Intersection], main: Intersection | None, met: list,
     bend: Curve | None, streets: dict[str, int],
-) -> Crop:  # fmt: skip
+) -> RoadLayout:  # fmt: skip
     lanes, longest, fastest = _PARKING
     if len(road) >= lanes and road.length.max() < longest and (np.asarray(scene.agents)[:, 3] < fastest).all():
         return "parking area"

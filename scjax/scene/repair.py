@@ -150,9 +150,9 @@ def _moves(
 def _equally_spaced(points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=-1))])
     wanted = np.linspace(0, arc[-1], len(points))
-    trailing_timesteps = np.stack([np.interp(wanted, arc, column) for column in points.T], -1)
-    trailing_timesteps[0], trailing_timesteps[-1] = points[0], points[-1]
-    return trailing_timesteps
+    spaced = np.stack([np.interp(wanted, arc, column) for column in points.T], -1)
+    spaced[0], spaced[-1] = points[0], points[-1]
+    return spaced
 
 
 def _free(box: np.ndarray, others: np.ndarray, air: float = 0.0) -> Bool[np.ndarray, ""] | bool:

@@ -36,7 +36,7 @@ def spline(start: np.ndarray, out: float, end: np.ndarray, into: float, spacing:
     b = end - reach * np.array([np.cos(into), np.sin(into)])
     t = np.linspace(0, 1, 60)[:, None]
     curve = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
-    return trailing_timesteps(curve, spacing)
+    return resample_line(curve, spacing)
 
 
 def turn(before: Line, after: Line) -> Line:
@@ -53,7 +53,7 @@ def turn(before: Line, after: Line) -> Line:
         if reach > 2.0:
             corner = start + to_corner * out
             bend = spline(corner - reach * out, _angle(out), corner + reach * into, _angle(into), 0.5)
-            return trailing_timesteps(np.concatenate([start[None], bend[1:-1], end[None]]), FINE)
+            return resample_line(np.concatenate([start[None], bend[1:-1], end[None]]), FINE)
     return spline(start, _angle(out), end, _angle(into), FINE)
 
 
@@ -76,7 +76,7 @@ def offset(line: Line, left: float | np.ndarray) -> Line:
     return line + np.stack([-along[:, 1], along[:, 0]], -1) * np.reshape(left, (-1, 1))
 
 
-def trailing_timesteps(line: Line, spacing: float) -> Line:
+def resample_line(line: Line, spacing: float) -> Line:
     """``line`` with points at equal distances of about ``spacing`` metres, four at least."""
     arc = arc_of(line)
     at = np.linspace(0, arc[-1], max(4, round(arc[-1] / spacing) + 1))

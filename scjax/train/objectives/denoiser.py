@@ -110,7 +110,7 @@ def build(config) -> Stage:
 
         def penalty(estimate: PerType, level):
             latents = frozen.latents.denormalize(estimate)
-            made, _ = decode(coder, coder_params, codec, latents, masks, scene.crop, scene.domain)
+            made = decode(coder, coder_params, codec, latents, masks, scene.crop, scene.domain)
             total = jnp.zeros(len(scene.crop))
             if loss.collision:
                 total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
