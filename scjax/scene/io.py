@@ -18,8 +18,11 @@ NPZ_VERSION = 1
 JSON_FORMAT, JSON_VERSION = "scjax-scene", 1
 _UNITS = {"x, y, z, length, width, height": "m", "speed": "m/s", "heading": "rad, counter-clockwise from +x"}
 _DIGITS = 7  # float32 holds about seven
-_OLD_NAMES = {"layout": "crop"}  # names of earlier files -> names of today; both are read
-_OLD_CROPS = {"centred": "centered"}
+# Files keep the names of their first version, which other programs read: "layout" is the crop.
+_FILE_NAMES = {"crop": "layout"}
+_FILE_CROPS = {"centered": "centred"}
+_FIELD_NAMES = {file_name: name for name, file_name in _FILE_NAMES.items()}
+_CROP_NAMES = {file_name: name for name, file_name in _FILE_CROPS.items()}
 
 
 def save_npz(scene: Scene, path: str | Path) -> None:
@@ -28,7 +31,7 @@ def save_npz(scene: Scene, path: str | Path) -> None:
     Raises:
       ValueError: if the scene breaks an invariant (``scjax.scene.validate``).
     """
-    arrays = validate(scene.to_numpy()).to_dict()
+    arrays = {_FILE_NAMES.get(name, name): array for name, array in validate(scene.to_numpy()).to_dict().items()}
     _write(Path(path), lambda file: np.savez(file, allow_pickle=False, format_version=NPZ_VERSION, **arrays))
 
 
@@ -42,7 +45,7 @@ def load_npz(path: str | Path) -> Scene:
     path = Path(path)
     try:
         with open(path, "rb") as handle, np.load(handle, allow_pickle=False) as file:
-            arrays = {_OLD_NAMES.get(name, name): file[name] for name in file.files}
+            arrays = {_FIELD_NAMES.get(name, name): file[name] for name in file.files}
     except FileNotFoundError:
         raise
     except (OSError, EOFError, ValueError, AttributeError, zipfile.BadZipFile) as error:
@@ -150,15 +153,15 @@ def _scene_text(scene: Scene) -> str:
     rows = {"agents": agents, "lanes": lanes}
     lists = ", ".join(f'"{key}": [' + ",".join(f"\n  {json.dumps(row)}" for row in rows[key]) + "]" for key in rows)
     crop = Crop(int(scene.crop)).name.lower()
-    return f' {{"crop": "{crop}", "domain": {int(scene.domain)}, {lists}}}'
+    return f' {{"layout": "{_FILE_CROPS.get(crop, crop)}", "domain": {int(scene.domain)}, {lists}}}'
 
 
 def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
     agents, lanes = _field(data, "agents", name), _field(data, "lanes", name)
     num_agents = max([slots[0], *(_id(agent, f"{name}, agents") + 1 for agent in agents)])
     num_lanes = max([slots[1], *(_id(lane, f"{name}, lanes") + 1 for lane in lanes)])
-    word = data.get("crop", data.get("layout", "centered"))
-    crop = _enum(Crop, _OLD_CROPS.get(word, word), f"{name}, crop")
+    word = data.get("layout", "centred")
+    crop = _enum(Crop, _CROP_NAMES.get(word, word), f"{name}, layout")
     scene = _blank(num_agents, num_lanes, slots[2], Crop(crop), data.get("domain", 0))
     for agent in agents:
         i, where = agent["id"], f"{name}, agent {agent['id']}"
