@@ -51,7 +51,7 @@ def load_npz(path: str | Path) -> Scene:
     except (OSError, EOFError, ValueError, AttributeError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is no readable .npz scene ({error}): it may be cut short, write it again") from error
     _check_version(path, arrays.pop("format_version", None), NPZ_VERSION)
-    missing = set(empty(0, 0).to_dict()) - set(arrays)
+    missing = [_FILE_NAMES.get(name, name) for name in empty(0, 0).to_dict() if name not in arrays]
     if missing:
         raise ValueError(f"{path} lacks the arrays {sorted(missing)}: write it with scjax.scene.io.save_npz")
     fields = empty(0, 0).to_dict()
