@@ -13,10 +13,10 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.workload import machine
-from experiments.studies.prompt_adherence import agreement
 from scjax.data.readers.base import BuildOptions
 from scjax.data.records import make_record, sample_scene, simplified
-from scjax.language.facts import parse
+from scjax.language.agreement import label_agreement
+from scjax.language.facts import extract_facts
 from scjax.synthetic.source import Worlds
 
 
@@ -37,10 +37,10 @@ def main(arguments: list[str] | None = None) -> None:
             for pose in loaded.poses
         ]
         seconds += time.perf_counter() - start
-        pairs += zip(loaded.labels or [], map(parse, scenes), strict=True)
+        pairs += zip(loaded.labels or [], map(extract_facts, scenes), strict=True)
     print(machine())
     print(f"{len(pairs)} scenes of {source.count} worlds, {len(pairs) / seconds:.0f} scenes/s on one core")
-    found = agreement(pairs)
+    found = label_agreement(pairs)
     for attribute, (good, total) in found.items():
         print(f"{attribute:<34}{good} of {total} ({100 * good / total:.1f} %)")
     named = [found[attribute] for attribute in found if attribute != "no other event"]

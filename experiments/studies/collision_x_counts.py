@@ -23,8 +23,8 @@ from experiments.package_model import counted
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import Prompted, held_back_prompts, sampled
 from scjax.data.shards import write_text
-from scjax.language.facts import parse
-from scjax.language.prompt_parser import met
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import check
 from scjax.metrics.realism import scene_realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -108,7 +108,7 @@ def markdown(table: dict[str, dict[str, Interval]]) -> str:
 
 def _values(prompts: Sequence[Prompted], made: Sequence[Scene], seed: int) -> dict[str, Interval]:
     found = [scene_realism(scene) for scene in made]
-    good = [list(met(one.asked, parse(scene)).values()) for one, scene in zip(prompts, made, strict=True)]
+    good = [list(check(one.asked, extract_facts(scene)).values()) for one, scene in zip(prompts, made, strict=True)]
     wrong = [
         (abs(float(scene.num_lanes - one.scene.num_lanes)), abs(float(scene.num_agents - one.scene.num_agents)))
         for one, scene in zip(prompts, made, strict=True)

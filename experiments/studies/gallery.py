@@ -26,8 +26,8 @@ import scjax
 from experiments.studies.arguments import parser_of
 from scjax.generate.best_of import make as candidates
 from scjax.generate.prompts import encode_prompts, prompt_warnings
-from scjax.language.facts import parse
-from scjax.language.prompt_parser import met, read_prompt
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import check, parse_prompt
 from scjax.nn.startup import start_jax
 from scjax.viz.grid import grid
 
@@ -73,10 +73,10 @@ def make(args: argparse.Namespace) -> None:
         grid(scenes, columns=args.samples, path=args.out / name, dpi=60)
         lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]
         lines += [f"![{number}]({name})", ""]
-        asked = read_prompt(prompt)
+        asked = parse_prompt(prompt)
         for scene in scenes:
-            facts = parse(scene)
-            checked = met(asked, facts)
+            facts = extract_facts(scene)
+            checked = check(asked, facts)
             for what, good in checked.items():
                 totals[what].append(good)
             said = ", ".join(f"{what} {'yes' if good else 'NO'}" for what, good in checked.items())

@@ -17,7 +17,7 @@ import dataclasses
 import gzip
 import json
 import sys
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,9 +36,10 @@ from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.evaluate.retrieval import tf_idf
 from scjax.generate.best_of import make
+from scjax.language.agreement import label_agreement
 from scjax.language.captioner import STYLES
-from scjax.language.facts import Facts, parse
-from scjax.language.prompt_parser import Asked, met, read_prompt
+from scjax.language.facts import Facts, extract_facts
+from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.realism import realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -51,10 +52,6 @@ SOUND = {
 }  # fmt: skip
 
 _CALL = 32  # prompts a call of the sampler
-_ATTRIBUTES = {
-    "straight": "curved or straight", "curve": "curved or straight", "four-way": "intersection", "T": "intersection",
-    "roundabout": "roundabout",
-}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -118,7 +115,7 @@ def measure(
         )
         tidied = [scjax.repair(scene) for scene in made]
         for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
-            table[name], sound[name] = scores(zip(asked, map(parse, scenes), strict=True)), realism(scenes)
+            table[name], sound[name] = scores(zip(asked, map(extract_facts, scenes), strict=True)), realism(scenes)
     if candidates > 1:  # as the command line
         title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied"
         made = []
@@ -128,11 +125,11 @@ def measure(
                 jax.random.fold_in(jax.random.key(seed), start), prompts[part], told[part], model=model,
                 pick=candidates, sampler=sampler, steps=steps, guidance=weights[0],
             )  # fmt: skip
-        table[title], sound[title] = scores(zip(asked, map(parse, made), strict=True)), realism(made)
+        table[title], sound[title] = scores(zip(asked, map(extract_facts, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one.asked, one.facts) for one in chosen)
     sound["the record itself"] = realism(real)
-    return table, sound, label_agreement(folder)
+    return table, sound, folder_label_agreement(folder)
 
 
 def held_back(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore]:
@@ -151,7 +148,7 @@ class Prompted(NamedTuple):
     """A held-back record: a caption of it, what that asks for, its token features; the scene and its facts."""
 
     text: str
-    asked: Asked
+    asked: PromptSpec
     told: scjax.Condition
     scene: Scene
     facts: Facts
@@ -175,7 +172,7 @@ def held_back_prompts(
         if not left:
             return
         text, tokens = a_prompt(store, captions[row], row, rng)
-        asked = read_prompt(text)
+        asked = parse_prompt(text)
         if each is not None and not any(events[event] < each for event in asked.events):
             continue
         events.update(asked.events)
@@ -205,39 +202,24 @@ def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Genera
     return texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
 
 
-def scores(pairs: Iterable[tuple[Asked, Facts]]) -> Scores:
+def scores(pairs: Iterable[tuple[PromptSpec, Facts]]) -> Scores:
     """Attribute -> (met, asked for)."""
     hits, total = Counter(), Counter()
     for asked, facts in pairs:
-        for name, good in met(asked, facts).items():
+        for name, good in check(asked, facts).items():
             hits[name] += good
             total[name] += 1
     return {name: (hits[name], total[name]) for name in sorted(total)}
 
 
-def label_agreement(folder: str) -> Scores:
-    """``agreement`` on the held-back records; nothing without labels."""
+def folder_label_agreement(folder: str) -> Scores:
+    """``label_agreement`` on the held-back records; nothing without labels."""
     path = Path(folder) / "val-labels.jsonl.gz"
     if not path.is_file():
         return {}
     with gzip.open(path, "rt") as file:
         facts = (caption.facts for caption in read_captions(folder, "val"))
-        return agreement(zip(map(json.loads, file), facts, strict=True))
-
-
-def agreement(pairs: Iterable[tuple[dict[str, Any], Facts]]) -> Scores:
-    """How often the rules say of a scene what it was made to show: attribute -> (agree, labelled)."""
-    found: dict[str, list[bool]] = defaultdict(list)
-    for label, fact in pairs:
-        if label["layout"] is not None:
-            name = _ATTRIBUTES[label["layout"]]
-            found[name].append(fact.layout == label["layout"])
-        if label["signal"] is not None:
-            found["signal" if label["signal"] else "no signal"].append((fact.signals or "") == label["signal"])
-        if label["event"] is not None:
-            found[f"event: {label['event']}"].append(label["event"] in fact.events)
-        found["no other event"].append(not set(fact.events) - {label["event"]})
-    return {name: (sum(values), len(values)) for name, values in sorted(found.items())}
+        return label_agreement(zip(map(json.loads, file), facts, strict=True))
 
 
 def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceiling: Scores) -> str:

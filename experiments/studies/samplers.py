@@ -37,8 +37,8 @@ from scjax.evaluate.generated import counts_of, weights_hash
 from scjax.evaluate.sources import Records, digest, row_text
 from scjax.generate.encode import padded_length
 from scjax.generate.sample import bucket_of
-from scjax.language.facts import parse
-from scjax.language.prompt_parser import Asked, met, read_prompt
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
 from scjax.metrics.pooling import Values
@@ -67,7 +67,7 @@ class Requests:
     references: list[Scene]
     clusters: list[str]
     conditions: list[scjax.Condition]
-    asked: list[Asked]
+    asked: list[PromptSpec]
     fingerprint: str
 
 
@@ -165,12 +165,12 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
     conditions = [
         counts_of(model, scene, source.domains[int(scene.domain)] if source.domains else None) for scene in references
     ]
-    asked: list[Asked] = []
+    asked: list[PromptSpec] = []
     told = ""
     if model.text_encoder:
         (captions, store), rng = held_back(folder, model), np.random.default_rng(seed)
         prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
-        asked, told = [read_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
+        asked, told = [parse_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
         conditions = [
             dataclasses.replace(cond, tokens=tokens) for cond, (_, tokens) in zip(conditions, prompts, strict=True)
         ]
@@ -209,7 +209,7 @@ def measured(
     if requests.asked:
         prompts = ClusterSums()
         for asked, scene, cluster in zip(requests.asked, scenes, requests.clusters, strict=True):
-            hits = list(met(asked, parse(scene)).values())
+            hits = list(check(asked, extract_facts(scene)).values())
             prompts.add({"also/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
         tally = ClusterSums({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
     values, drawn = _table(tally.total, real.total), tally.drawn(real, _table)

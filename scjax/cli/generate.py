@@ -70,7 +70,7 @@ def generate(
         import scjax
         from scjax.generate.best_of import make
         from scjax.generate.prompts import prompt_warnings
-        from scjax.language.facts import parse
+        from scjax.language.facts import extract_facts
         from scjax.nn.startup import start_jax
 
         start_jax()
@@ -101,7 +101,7 @@ def generate(
             prompt = prompts[k // number]
             name = f"{slug(prompt)}-{seed}-{k % number}"
             files = write_scene(scene, out, name, formats, title=None)
-            facts = parse(scene).to_json()
+            facts = extract_facts(scene).to_json()
             made.append({"prompt": prompt, "seed": seed, "number": k % number, "files": [str(path) for path in files],
                          "lanes": int(scene.num_lanes), "agents": int(scene.num_agents), "facts": facts})  # fmt: skip
     if as_json:

@@ -39,13 +39,13 @@ def read_scenes(path: str | Path) -> list:
 @click.option("--json", "as_json", is_flag=True, help="Print facts and text as JSON.")
 def caption(file, style, seed, as_json) -> None:
     """Says what the scenes in FILE (.npz or .json) show, by rule."""
-    from scjax.language.captioner import write
-    from scjax.language.facts import parse
+    from scjax.language.captioner import write_caption
+    from scjax.language.facts import extract_facts
 
     found = []
     for scene in read_scenes(file):
-        facts = parse(scene)
-        found.append({"text": write(facts, seed, style, drop=0.0), "facts": facts.to_json()})
+        facts = extract_facts(scene)
+        found.append({"text": write_caption(facts, seed, style, drop=0.0), "facts": facts.to_json()})
     if as_json:
         click.echo(json.dumps(found, indent=1))
         return

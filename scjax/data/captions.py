@@ -20,8 +20,8 @@ from tqdm import tqdm
 from scjax.data import records
 from scjax.data.build import load_manifest
 from scjax.data.workers import Mapper
-from scjax.language.captioner import STYLES, write
-from scjax.language.facts import Facts, parse
+from scjax.language.captioner import STYLES, write_caption
+from scjax.language.facts import Facts, extract_facts
 
 FORMAT = 2
 MISSING = "A realistic driving scene."  # what the release's loader says where a caption file is absent
@@ -77,10 +77,10 @@ def add_captions(
 
 def _line(folder: Path, split: str, known: str, paraphrases: int, drop: float, seed: int, row: int) -> str:
     """What is stored of a record."""
-    facts = parse(records.sample_scene(records.decode(_tiles(folder, split, known)[row])))
+    facts = extract_facts(records.sample_scene(records.decode(_tiles(folder, split, known)[row])))
     numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
-        style: [write(facts, int(numbers[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
+        style: [write_caption(facts, int(numbers[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
         for k, style in enumerate(STYLES)
     }
     return json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n"

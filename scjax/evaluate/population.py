@@ -18,8 +18,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from scjax.evaluate.sources import Source, digest, row_text
-from scjax.language.agreement import agreement
-from scjax.language.facts import parse
+from scjax.language.agreement import fact_agreement
+from scjax.language.facts import extract_facts
 from scjax.metrics.measure import measure
 from scjax.metrics.measured import SceneStats, merged
 from scjax.metrics.placement import cone
@@ -114,7 +114,7 @@ def _measure_part(folder: Path, population: Population, start: int) -> None:
 
 
 def _facts(scene: Scene, reference: Scene | None) -> Ratios:
-    return {} if reference is None else agreement(parse(reference), parse(scene))
+    return {} if reference is None else fact_agreement(extract_facts(reference), extract_facts(scene))
 
 
 def _path(folder: Path, population: Population, start: int) -> Path:

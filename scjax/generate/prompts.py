@@ -11,8 +11,8 @@ from typing import NamedTuple
 from scjax.encoders.text import Encoder, checked, load_text_encoder
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
-from scjax.language.facts import parse
-from scjax.language.prompt_parser import Asked, met, read_prompt
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
 
@@ -76,7 +76,7 @@ class SceneScore(NamedTuple):
 def score_scene(prompt: str, scene: Scene) -> SceneScore:
     """By the rules that read prompts and scenes (``captions.reading``)."""
     gaps, (offsets, _) = connection_gaps(scene), lane_offsets(scene)
-    missed = sum(not good for good in met(read_prompt(prompt), parse(scene)).values())
+    missed = sum(not good for good in check(parse_prompt(prompt), extract_facts(scene)).values())
     missed += int((offsets[:1] > ON_LANE).sum())
     faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int((offsets > ON_LANE).sum())
     return SceneScore(missed, faults, float(gaps.sum()))
@@ -102,8 +102,8 @@ def prompt_warnings(cond: Condition) -> list[str]:
     chosen by it; or numbers that given counts, which win, do not allow."""
     if cond.prompt is None:
         return []
-    asked = read_prompt(cond.prompt)
-    if asked == Asked():
+    asked = parse_prompt(cond.prompt)
+    if asked == PromptSpec():
         return [
             f"no kind of road, number, light, person or event was read from {textwrap.shorten(cond.prompt, 60)!r}: "
             "no candidate is chosen by it. Plain English is read best, as 'a T-intersection with three vehicles'"

@@ -18,7 +18,7 @@ Style = Literal["short", "heads", "long"]
 STYLES: tuple[Style, ...] = get_args(Style)
 
 
-def write(facts: Facts, seed: int, style: str | None = None, *, drop: float = 0.3) -> str:
+def write_caption(facts: Facts, seed: int, style: str | None = None, *, drop: float = 0.3) -> str:
     """A caption.
 
     Args:
@@ -53,24 +53,26 @@ class _Chance:
 
 def _layout(facts: Facts, chance: _Chance) -> str:
     """The layout with lanes and curve, as a noun phrase."""
-    noun = wording.draw(chance.rng, *wording.LAYOUTS[facts.layout])
-    parts = [noun, chance.keep(wording.lanes(facts, chance.rng))]
+    noun = wording.pick_phrase(chance.rng, *wording.LAYOUTS[facts.layout])
+    parts = [noun, chance.keep(wording.lane_phrase(facts, chance.rng))]
     phrase = " ".join(part for part in parts if part)
-    bend = chance.keep(wording.bend(facts, chance.rng)) if facts.layout != "winding" else None
+    bend = chance.keep(wording.curve_phrase(facts, chance.rng)) if facts.layout != "winding" else None
     return f"{phrase}, {bend}" if bend else phrase
 
 
 def _short(facts: Facts, chance: _Chance) -> list[str]:
-    verb = wording.draw(chance.rng, "is", "depicts", "shows")
+    verb = wording.pick_phrase(chance.rng, "is", "depicts", "shows")
     sentences = [f"The scene {verb} {_layout(facts, chance)}."]
     traffic, rng = facts.traffic, chance.rng
-    who = [chance.keep(wording.amount(traffic.vehicles, "vehicle", rng)) if traffic.vehicles else None]
-    who += [chance.keep(wording.pedestrians(facts, rng))]
-    who += [chance.keep(wording.amount(traffic.cyclists, "cyclist", rng)) if traffic.cyclists else None]
+    who = [chance.keep(wording.count_phrase(traffic.vehicles, "vehicle", rng)) if traffic.vehicles else None]
+    who += [chance.keep(wording.pedestrian_phrase(facts, rng))]
+    who += [chance.keep(wording.count_phrase(traffic.cyclists, "cyclist", rng)) if traffic.cyclists else None]
     present = [phrase for phrase in who if phrase]
     if present:
         sentences.append(
-            wording.draw(rng, f"There are {wording.join(present)}.", f"{_capital(wording.join(present))} exist.")
+            wording.pick_phrase(
+                rng, f"There are {wording.join_phrases(present)}.", f"{_capital(wording.join_phrases(present))} exist."
+            )
         )
     elif not traffic.vehicles and chance.keep("said"):
         sentences.append("There are no other vehicles.")
@@ -80,18 +82,22 @@ def _short(facts: Facts, chance: _Chance) -> list[str]:
 
 def _heads(facts: Facts, chance: _Chance) -> list[str]:
     rng = chance.rng
-    layout = wording.draw(rng, *wording.LAYOUTS[facts.layout])
+    layout = wording.pick_phrase(rng, *wording.LAYOUTS[facts.layout])
     plain = facts.layout in ("straight", "curve", "winding")
-    road = _capital(wording.road(facts, rng)) if plain else f"{_capital(wording.road(facts, rng))} at {layout}"
-    controls = [chance.keep(wording.turn_lanes(facts, rng)), chance.keep(wording.signals(facts, rng))]
+    road = (
+        _capital(wording.road_phrase(facts, rng))
+        if plain
+        else f"{_capital(wording.road_phrase(facts, rng))} at {layout}"
+    )
+    controls = [chance.keep(wording.turn_lane_phrase(facts, rng)), chance.keep(wording.signal_phrase(facts, rng))]
     controls += [chance.keep("separated by a median" if facts.median else None)]
     controls += [
-        chance.keep(wording.bend(facts, rng)),
+        chance.keep(wording.curve_phrase(facts, rng)),
         chance.keep("a centre turn lane" if facts.centre_turn_lane else None),
     ]
     clauses = [road, *(clause for clause in controls if clause)]
     sentences = ["ROAD & CONTROL:", f"{', '.join(clauses)}."]
-    absent = chance.keep(wording.absences(facts, rng))
+    absent = chance.keep(wording.absence_phrase(facts, rng))
     if absent:
         sentences.append(f"{_capital(absent)}.")
     return [_grammar(sentence) for sentence in [*sentences, "AGENTS:", *_agents(facts, chance)]]
@@ -99,9 +105,9 @@ def _heads(facts: Facts, chance: _Chance) -> list[str]:
 
 def _long(facts: Facts, chance: _Chance) -> list[str]:
     rng = chance.rng
-    sentences = [f"The scene {wording.draw(rng, 'depicts', 'shows', 'is')} {_layout(facts, chance)}."]
-    sentences += [chance.keep(wording.place(facts, rng)) or ""]
-    turns = chance.keep(wording.turn_lanes(facts, rng))
+    sentences = [f"The scene {wording.pick_phrase(rng, 'depicts', 'shows', 'is')} {_layout(facts, chance)}."]
+    sentences += [chance.keep(wording.intersection_sentence(facts, rng)) or ""]
+    turns = chance.keep(wording.turn_lane_phrase(facts, rng))
     if turns:
         sentences.append(f"The ego vehicle's approach has {turns}.")
     if facts.median and chance.keep("said"):
@@ -111,13 +117,13 @@ def _long(facts: Facts, chance: _Chance) -> list[str]:
     streets = [(facts.side_streets_left, "left"), (facts.side_streets_right, "right")]
     for count, side in streets:
         if count and facts.layout == "several side streets":
-            sentences.append(f"{_capital(wording.amount(count, 'side street', rng))} on the {side}.")
-    lights = chance.keep(wording.signals(facts, rng))
+            sentences.append(f"{_capital(wording.count_phrase(count, 'side street', rng))} on the {side}.")
+    lights = chance.keep(wording.signal_phrase(facts, rng))
     if lights:
         sentences.append(f"There is {lights}.")
     if facts.bridge and chance.keep("said"):
         sentences.append("One road passes over another.")
-    absent = chance.keep(wording.absences(facts, rng))
+    absent = chance.keep(wording.absence_phrase(facts, rng))
     if absent:
         sentences.append(f"There are {absent}.")
     return [_grammar(sentence) for sentence in [*sentences, *_agents(facts, chance)]]
@@ -126,35 +132,35 @@ def _long(facts: Facts, chance: _Chance) -> list[str]:
 def _agents(facts: Facts, chance: _Chance) -> list[str]:
     """Sentences about the ego and the others."""
     rng, traffic, sentences = chance.rng, facts.traffic, []
-    motion = chance.keep(wording.motion(facts, rng))
+    motion = chance.keep(wording.motion_phrase(facts, rng))
     if motion:
         sentences.append(f"The ego vehicle {motion}.")
     if facts.ego_turn_lane and chance.keep("said"):
         sentences.append(f"The ego vehicle is in the {facts.ego_turn_lane}-turn lane.")
     elif facts.lanes_same > 1 and facts.lane_index and chance.keep("said"):
         sentences.append(f"The ego vehicle is in {_lane(facts)}.")
-    near = [phrase for phrase in wording.relations(facts, rng) if chance.keep(phrase)]
+    near = [phrase for phrase in wording.relation_phrases(facts, rng) if chance.keep(phrase)]
     if near:
-        sentences.append(f"{_capital(wording.join(near))}.")
+        sentences.append(f"{_capital(wording.join_phrases(near))}.")
     elif traffic.vehicles:
-        sentences.append(f"{_capital(wording.amount(traffic.vehicles, 'vehicle', rng))} on the road.")
+        sentences.append(f"{_capital(wording.count_phrase(traffic.vehicles, 'vehicle', rng))} on the road.")
     else:
         sentences.append("No other vehicles are nearby.")
-    walkers = chance.keep(wording.pedestrians(facts, rng))
+    walkers = chance.keep(wording.pedestrian_phrase(facts, rng))
     if walkers:
         sentences.append(f"{_capital(walkers)}.")
     elif not traffic.pedestrians and rng.random() < 0.15:
         sentences.append("No pedestrians are visible.")
     if traffic.cyclists and chance.keep("said"):
-        sentences.append(f"{_capital(wording.amount(traffic.cyclists, 'cyclist', rng))}.")
+        sentences.append(f"{_capital(wording.count_phrase(traffic.cyclists, 'cyclist', rng))}.")
     if traffic.static and chance.keep("said"):
-        sentences.append(f"{_capital(wording.amount(traffic.static, 'static object', rng))}.")
+        sentences.append(f"{_capital(wording.count_phrase(traffic.static, 'static object', rng))}.")
     return sentences + _events(facts, rng)
 
 
 def _events(facts: Facts, rng: np.random.Generator) -> list[str]:
-    found = wording.events(facts, rng)
-    return [f"There is {wording.join(found)}."] if found else []
+    found = wording.event_phrases(facts, rng)
+    return [f"There is {wording.join_phrases(found)}."] if found else []
 
 
 def _lane(facts: Facts) -> str:

@@ -101,7 +101,7 @@ class Facts:
         return cls(**values)
 
 
-def parse(scene: Scene) -> Facts:
+def extract_facts(scene: Scene) -> Facts:
     """The facts of one scene, recorded or generated, whose agent 0 is the ego."""
     (scene,) = singles(scene)
     road = road_of(scene)
@@ -112,10 +112,10 @@ def parse(scene: Scene) -> Facts:
     path = None if lane is None else ego_path(road, lane)
     values: dict[str, Any] = {"bridge": bridges > 0, "traffic": traffic_of(scene, road, path)}
     values["events"] = find_events(scene, road, intersections)
-    met = []
+    merges = []
     if lane is not None and path is not None:
         section = cross_section(road, path, intersections)
-        met = joints(road, lane, intersections)
+        merges = joints(road, lane, intersections)
         turns = find_turn_lanes(road, intersections, lane)
         values |= {
             "curve": curve(path, intersections), "lanes_same": section.same, "lanes_opposite": section.opposite,
@@ -127,7 +127,7 @@ def parse(scene: Scene) -> Facts:
     streets = _side_streets(intersections)
     values |= {"side_streets_left": streets["left"], "side_streets_right": streets["right"]}
     main = _main(intersections)
-    layout = _layout(road, scene, intersections, main, met, values.get("curve"), streets)
+    layout = _layout(road, scene, intersections, main, merges, values.get("curve"), streets)
     if main is not None and layout not in ("parking area", "several side streets", "roundabout"):
         kind = "complex" if layout == "complex" else main.kind
         if layout == "complex":  # of several intersections the nearest matters most
@@ -154,7 +154,7 @@ def _side_streets(intersections: list[Intersection]) -> dict[str, int]:
 
 
 def _layout(
-    road: Road, scene: Scene, intersections: list[Intersection], main: Intersection | None, met: list,
+    road: Road, scene: Scene, intersections: list[Intersection], main: Intersection | None, merges: list,
     bend: Curve | None, streets: dict[str, int],
 ) -> RoadLayout:  # fmt: skip
     lanes, longest, fastest = _PARKING
@@ -172,7 +172,7 @@ def _layout(
             return "intersection at the edge"
         return main.kind or "complex"
     order: tuple[Joint, ...] = ("split", "merge", "side road", "lane added", "lane ends", "junction at the edge")
-    kinds = {kind for kind, _, _ in met}
+    kinds = {kind for kind, _, _ in merges}
     for kind in order:
         if kind in kinds:
             return kind

@@ -48,7 +48,7 @@ _RELATION = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class PromptSpec:
     """What a prompt says; None and empty: nothing.
 
     Attributes:
@@ -66,11 +66,11 @@ class Asked:
     events: tuple[str, ...] = ()
 
 
-def read_prompt(text: str) -> Asked:
+def parse_prompt(text: str) -> PromptSpec:
     """What ``text`` asks for."""
     plain = " ".join(text.lower().replace("–", "-").split())
     vehicles, exact = _amount(plain, r"(?:vehicles?|cars?)")
-    return Asked(
+    return PromptSpec(
         layout=next((name for name, pattern in _LAYOUTS if re.search(pattern, plain)), None),
         vehicles=vehicles, exact=exact,
         pedestrians=_amount(plain, r"(?:pedestrians?|people|persons?)")[0],
@@ -80,7 +80,7 @@ def read_prompt(text: str) -> Asked:
     )  # fmt: skip
 
 
-def met(asked: Asked, facts: Facts) -> dict[str, bool]:
+def check(asked: PromptSpec, facts: Facts) -> dict[str, bool]:
     """Attribute -> whether a scene shows it, for every attribute that was asked for.
 
     Vehicles in a number may be off by one or by a fifth; intersections count by their kind, whatever else there is.

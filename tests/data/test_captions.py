@@ -11,7 +11,7 @@ from scjax.data.__main__ import main
 from scjax.data.build import build
 from scjax.data.captions import read_captions, read_official
 from scjax.language.captioner import STYLES
-from scjax.language.facts import parse
+from scjax.language.facts import extract_facts
 from scjax.synthetic.source import Worlds
 
 
@@ -28,7 +28,7 @@ def test_every_record_has_its_facts_and_texts(folder):
     captions = list(read_captions(folder, "train"))
     assert len(captions) == len(tiles)
     for row in (0, len(tiles) // 2, len(tiles) - 1):
-        assert captions[row].facts == parse(records.sample_scene(records.decode(tiles[row])))
+        assert captions[row].facts == extract_facts(records.sample_scene(records.decode(tiles[row])))
         assert all(len(captions[row].texts[style]) == 3 for style in STYLES)
     assert not list(folder.glob(".captions*"))
 
@@ -63,7 +63,7 @@ def test_records_that_were_built_anew_are_read_anew(tmp_path):
         assert main(["caption", str(tmp_path / "records"), "--workers", "0"]) == 0
         tiles = records.source(tmp_path / "records", "train")
         for row, caption in enumerate(read_captions(tmp_path / "records", "train")):
-            assert caption.facts == parse(records.sample_scene(records.decode(tiles[row])))
+            assert caption.facts == extract_facts(records.sample_scene(records.decode(tiles[row])))
 
 
 def test_captions_of_other_records_are_refused(folder, tmp_path):

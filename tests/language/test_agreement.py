@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from scjax.language.agreement import PRESENT, SAME, agreement
+from scjax.language.agreement import BINARY_ATTRIBUTES, CATEGORICAL_ATTRIBUTES, fact_agreement
 from scjax.language.facts import Facts, Traffic
 from scjax.metrics.pooling import pool, values
 
@@ -16,16 +16,16 @@ BUSY = Facts(
 
 
 def test_a_copy_agrees_fully():
-    shown = values(agreement(BUSY, BUSY))
-    assert len(shown) == len(PRESENT) + 1 + len(SAME) + 3
+    shown = values(fact_agreement(BUSY, BUSY))
+    assert len(shown) == len(BINARY_ATTRIBUTES) + 1 + len(CATEGORICAL_ATTRIBUTES) + 3
     assert set(shown.values()) == {1.0}
 
 
 def test_f1_of_three_scenes():
     """Said in two, shown in two, both in one: F1 1/2."""
     pairs = [(BUSY, BUSY), (BUSY, QUIET), (QUIET, BUSY)]
-    shown = values(pool(agreement(*pair) for pair in pairs))
-    for name in PRESENT:
+    shown = values(pool(fact_agreement(*pair) for pair in pairs))
+    for name in BINARY_ATTRIBUTES:
         assert shown[f"{name} F1"] == pytest.approx(1 / 2), name
     assert shown["red light F1"] == pytest.approx(2 / 3)  # the third reference records no signal
     assert shown["layout same"] == shown["vehicles within 1"] == pytest.approx(1 / 3)
@@ -33,5 +33,5 @@ def test_f1_of_three_scenes():
 
 def test_counts_may_be_off_by_one():
     near = dataclasses.replace(BUSY, lanes_same=3, traffic=dataclasses.replace(BUSY.traffic, vehicles=7))
-    shown = values(agreement(BUSY, near))
+    shown = values(fact_agreement(BUSY, near))
     assert shown["lanes within 1"] == 1 and shown["vehicles within 1"] == 0

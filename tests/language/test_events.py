@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from scjax.language.captioner import write
-from scjax.language.facts import parse
+from scjax.language.captioner import write_caption
+from scjax.language.facts import extract_facts
 from scjax.scene import AgentType
 from tests.factories.towns import WIDTH, Town
 
@@ -56,16 +56,16 @@ SCENES = {
 @pytest.mark.parametrize("event", list(SCENES))
 def test_events_are_told_from_ordinary_scenes(event):
     town, ordinary = SCENES[event]
-    assert event in parse(town.scene()).events
+    assert event in extract_facts(town.scene()).events
     for other in ordinary:
-        assert event not in parse(other.scene()).events
+        assert event not in extract_facts(other.scene()).events
 
 
 @pytest.mark.parametrize("style", ["short", "heads", "long"])
 @pytest.mark.parametrize("event", list(SCENES))
 def test_events_are_said(event, style):
-    facts = parse(SCENES[event][0].scene())
-    texts = [write(facts, seed, style, drop=0.0).lower() for seed in range(6)]
+    facts = extract_facts(SCENES[event][0].scene())
+    texts = [write_caption(facts, seed, style, drop=0.0).lower() for seed in range(6)]
     word = {"wrong-way driver": "wrong", "jaywalker": "cross", "stopped vehicle in lane": "lane",
             "double parking": "double", "emergency corridor": "emergency", "cut-in": "cut"}[event]  # fmt: skip
     assert all(word in text for text in texts), texts

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from scjax.language.facts import FORMAT, Facts, parse
+from scjax.language.facts import FORMAT, Facts, extract_facts
 from scjax.language.intersections import find_intersections, has_roundabout
 from scjax.language.road import road_of
 from scjax.scene import AgentType, Signal, empty, pad, permute
@@ -160,7 +160,7 @@ GOLDEN = {
 @pytest.mark.parametrize("name", GOLDEN)
 def test_golden_towns(name):
     town, expected = GOLDEN[name]
-    found = parse(town.scene())
+    found = extract_facts(town.scene())
     assert {key: getattr(found, key) for key in expected} == expected
 
 
@@ -200,7 +200,7 @@ def test_traffic_is_seen_from_the_ego():
         town.agent(*place)
     town.agent(10, -9, kind=AgentType.PEDESTRIAN).agent(10, 12, kind=AgentType.PEDESTRIAN)
     town.agent(4, -3, kind=AgentType.CYCLIST)
-    found = parse(town.scene()).traffic
+    found = extract_facts(town.scene()).traffic
     assert (found.vehicles, found.pedestrians, found.cyclists) == (6, 2, 1)
     assert (found.ahead, found.behind, found.left_lane, found.right_lane) == (1, 2, 1, 0)
     assert (found.oncoming, found.crossing, found.parked, found.off_road) == (1, 0, 1, 1)
@@ -211,7 +211,7 @@ def test_traffic_is_seen_from_the_ego():
 def test_cars_on_the_crossing_road():
     town = at(20, 0, (0, 90, 180, -90))
     town.agent(20 + WIDTH / 2, -20, 90, 6).agent(20 - WIDTH / 2, 25, -90, 6)
-    assert parse(town.scene()).traffic.crossing == 2
+    assert extract_facts(town.scene()).traffic.crossing == 2
 
 
 @pytest.mark.parametrize("name", ["crossroads ahead", "left-turn lane", "lane added", "uneven", "roundabout"])
@@ -221,12 +221,12 @@ def test_order_and_padding_do_not_matter(name):
     for _ in range(3):
         order = np.concatenate([[0], 1 + rng.permutation(len(scene.agents) - 1)])
         shuffled = permute(scene, order, rng.permutation(len(scene.lanes)))
-        assert parse(pad(shuffled, 20, 70)) == parse(scene)
+        assert extract_facts(pad(shuffled, 20, 70)) == extract_facts(scene)
 
 
 def test_facts_go_to_json_and_back():
     for town, _ in GOLDEN.values():
-        facts = parse(town.scene())
+        facts = extract_facts(town.scene())
         assert Facts.from_json(json.loads(json.dumps(facts.to_json()))) == facts
     with pytest.raises(ValueError, match="format 7"):
         Facts.from_json({"format": 7})
@@ -241,4 +241,4 @@ def test_a_tangle_of_lanes_has_no_intersections():
         agent_mask=np.ones(1, bool),
     )  # fmt: skip
     assert find_intersections(road_of(scene))[0] == []
-    assert parse(scene).layout not in ("four-way", "T", "complex")
+    assert extract_facts(scene).layout not in ("four-way", "T", "complex")

@@ -9,7 +9,7 @@ from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.readers.base import BuildOptions
 from scjax.data.records import make_record, sample_scene, simplified
 from scjax.data.tiles import pose_of
-from scjax.language.facts import parse
+from scjax.language.facts import extract_facts
 from scjax.scene import AgentType, Signal, validate
 from scjax.synthetic import actors, domains, events
 from scjax.synthetic.labels import Label, label
@@ -110,7 +110,7 @@ def test_scenes_are_valid_and_known_as_they_were_made(worlds):
     for world in worlds:
         for ego, scene in scenes_of(world):
             validate(scene)
-            facts, told = parse(scene), label(world, ego)
+            facts, told = extract_facts(scene), label(world, ego)
             vehicles.append((scene.agent_types == AgentType.VEHICLE).sum())
             for name, value, found in (
                 ("layout", told.layout, facts.layout), ("signal", told.signal, facts.signals or "")
@@ -129,7 +129,7 @@ def test_rare_events_are_found(monkeypatch):
     for k in range(50):
         world = make_world(11, k)
         for ego, scene in scenes_of(world):
-            facts = parse(scene)
+            facts = extract_facts(scene)
             scenes += 1
             invented += bool(set(facts.events) - {ego.event})
             if ego.event is not None:
@@ -147,7 +147,9 @@ def test_roundabouts_that_are_labelled_are_read_as_such():
         if domains.draw(rng).network(rng)[0] == "roundabout":
             world = make_world(7, k)
             found.update(
-                parse(scene).layout for ego, scene in scenes_of(world) if label(world, ego).layout == "roundabout"
+                extract_facts(scene).layout
+                for ego, scene in scenes_of(world)
+                if label(world, ego).layout == "roundabout"
             )
         if found.total() >= 3:
             break

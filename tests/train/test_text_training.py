@@ -26,7 +26,7 @@ from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.data.loader import batch_of
 from scjax.data.readers.base import BuildOptions
-from scjax.language.prompt_parser import Asked
+from scjax.language.prompt_parser import PromptSpec
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
 from scjax.nn.functional import flatten
@@ -134,11 +134,11 @@ def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch
     every = [one.text for one in held_back_prompts(records, text_model, 9, 0)]
     assert len(every) >= 4
     events = dict(zip(every, [(), ("cut-in",), ("jaywalker", "cut-in"), ("cut-in",)], strict=False))
-    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked(events=events.get(text, ())))
+    monkeypatch.setattr(adherence, "parse_prompt", lambda text: PromptSpec(events=events.get(text, ())))
     for each, found in ((1, every[1:3]), (2, every[1:3]), (3, every[1:4])):
         assert [one.text for one in held_back_prompts(records, text_model, 9, 0, each)] == found
     assert [one.text for one in held_back_prompts(records, text_model, 1, 0, 3)] == every[1:2]
-    monkeypatch.setattr(adherence, "read_prompt", lambda text: Asked())
+    monkeypatch.setattr(adherence, "parse_prompt", lambda text: PromptSpec())
     with pytest.raises(ValueError, match=r"no held-back caption of .* names a rare event"):
         list(held_back_prompts(records, text_model, 9, 0, 1))
 

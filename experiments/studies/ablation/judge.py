@@ -13,8 +13,8 @@ import jax
 import scjax
 from experiments.studies.ablation.requests import Requests
 from scjax.generate.conditions import Condition
-from scjax.language.facts import parse
-from scjax.language.prompt_parser import met
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import check
 from scjax.metrics.measure import control_values, distribution_values, match_values, measure, scene_values
 from scjax.metrics.measured import SceneStats
 from scjax.metrics.placement import cone
@@ -91,7 +91,9 @@ def values_of(scenes: Sequence[Scene], requests: Requests, real: SceneStats, los
     values["control"] = (values["lane CCS"] + values["agent CCS"]) / 2
     answers = scenes[: len(requests.asked)]  # images ask for nothing in words
     hits = [
-        good for asked, scene in zip(requests.asked, answers, strict=True) for good in met(asked, parse(scene)).values()
+        good
+        for asked, scene in zip(requests.asked, answers, strict=True)
+        for good in check(asked, extract_facts(scene)).values()
     ]
     values["prompt"], values["loss"] = ratio(float(sum(hits)), float(len(hits))), loss
     return {name: float(values.get(name, math.nan)) for name in METRICS}

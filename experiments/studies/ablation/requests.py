@@ -16,7 +16,7 @@ from scjax.data.captions import read_captions
 from scjax.evaluate.sources import BUCKET, Records, digest, row_text
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
-from scjax.language.prompt_parser import Asked, read_prompt
+from scjax.language.prompt_parser import PromptSpec, parse_prompt
 from scjax.metrics.control import derangements
 from scjax.scene import Crop, Scene
 
@@ -41,7 +41,7 @@ class Requests:
     clusters: list[str]
     own: list[Condition]
     shuffled: list[Condition]
-    asked: list[Asked]
+    asked: list[PromptSpec]
     context: float
     fingerprint: str
 
@@ -66,13 +66,13 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     rows, scenes = rows[fit], list(itertools.compress(looked_at, fit))
     if not scenes:
         raise ValueError(f"{folder}: none of {len(fit)} held-back records has at most {most} agents and lanes")
-    asked: list[Asked] = []
+    asked: list[PromptSpec] = []
     told, context = "", 2.0 * GRID[0] * GRID[1]
     if kind == "text":
         captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
         rng = np.random.default_rng(_SEED)
         prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
-        asked, told = [read_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
+        asked, told = [parse_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
         features = [{"tokens": tokens} for _, tokens in prompts]
     else:
