@@ -24,7 +24,7 @@ from scjax.data.build import build
 from scjax.evaluate.population import PART, Population, measured
 from scjax.evaluate.sources import Npz
 from scjax.metrics import measure as metrics
-from scjax.metrics.tally import ClusterSums
+from scjax.metrics.cluster_sums import ClusterSums
 from scjax.scene import Crop, stack
 from scjax.scene.io import save_npz
 from scjax.synthetic.source import Worlds
@@ -68,14 +68,16 @@ def main(arguments: list[str] | None = None) -> None:
         **{
             f"{mode}/{name}": value
             for mode in metrics.MODES
-            for name, value in metrics.distribution_values(ours.tally.total, theirs.tally.total, mode).items()
+            for name, value in metrics.distribution_values(ours.cluster_sums.total, theirs.cluster_sums.total, mode).items()
         },
-        **metrics.scene_values(ours.tally.total), **metrics.match_values(ours.tally.total),
+        **metrics.scene_values(ours.cluster_sums.total), **metrics.match_values(ours.cluster_sums.total),
         **metrics.precision_values(ours), **metrics.control_values(ours, theirs),
-    }  # fmt: skip
+    }
     summarised = time.perf_counter() - begin
     begin = time.perf_counter()
-    _strict(ours.tally).intervals(_strict(theirs.tally), lambda a, b: metrics.distribution_values(a, b, "strict"))
+    _strict(ours.cluster_sums).intervals(
+        _strict(theirs.cluster_sums), lambda a, b: metrics.distribution_values(a, b, "strict")
+    )
     bootstrap = time.perf_counter() - begin
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     row = {
@@ -83,16 +85,16 @@ def main(arguments: list[str] | None = None) -> None:
         "summarised s": summarised, "ms a pair of scenes": 1000 * took * args.workers / scenes,
         "bootstrap of one table s": bootstrap, "peak GB": peak_memory_gb(), "peak GB of a worker": children,
         "values": len(values),
-    }  # fmt: skip
+    }
     print(json.dumps({**row, "machine": machine()}, indent=1))
 
 
-def _strict(tally: ClusterSums) -> ClusterSums:
+def _strict(cluster_sums: ClusterSums) -> ClusterSums:
     """Only what the strict table needs."""
     return ClusterSums(
         {
             cluster: {name: value for name, value in sums.items() if name.startswith("strict/")}
-            for cluster, sums in tally.clusters.items()
+            for cluster, sums in cluster_sums.clusters.items()
         }
     )
 

@@ -9,6 +9,8 @@ def parser_of(name: str, doc: str | None) -> argparse.ArgumentParser:
     """For ``python -m experiments.<name>``."""
     summary, _, more = (doc or "").partition("\n")
     return argparse.ArgumentParser(
-        prog=f"python -m experiments.{name}", description=summary, epilog=more,
+        prog=f"python -m experiments.{name}",
+        description=summary,
+        epilog=more,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )

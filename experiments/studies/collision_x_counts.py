@@ -30,9 +30,12 @@ from scjax.nn.startup import start_jax
 from scjax.scene import Scene
 
 COLUMNS = {
-    "overlap": "scenes with overlapping vehicles", "pairs": "overlapping pairs a scene", "met": "of what prompts ask",
-    "lanes": "lanes off by", "agents": "agents off by",
-}  # fmt: skip
+    "overlap": "scenes with overlapping vehicles",
+    "pairs": "overlapping pairs a scene",
+    "met": "of what prompts ask",
+    "lanes": "lanes off by",
+    "agents": "agents off by",
+}
 _SHARES = ("overlap", "met")
 _DRAWS = 2000
 
@@ -67,9 +70,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(
-    models: dict[str, scjax.Model], count_predictor: scjax.Model | None, folder: str, *, samples: int, guidance: float = 4.0,
-    steps: int | None = None, seed: int = 0,
-) -> dict[str, dict[str, Interval]]:  # fmt: skip
+    models: dict[str, scjax.Model],
+    count_predictor: scjax.Model | None,
+    folder: str,
+    *,
+    samples: int,
+    guidance: float = 4.0,
+    steps: int | None = None,
+    seed: int = 0,
+) -> dict[str, dict[str, Interval]]:
     """Row -> column -> mean and interval.
 
     Raises:

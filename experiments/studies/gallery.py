@@ -42,8 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--guidance", type=float, help="weight (default: the model's)")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--seed", type=int, default=0)
-    add("--pick", type=int, default=1, metavar="K", help="candidates a scene, of which the best is tidied and kept; "
-        "1: as sampled (default %(default)s)")  # fmt: skip
+    add(
+        "--pick",
+        type=int,
+        default=1,
+        metavar="K",
+        help="candidates a scene, of which the best is tidied and kept; 1: as sampled (default %(default)s)",
+    )
     add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
     args = parser.parse_args(arguments)
     try:
@@ -66,9 +71,15 @@ def make(args: argparse.Namespace) -> None:
             (condition,) = encode_prompts([plain], model)
         key = jax.random.fold_in(jax.random.key(args.seed), number)
         scenes = candidates(
-            key, [prompt] * args.samples, [condition] * args.samples, model=model, pick=args.pick,
-            raw=args.pick == 1, steps=args.steps, guidance=args.guidance,
-        )  # fmt: skip
+            key,
+            [prompt] * args.samples,
+            [condition] * args.samples,
+            model=model,
+            pick=args.pick,
+            raw=args.pick == 1,
+            steps=args.steps,
+            guidance=args.guidance,
+        )
         name = f"prompt-{number:02d}.png"
         grid(scenes, columns=args.samples, path=args.out / name, dpi=60)
         lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]

@@ -96,8 +96,11 @@ def draw(files: dict[str, tuple[dict[str, Curve], dict[str, float]]], path: Path
 def _values(scores: dict[str, list[int]], sound: dict[str, float]) -> dict[str, float]:
     """Panel -> value; percentages but for metres."""
     met = {f"{name} [% met]": 100 * hits / total for name, (hits, total) in scores.items()}
-    rest = {(title if name.endswith("_m") else f"{title} [%]"): sound[name] * (1 if name.endswith("_m") else 100)
-            for name, title in SOUND.items() if name in sound}  # fmt: skip
+    rest = {
+        (title if name.endswith("_m") else f"{title} [%]"): sound[name] * (1 if name.endswith("_m") else 100)
+        for name, title in SOUND.items()
+        if name in sound
+    }
     return met | rest
 
 

@@ -46,10 +46,12 @@ from scjax.scene import Scene
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
-    "connection_gap_m": "mean gap of links [m]", "open_connections": "links open by > 1 m",
-    "vehicles_on_lane": "vehicles within 1.5 m of a lane", "scenes_vehicle_overlap": "scenes with overlapping vehicles",
+    "connection_gap_m": "mean gap of links [m]",
+    "open_connections": "links open by > 1 m",
+    "vehicles_on_lane": "vehicles within 1.5 m of a lane",
+    "scenes_vehicle_overlap": "scenes with overlapping vehicles",
     "scenes_any_overlap": "scenes with any overlap",
-}  # fmt: skip
+}
 
 _CALL = 32  # prompts a call of the sampler
 
@@ -61,12 +63,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts at most (default %(default)s)")
     add("--each", type=int, metavar="N", help="only prompts of rare events, N of each at most (default: any prompt)")
-    add("--guidance", type=float, nargs="+", default=[DEFAULT_GUIDANCE_SCALE], dest="weights", metavar="W",
-        help="weights (default %(default)s)")  # fmt: skip
+    add(
+        "--guidance",
+        type=float,
+        nargs="+",
+        default=[DEFAULT_GUIDANCE_SCALE],
+        dest="weights",
+        metavar="W",
+        help="weights (default %(default)s)",
+    )
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
     add("--steps", type=int, help="sampling steps (default: the sampler's own)")
-    add("--best", type=int, default=0, dest="candidates", metavar="K",
-        help="a row of the best of K candidates a prompt (default: none)")  # fmt: skip
+    add(
+        "--best",
+        type=int,
+        default=0,
+        dest="candidates",
+        metavar="K",
+        help="a row of the best of K candidates a prompt (default: none)",
+    )
     add("--seed", type=int, default=0)
     add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
@@ -85,9 +100,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def measure(
-    *, model_folder: str, folder: str, samples: int, weights: Sequence[float], sampler: str | None = None,
-    steps: int | None = None, candidates: int = 0, seed: int = 0, each: int | None = None,
-) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:  # fmt: skip
+    *,
+    model_folder: str,
+    folder: str,
+    samples: int,
+    weights: Sequence[float],
+    sampler: str | None = None,
+    steps: int | None = None,
+    candidates: int = 0,
+    seed: int = 0,
+    each: int | None = None,
+) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:
     """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
     model = scjax.load(model_folder)
     chosen = list(held_back_prompts(folder, model, samples, seed, each))
@@ -122,9 +145,15 @@ def measure(
         for start in tqdm(range(0, len(told), _CALL), title, disable=None):
             part = slice(start, start + _CALL)
             made += make(
-                jax.random.fold_in(jax.random.key(seed), start), prompts[part], told[part], model=model,
-                pick=candidates, sampler=sampler, steps=steps, guidance=weights[0],
-            )  # fmt: skip
+                jax.random.fold_in(jax.random.key(seed), start),
+                prompts[part],
+                told[part],
+                model=model,
+                pick=candidates,
+                sampler=sampler,
+                steps=steps,
+                guidance=weights[0],
+            )
         table[title], sound[title] = scores(zip(asked, map(extract_facts, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
     table["the record itself"] = scores((one.asked, one.facts) for one in chosen)

@@ -39,10 +39,10 @@ from scjax.generate.encode import padded_length
 from scjax.generate.sample import bucket_of
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
+from scjax.metrics.cluster_sums import ClusterSums, bootstrap_intervals
 from scjax.metrics.distributions import Sums
-from scjax.metrics.measure import also_values, distribution_values, measure, scene_values
+from scjax.metrics.measure import distribution_values, extra_values, measure, scene_values
 from scjax.metrics.pooling import Values
-from scjax.metrics.tally import ClusterSums, bounds
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -96,8 +96,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--samplers", nargs="+", metavar="NAME", help=f"of {', '.join(SAMPLERS)} (default: all that fit the model)")
     add("--steps", type=int, nargs="+", default=list(STEPS), metavar="S", help="(default: %(default)s)")
     add("--guidance", type=float, nargs="+", metavar="W", help="weights (default: that of scjax.sample)")
-    add("--compute", nargs="+", default=["float32"], choices=get_args(Compute), metavar="C",
-        help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)")  # fmt: skip
+    add(
+        "--compute",
+        nargs="+",
+        default=["float32"],
+        choices=get_args(Compute),
+        metavar="C",
+        help=f"operands of the products, of {', '.join(get_args(Compute))} (default: float32)",
+    )
     add("--again", type=int, default=0, metavar="N", help="rows of the reference from other noise (default: none)")
     add("--seed", type=int, default=0, help="another seed, other scenes (default: %(default)s)")
     args = parser.parse_args(arguments)
@@ -125,7 +131,7 @@ def sweep(args) -> str:
     anew = [reference._replace(again=k) for k in range(1, args.again + 1)]
     settings = dict.fromkeys([reference, *anew, *(Setting(n, s, w, c) for c, w, n, s in combined)])
     requests = requests_of(model, args.records, args.samples, args.seed)
-    real = measure(requests.references, requests.clusters).tally
+    real = measure(requests.references, requests.clusters).cluster_sums
     args.out.mkdir(parents=True, exist_ok=True)
     weights_of_model, rows = weights_hash(model), []
     with tqdm(total=len(settings) * len(requests.conditions), unit="scene", disable=None) as bar:
@@ -188,10 +194,12 @@ def measured(
     again = how.pop("again")
     model = dataclasses.replace(model, denoiser_config=config)
     programs = {  # what decides which program makes a scene: its bucket and the slots of its text
-        (bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
-         padded_length(0 if cond.tokens is None else len(cond.tokens))): cond
+        (
+            bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
+            padded_length(0 if cond.tokens is None else len(cond.tokens)),
+        ): cond
         for cond in requests.conditions
-    }  # fmt: skip
+    }
     for cond in programs.values():  # two scenes are padded to a whole group
         scjax.sample_many(jax.random.key(0), [cond] * 2, model=model, **how)
     scenes, seconds = [], 0.0
@@ -205,23 +213,26 @@ def measured(
         seconds += time.perf_counter() - begin
         scenes += made[: len(requests.conditions) - start]
         bar.update(len(scenes) - start)
-    tally = measure(scenes, requests.clusters).tally
+    cluster_sums = measure(scenes, requests.clusters).cluster_sums
     if requests.asked:
         prompts = ClusterSums()
         for asked, scene, cluster in zip(requests.asked, scenes, requests.clusters, strict=True):
             hits = list(check(asked, extract_facts(scene)).values())
-            prompts.add({"also/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
-        tally = ClusterSums({name: sums | prompts.clusters[name] for name, sums in tally.clusters.items()})
-    values, drawn = _table(tally.total, real.total), tally.drawn(real, _table)
+            prompts.add({"extra/prompt": np.array([sum(hits), len(hits)], np.float64)}, cluster)
+        cluster_sums = ClusterSums(
+            {name: sums | prompts.clusters[name] for name, sums in cluster_sums.clusters.items()}
+        )
+    values, drawn = _table(cluster_sums.total, real.total), cluster_sums.bootstrap_samples(real, _table)
     found = {
-        name: {"value": values[name], "low": low, "high": high} for name, (low, high) in bounds(values, drawn).items()
+        name: {"value": values[name], "low": low, "high": high}
+        for name, (low, high) in bootstrap_intervals(values, drawn).items()
     }
     rounded = {name: [float(f"{x:.6g}") for x in column] for name, column in drawn.items()}
     return {"seconds": seconds / len(scenes), "scenes": len(scenes), "metrics": found, "drawn": rounded}
 
 
 def _table(ours: Sums, theirs: Sums) -> Values:
-    values = distribution_values(ours, theirs, "strict") | scene_values(ours) | also_values(ours)
+    values = distribution_values(ours, theirs, "strict") | scene_values(ours) | extra_values(ours)
     return {name: values.get(name, math.nan) for name in METRICS}
 
 

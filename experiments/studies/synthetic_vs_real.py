@@ -22,10 +22,10 @@ from tqdm import tqdm
 
 from experiments.studies.arguments import parser_of
 from scjax.evaluate.sources import Source, open_source
+from scjax.metrics.cluster_sums import ClusterSums
 from scjax.metrics.distances import histogram, jensen_shannon
 from scjax.metrics.distributions import GRAPH, Sums, scene_sums, table
 from scjax.metrics.realism import lane_offsets, scene_realism
-from scjax.metrics.tally import ClusterSums
 from scjax.scene import AgentType, Scene, Signal
 
 # Name -> title, lowest, highest, bin width.
@@ -46,10 +46,13 @@ HISTOGRAMS = {
     "lane_offset": ("vehicles off their lane [m]", 0.0, 2.5, 0.125),
 }
 SHARES = {
-    "vehicles_on_lane": "vehicles within 1.5 m of a lane", "scenes_vehicle_overlap": "scenes with overlapping vehicles",
-    "off_heading": "vehicles across their lane", "with_pedestrians": "scenes with pedestrians",
-    "with_cyclists": "scenes with cyclists", "with_signals": "scenes with signals",
-}  # fmt: skip
+    "vehicles_on_lane": "vehicles within 1.5 m of a lane",
+    "scenes_vehicle_overlap": "scenes with overlapping vehicles",
+    "off_heading": "vehicles across their lane",
+    "with_pedestrians": "scenes with pedestrians",
+    "with_cyclists": "scenes with cyclists",
+    "with_signals": "scenes with signals",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -61,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--limit", type=int, default=2000, metavar="N", help="scenes of each at most (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        ours, reference = (tally_of(open_source(text), args.limit) for text in (args.scenes, args.reference))
+        ours, reference = (cluster_sums_of(open_source(text), args.limit) for text in (args.scenes, args.reference))
         text = markdown(ours, reference)
         args.out.with_suffix(".md").write_text(text)
         draw(ours.total, reference.total, args.out.with_suffix(".png"))
@@ -70,14 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text)
 
 
-def tally_of(source: Source, limit: int) -> ClusterSums:
+def cluster_sums_of(source: Source, limit: int) -> ClusterSums:
     """Sums of a source's scenes, at most ``limit`` of them, evenly chosen."""
     clusters = source.clusters
     rows = np.unique(np.linspace(0, len(clusters) - 1, min(limit, len(clusters))).astype(int))
-    tally = ClusterSums()
+    cluster_sums = ClusterSums()
     for row in tqdm(rows, "scenes", disable=None):
-        tally.add(sums_of(source.read([int(row)])[0]), clusters[row])
-    return tally
+        cluster_sums.add(sums_of(source.read([int(row)])[0]), clusters[row])
+    return cluster_sums
 
 
 def sums_of(scene: Scene) -> Sums:
@@ -91,19 +94,28 @@ def sums_of(scene: Scene) -> Sums:
     chord = np.arctan2(step[..., 1], step[..., 0])
     turn = np.abs(((np.diff(chord, axis=1) + np.pi) % (2 * np.pi) - np.pi).sum(-1))
     values = {
-        "lanes": [len(scene.lanes)], "agents": [(types != AgentType.STATIC).sum()], "vehicles": [vehicle.sum()],
-        "pedestrians": [walker.sum()], "cyclists": [(types == AgentType.CYCLIST).sum()],
-        "vehicle_speed": agents[other & known[:, 3], 3], "ego_speed": agents[:1, 3],
+        "lanes": [len(scene.lanes)],
+        "agents": [(types != AgentType.STATIC).sum()],
+        "vehicles": [vehicle.sum()],
+        "pedestrians": [walker.sum()],
+        "cyclists": [(types == AgentType.CYCLIST).sum()],
+        "vehicle_speed": agents[other & known[:, 3], 3],
+        "ego_speed": agents[:1, 3],
         "pedestrian_speed": agents[walker & known[:, 3], 3],
-        "vehicle_length": agents[other & known[:, 6], 6], "vehicle_width": agents[other & known[:, 7], 7],
-        "lane_length": np.hypot(step[..., 0], step[..., 1]).sum(-1), "lane_turn": np.degrees(turn),
+        "vehicle_length": agents[other & known[:, 6], 6],
+        "vehicle_width": agents[other & known[:, 7], 7],
+        "lane_length": np.hypot(step[..., 0], step[..., 1]).sum(-1),
+        "lane_turn": np.degrees(turn),
         "heading": np.degrees(np.abs(np.arctan2(agents[other, 5], agents[other, 4]))),
         "lane_offset": lane_offsets(scene)[0],
-    }  # fmt: skip
+    }
     found = {name: histogram(np.asarray(value, float), *HISTOGRAMS[name][1:]) for name, value in values.items()}
     own = scene_realism(scene)
-    flags = {"with_pedestrians": walker.any(), "with_cyclists": (types == AgentType.CYCLIST).any(),
-             "with_signals": (np.asarray(scene.signals) != Signal.UNKNOWN).any()}  # fmt: skip
+    flags = {
+        "with_pedestrians": walker.any(),
+        "with_cyclists": (types == AgentType.CYCLIST).any(),
+        "with_signals": (np.asarray(scene.signals) != Signal.UNKNOWN).any(),
+    }
     found |= {f"share/{name}": np.array(own[name]) for name in SHARES if name in own}
     found |= {f"share/{name}": np.array([float(flag), 1.0]) for name, flag in flags.items()}
     return found | {f"graph/{name}": value for name, value in scene_sums(scene).items()}

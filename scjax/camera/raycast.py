@@ -1,7 +1,7 @@
 """What a camera at the ego would see ahead, as classes and depth by ray casting: stands in for an image's features.
 
 A pinhole camera 1.5 m above the origin of a forward window, looking along x. Its half angle of 50 degrees is the field
-of view in which the paper's loss and ``metrics.placement.cone`` expect agents: it reaches the sides of the window 27 m
+of view in which the paper's loss and ``metrics.placement.field_of_view`` expect agents: it reaches the sides of the window 27 m
 ahead and holds four fifths of it. Upright it sees from the ground 3 m ahead (slope -0.5) to slope 0.2; cells are not
 square then, as in the release, which squeezes wide pictures onto the same grid, but pictures of square cells would
 hold all ground from 9 m on in one row.

@@ -69,9 +69,15 @@ class Made(Npz):
 
 
 def sampled(
-    model: Model, folder: Path, reference: Source, rows: Sequence[int], ask: Ask, how: Sampling, title: str,
+    model: Model,
+    folder: Path,
+    reference: Source,
+    rows: Sequence[int],
+    ask: Ask,
+    how: Sampling,
+    title: str,
     shard: Shard = (0, 1),
-) -> Made:  # fmt: skip
+) -> Made:
     """One sample for every row of the reference, in files of a folder that is named by ``folder`` and its content."""
     key = jax.random.key(how.seed)
 
@@ -79,8 +85,11 @@ def sampled(
         conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
         part_key = jax.random.fold_in(key, number)
         options: dict[str, Any] = {
-            "steps": how.steps, "guidance": how.guidance, "temperature": how.temperature, "energy_guidance": how.energy_guidance,
-        }  # fmt: skip
+            "steps": how.steps,
+            "guidance": how.guidance,
+            "temperature": how.temperature,
+            "energy_guidance": how.energy_guidance,
+        }
         if not how.picked:
             return sample_many(part_key, conditions, model=model, **options)
         prompts = [condition.prompt or "" for condition in conditions]
@@ -141,9 +150,14 @@ def weights_hash(model: Model) -> str:
 
 
 def _in_files(
-    folder: Path, name: str, rows: Sequence[int], reference: Source,
-    make: Callable[[Sequence[int], int], list[Scene]], title: str, shard: Shard,
-) -> Made:  # fmt: skip
+    folder: Path,
+    name: str,
+    rows: Sequence[int],
+    reference: Source,
+    make: Callable[[Sequence[int], int], list[Scene]],
+    title: str,
+    shard: Shard,
+) -> Made:
     folder = folder.with_name(f"{folder.name}-{name}")  # scenes of another model or seed stay where they are
     folder.mkdir(parents=True, exist_ok=True)
     pause = 0.5 if sys.stderr.isatty() else 30.0

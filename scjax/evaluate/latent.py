@@ -16,7 +16,7 @@ from scjax.evaluate.tables import Number, Row, Section, control_frame
 from scjax.generate.embed import Embedding, embed
 from scjax.generate.model import Model
 from scjax.metrics.descriptors import Descriptor
-from scjax.metrics.perceptual import Gaussian, frechet, latent_descriptor
+from scjax.metrics.perceptual import Gaussian, gaussian_frechet, latent_descriptor
 
 _PART = 250  # scenes
 _SPLITS = 20  # of the floor
@@ -30,16 +30,21 @@ NOTE = (
 
 
 def latent_section(
-    rows: Mapping[str, Population], reference: Source, bank: Source | None, model: Model, *, seed: int = 0,
+    rows: Mapping[str, Population],
+    reference: Source,
+    bank: Source | None,
+    model: Model,
+    *,
+    seed: int = 0,
     draws: int = 200,
-) -> Section:  # fmt: skip
+) -> Section:
     """All rows; populations that answer no reference have a perceptual distance only."""
     real = _embedded(model, reference, range(len(reference.clusters)), "real")
     states, descriptor = _gaussian(real), _descriptor(real)
     made = {}
     for name, population in rows.items():
         ours = _embedded(model, population.source, range(len(population)), name)
-        numbers = {"perceptual distance": Number(frechet(_gaussian(ours), states))}
+        numbers = {"perceptual distance": Number(gaussian_frechet(_gaussian(ours), states))}
         clusters = population.clusters(0, len(population))
         if population.references is not None:
             chosen = [int(row) for row in population.rows]
@@ -84,7 +89,7 @@ def _floor(model: Model, bank: Source, scenes: int, seed: int) -> Number:
     for _ in range(_SPLITS if len(used) > 1 else 0):
         mixed = rng.permutation(used)
         half = [functools.reduce(operator.add, (gaussians[p] for p in side)) for side in np.array_split(mixed, 2)]
-        values.append(frechet(*half))
+        values.append(gaussian_frechet(*half))
     if not values:
         return Number(float("nan"))
     return Number(float(np.mean(values)), *(float(x) for x in np.quantile(values, [0.025, 0.975])))

@@ -71,7 +71,7 @@ def novelty_section(populations: Sequence[Population], bank: Source, most: int) 
         places = [clusters[row] for row in chosen]
         for prefix, side in (("", 0), ("aligned ", 1)):
             ratios = [_ratios(pair[side]) for pair in found]
-            values, bounds = placement.summarise(pool(ratios)), intervals(ratios, places, placement.summarise)
+            values, bounds = placement.match_summary(pool(ratios)), intervals(ratios, places, placement.match_summary)
             numbers |= {f"{prefix}{name}": Number(values[name], *bounds[name]) for name in _KEPT}
         rows[population.name] = Row(numbers, len(chosen), len(set(places)))
     return Section("Novelty", NOTE, rows)

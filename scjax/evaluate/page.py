@@ -58,14 +58,15 @@ def to_json(facts: Mapping[str, str], sections: Sequence[Section]) -> dict[str, 
             "floor": {name: number(one) for name, one in section.floor.items()},
             "rows": {
                 name: {
-                    "scenes": row.scenes, "clusters": row.clusters,
+                    "scenes": row.scenes,
+                    "clusters": row.clusters,
                     "numbers": {metric: number(one) for metric, one in row.numbers.items()},
                 }
                 for name, row in section.rows.items()
             },
         }
         for section in sections
-    }  # fmt: skip
+    }
     return {"facts": dict(facts), "tables": tables}
 
 

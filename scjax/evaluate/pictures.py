@@ -9,7 +9,7 @@ import numpy as np
 
 from scjax.evaluate.population import Population
 from scjax.metrics.distributions import VEHICLE
-from scjax.metrics.measured import SceneStats
+from scjax.metrics.scene_stats import SceneStats
 
 BETTER = {"M": 1, "connection_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
 """Values of single scenes that galleries are sorted by, and whether more (1) or less (-1) is better."""
@@ -27,7 +27,7 @@ def distributions(real: SceneStats, measured: Mapping[str, SceneStats], path: Pa
     axes = figure.subplots(2, 3)
     for axis, (name, quantity) in zip(axes.flat, VEHICLE.items(), strict=True):
         for label, one in {"real": real, **measured}.items():
-            counts = one.tally.total.get(f"strict/{name}", np.zeros(0))
+            counts = one.cluster_sums.total.get(f"strict/{name}", np.zeros(0))
             if not counts.sum():
                 continue
             edges = quantity.low + quantity.width * np.arange(len(counts) + 1)
@@ -63,7 +63,7 @@ def gallery(population: Population, measured: SceneStats, value: str, path: Path
     """The best, the median and the worst scenes by a value, beside their references; False without any value."""
     from scjax.viz import grid
 
-    column = BETTER[value] * measured.shown.get(value, np.zeros(0))
+    column = BETTER[value] * measured.per_scene.get(value, np.zeros(0))
     rows = np.flatnonzero(np.isfinite(column))
     if not len(rows):
         return False

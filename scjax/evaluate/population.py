@@ -21,9 +21,9 @@ from scjax.evaluate.sources import Source, digest, row_text
 from scjax.language.agreement import fact_agreement
 from scjax.language.facts import extract_facts
 from scjax.metrics.measure import measure
-from scjax.metrics.measured import SceneStats, merged
-from scjax.metrics.placement import cone
+from scjax.metrics.placement import field_of_view
 from scjax.metrics.pooling import Ratios
+from scjax.metrics.scene_stats import SceneStats, merge_stats
 from scjax.scene import Scene
 
 PART = 250  # scenes
@@ -94,7 +94,9 @@ def measured(
             bar.update()
     if not all(_path(folder, p, start).exists() for p, start in parts):
         return None
-    return [merged([SceneStats.load(_path(folder, p, start)) for start in range(0, len(p), PART)]) for p in populations]
+    return [
+        merge_stats([SceneStats.load(_path(folder, p, start)) for start in range(0, len(p), PART)]) for p in populations
+    ]
 
 
 def _measure_part(folder: Path, population: Population, start: int) -> None:
@@ -106,10 +108,14 @@ def _measure_part(folder: Path, population: Population, start: int) -> None:
     if population.siblings:
         siblings = list(zip(*(source.read(rows) for source in population.siblings), strict=True))
     found = measure(
-        population.source.read(rows), population.clusters(start, stop), references, siblings=siblings,
-        ego=population.source.ego, where=None if population.wedge is None else cone(*population.wedge),
-        also=_facts if population.facts else None,
-    )  # fmt: skip
+        population.source.read(rows),
+        population.clusters(start, stop),
+        references,
+        siblings=siblings,
+        ego=population.source.ego,
+        region=None if population.wedge is None else field_of_view(*population.wedge),
+        extra_ratios=_facts if population.facts else None,
+    )
     found.save(_path(folder, population, start))
 
 

@@ -34,8 +34,8 @@ def reconstruction_section(rows: Mapping[str, Population], models: Mapping[str, 
         pairs = zip(true, population.source.read(chosen), strict=True)
         errors = [reconstruction.reconstruction_errors(*pair) for pair in pairs]
         clusters = population.clusters(0, len(chosen))
-        values = reconstruction.summarise(pool(errors))
-        bounds = intervals(errors, clusters, reconstruction.summarise)
+        values = reconstruction.error_summary(pool(errors))
+        bounds = intervals(errors, clusters, reconstruction.error_summary)
         numbers = {metric: Number(value, *bounds[metric]) for metric, value in values.items()}
         made[name] = Row(numbers, len(chosen), len(set(clusters)))
     return Section("Reconstruction", NOTE, made)

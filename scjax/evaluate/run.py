@@ -17,7 +17,7 @@ from scjax.evaluate.novelty import diversity_section, novelty_section, of_intere
 from scjax.evaluate.population import Population, measured
 from scjax.evaluate.reconstruction import reconstruction_section
 from scjax.evaluate.sources import open_source
-from scjax.metrics.measured import SceneStats
+from scjax.metrics.scene_stats import SceneStats
 from scjax.scene.per_type import PerType
 
 SHOWN = 4  # rows that are drawn beside each other
@@ -42,11 +42,16 @@ def evaluate(config, workdir: Path) -> Path | None:
         PerType(agents=config.temperature[0], lanes=config.temperature[1]) if any(config.temperature) else None
     )
     builder = Rows(
-        reference, bank, config.samples or len(reference.clusters), workdir / "scenes",
+        reference,
+        bank,
+        config.samples or len(reference.clusters),
+        workdir / "scenes",
         Sampling(config.seed, config.steps or None, config.guidance or None, temperature),
         consensus=max(config.consensus, 1),
-        wedge=tuple(config.wedge) if config.wedge[0] else None, facts=config.facts, shard=tuple(config.shard),
-    )  # fmt: skip
+        wedge=tuple(config.wedge) if config.wedge[0] else None,
+        facts=config.facts,
+        shard=tuple(config.shard),
+    )
     texts = [named(text, config) for text in (*config.rows, *config.more) if text]
     if not texts:
         raise ValueError("there is nothing to compare: give --config.rows or --config.more")

@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from scjax.metrics.tally import group_of
+from scjax.metrics.cluster_sums import group_of
 from scjax.scene import Crop, Link, Scene, empty, unpadded
 from scjax.scene.io import load_npz
 

@@ -9,20 +9,20 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from scjax.evaluate.notes import NOTES
+from scjax.metrics.cluster_sums import DRAWS, ClusterSums
 from scjax.metrics.control import ControlFrame
 from scjax.metrics.counts import count_errors
 from scjax.metrics.descriptors import Descriptor
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import (
-    also_values,
     distribution_values,
+    extra_values,
     match_values,
     precision_values,
     scene_values,
 )
-from scjax.metrics.measured import SceneStats
 from scjax.metrics.pooling import Values, interval
-from scjax.metrics.tally import DRAWS, ClusterSums
+from scjax.metrics.scene_stats import SceneStats
 from scjax.metrics.topology import Mode
 
 NAN = math.nan
@@ -74,8 +74,8 @@ def distribution_section(
     rows = {name: _row(one, real, f"{mode}/", table, draws) for name, one in measured.items()}
     source = bank if bank is not None else real
     floor: dict[str, Number] = {}
-    if len(source.tally.clusters) > 1:
-        found = _only(source.tally, f"{mode}/").floor(table, scenes=len(real), splits=draws)
+    if len(source.cluster_sums.clusters) > 1:
+        found = _only(source.cluster_sums, f"{mode}/").floor(table, scenes=len(real), splits=draws)
         floor = {name: Number(*numbers) for name, numbers in found.items()}
     kind = {"strict": "Lane graphs and vehicles", "compat": "The same as the reference code counts"}[mode]
     return Section(kind, NOTES[mode], rows, floor)
@@ -104,9 +104,13 @@ def match_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> 
 
 
 def control_section(
-    measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]], *, seed: int = 0,
+    measured: Mapping[str, SceneStats],
+    real: SceneStats,
+    rows: Mapping[str, Sequence[int]],
+    *,
+    seed: int = 0,
     draws: int = 200,
-) -> Section:  # fmt: skip
+) -> Section:
     """Adherence to the reference; ``rows``: population -> reference of every scene, where there are any.
 
     A population whose references lie at one place for the most part has no SPG.
@@ -126,9 +130,14 @@ def control_section(
 
 
 def gain_section(
-    measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]], pairs: Sequence[str], *,
-    seed: int = 0, draws: int = 200,
-) -> Section:  # fmt: skip
+    measured: Mapping[str, SceneStats],
+    real: SceneStats,
+    rows: Mapping[str, Sequence[int]],
+    pairs: Sequence[str],
+    *,
+    seed: int = 0,
+    draws: int = 200,
+) -> Section:
     """How much more control one population shows than another made for the same references; the interval is that of
     the difference.
 
@@ -149,9 +158,12 @@ def gain_section(
         frame, places = _framed(real, tuple(int(row) for row in rows[own]), seed)
         sides = [answering[name].descriptors for name in (own, other)]
         values, less = (frame(side) for side in sides)
-        drawn, without = (frame.drawn(side, places, draws=draws) for side in sides)
+        bootstrap_samples, without = (frame.bootstrap_samples(side, places, draws=draws) for side in sides)
         numbers = {
-            key: Number(values[key] - less[key], *interval(drawn[key] - without[key] if drawn else np.zeros(0)))
+            key: Number(
+                values[key] - less[key],
+                *interval(bootstrap_samples[key] - without[key] if bootstrap_samples else np.zeros(0)),
+            )
             for key in values
             if not key.endswith("SPG")
         }
@@ -178,9 +190,9 @@ def control_frame(raw: Descriptor, places: Sequence[str], seed: int) -> ControlF
 def caption_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
     """Which facts of the reference's caption the scenes show."""
     rows = {
-        name: _row(one, one, "also/", lambda sums, _: also_values(sums), draws)
+        name: _row(one, one, "extra/", lambda sums, _: extra_values(sums), draws)
         for name, one in _paired(measured).items()
-        if any(key.startswith("also/") for key in one.tally.total)
+        if any(key.startswith("extra/") for key in one.cluster_sums.total)
     }
     return Section("Facts of the captions", NOTES["captions"], rows)
 
@@ -200,20 +212,20 @@ def count_section(measured: Mapping[str, SceneStats], real: SceneStats, rows: Ma
 
 
 def _row(one: SceneStats, real: SceneStats, prefix: str, table: Callable[[Sums, Sums], Values], draws: int) -> Row:
-    ours, theirs = _only(one.tally, prefix), _only(real.tally, prefix)
+    ours, theirs = _only(one.cluster_sums, prefix), _only(real.cluster_sums, prefix)
     if not len(one) or not len(real):
-        return Row({}, len(one), len(one.tally.clusters))
+        return Row({}, len(one), len(one.cluster_sums.clusters))
     values, bounds = table(ours.total, theirs.total), ours.intervals(theirs, table, draws=draws)
     numbers = {name: Number(value, *bounds[name]) for name, value in values.items()}
-    return Row(numbers, len(one), len(one.tally.clusters))
+    return Row(numbers, len(one), len(one.cluster_sums.clusters))
 
 
-def _only(tally: ClusterSums, prefix: str) -> ClusterSums:
+def _only(cluster_sums: ClusterSums, prefix: str) -> ClusterSums:
     """What one table needs: resampling is then cheap."""
     return ClusterSums(
         {
             cluster: {name: value for name, value in sums.items() if name.startswith(prefix)}
-            for cluster, sums in tally.clusters.items()
+            for cluster, sums in cluster_sums.clusters.items()
         }
     )
 

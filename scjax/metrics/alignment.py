@@ -1,17 +1,17 @@
-"""The small rigid motion in the plane that lays one set of lane points over another (iterated closest points)."""
+"""Registration of two sets of lane points by a small rigid motion in the plane (iterative closest point, ICP)."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Float64
 
-LARGEST_SHIFT = 4.0  # metres of the ego: training moves poses by up to 2 m along x and y (pipeline.PipelineConfig)
-LARGEST_TURN = np.deg2rad(15.0)  # and turns them by up to 10 degrees
+LARGEST_SHIFT = 4.0  # metres; training shifts ego poses by up to 2 m along x and y (data.loader.PipelineConfig)
+LARGEST_TURN = np.deg2rad(15.0)  # training turns them by up to 10 degrees
 Pose = Float64[np.ndarray, " 3"]  # x, y [m] and yaw [rad]
 
 
-def moved(points: Float[np.ndarray, "points columns"], pose: Pose) -> Float64[np.ndarray, "points columns"]:
-    """Points (x, y, and then any number of plane vectors, two columns each) turned by yaw, then shifted."""
+def transform_points(points: Float[np.ndarray, "points columns"], pose: Pose) -> Float64[np.ndarray, "points columns"]:
+    """Rotates points by yaw, then shifts them; columns after x, y are vectors in the plane (two columns each)."""
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     turn = np.array([[cos, sin], [-sin, cos]])
     turned = (np.asarray(points, np.float64).reshape(len(points), points.shape[1] // 2, 2) @ turn).reshape(points.shape)
@@ -22,17 +22,17 @@ def moved(points: Float[np.ndarray, "points columns"], pose: Pose) -> Float64[np
 def register(
     points: Float[np.ndarray, "points 4"], target: Float[np.ndarray, "targets 4"], start: Pose, steps: int
 ) -> Pose:
-    """A pose near ``start`` that brings ``points`` close to ``target``, within the largest shift and turn.
+    """A pose near ``start`` that moves ``points`` onto ``target``, within the largest shift and turn.
 
-    Every point of either set is paired with the nearest of the other, in all four columns; the best rigid motion for
-    the pairs, each set weighing the same, has a closed form (2-D Procrustes); and so on, ``steps`` times.
+    Each of ``steps`` iterations pairs every point of either set with the nearest of the other, in all four columns, and
+    solves for the rigid motion of these pairs in closed form (2-D Procrustes). Both sets have the same weight.
     """
     pose = start
     source = np.asarray(points, np.float64)
     goal = np.asarray(target, np.float64)
     weight = np.concatenate([np.full(len(source), 0.5 / len(source)), np.full(len(goal), 0.5 / len(goal))])
     for _ in range(steps):
-        square = squared_distances(moved(source, pose), goal)
+        square = squared_distances(transform_points(source, pose), goal)
         first = np.concatenate([source, source[square.argmin(0)]])[:, :2]
         second = np.concatenate([goal[square.argmin(1)], goal])[:, :2]
         middle, there = weight @ first, weight @ second
@@ -49,5 +49,5 @@ def register(
 def squared_distances(
     first: Float[np.ndarray, "first 4"], second: Float[np.ndarray, "second 4"]
 ) -> Float[np.ndarray, "first second"]:
-    """Between all pairs, up to rounding (by one matrix product)."""
+    """Squared distances of all pairs [m^2], by one matrix product (with its rounding)."""
     return (first**2).sum(-1)[:, None] + (second**2).sum(-1)[None] - 2 * (first @ second.T)

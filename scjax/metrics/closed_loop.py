@@ -1,5 +1,6 @@
-"""What happens when a scene is rolled out: collisions, leaving the road, red lights, progress, and how motion is
-distributed (metrics.md §6). On arrays [steps, agents] in the scene's frame, host-side NumPy.
+"""Closed-loop metrics of a roll-out: collisions, off-road, red lights, progress and motion distributions.
+
+Definitions: metrics.md §6. NumPy arrays [steps, agents] in the frame of the scene.
 """
 
 from __future__ import annotations
@@ -11,37 +12,39 @@ import numpy as np
 
 from scjax.metrics.distances import jensen_shannon, moments
 from scjax.metrics.distributions import Sums
-from scjax.metrics.lanes import nearest_segment, segments
+from scjax.metrics.lanes import lane_segments, nearest_segment
 from scjax.metrics.pooling import Values, ratio, singles
 from scjax.scene import AgentType, Scene, Signal
 from scjax.scene.boxes import overlaps
 
 BINS = 200
 RANGES = {"speed": (0.0, 30.0), "angular_speed": (-50.0, 50.0), "acceleration": (-10.0, 10.0), "nearest": (0.0, 40.0)}
-"""Of the motion histograms: m/s, degrees/s, m/s^2, m."""
+"""Ranges of the motion histograms [m/s, degrees/s, m/s^2, m]."""
 
 _OFF_ROAD = 3.0  # metres from the nearest centreline
-_STOP_WIDTH, _STOP_ANGLE = 1.75, np.deg2rad(45.0)  # of a stop line: metres to either side, angle of a crossing
+_STOP_WIDTH, _STOP_ANGLE = 1.75, np.deg2rad(45.0)  # stop line: half width [m], largest angle of a crossing vehicle
 _MOVING = 0.5  # m/s
-_STUCK = (0.3, 5.0)  # slower than this [m/s] for the last so many seconds, after having moved
-# The reference's bins are too wide by 100 / upper end, and its angular speed is the heading itself over a step.
+_STUCK_SPEED, _STUCK_SECONDS = 0.3, 5.0  # m/s; seconds at the end of the roll-out
+# The reference code's bins are too wide by 100 / upper end; its angular speed is heading / dt.
 _COMPAT_EDGES = {
-    "speed": np.arange(BINS + 1) * 0.5 * (100 / 30), "angular_speed": np.arange(BINS + 1) * 0.5 - 50,
-    "acceleration": np.arange(BINS + 1) * 0.1 - 10, "nearest": np.arange(BINS + 1) * 0.5 * (100 / 40),
-}  # fmt: skip
+    "speed": np.arange(BINS + 1) * 0.5 * (100 / 30),
+    "angular_speed": np.arange(BINS + 1) * 0.5 - 50,
+    "acceleration": np.arange(BINS + 1) * 0.1 - 10,
+    "nearest": np.arange(BINS + 1) * 0.5 * (100 / 40),
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class Rollout:
-    """Agents over time; row 0 of an agent axis is the ego.
+    """Trajectories of the agents of one scene; agent 0 is the ego.
 
     Attributes:
       states: x, y [m], heading [rad], speed [m/s]; [steps, agents, 4].
-      valid: [steps, agents], False where an agent is not there (not yet, or removed).
+      valid: [steps, agents], False where an agent is absent.
       sizes: length and width [m], [agents, 2].
       types: ``AgentType`` [agents].
-      dt: seconds a step.
-      signals: ``Signal`` of every lane of the scene at each step [steps, lanes]; None: as in the scene, all the time.
+      dt: duration of a step [s].
+      signals: ``Signal`` of every lane at each step [steps, lanes]; None: the signals of the scene at all steps.
     """
 
     states: np.ndarray
@@ -59,23 +62,23 @@ class Rollout:
                 f"[{agents}, 2] and types [{agents}], not {self.states.shape}, {self.sizes.shape}, {self.types.shape}"
             )
         if not self.dt > 0:
-            raise ValueError(f"dt is {self.dt}: give the seconds of a step")
-        bad = self.valid & ~np.isfinite(self.states).all(-1)
-        if bad.any():
-            step, agent = np.argwhere(bad)[0]
+            raise ValueError(f"dt is {self.dt}: give the duration of a step in seconds")
+        invalid = self.valid & ~np.isfinite(self.states).all(-1)
+        if invalid.any():
+            step, agent = np.argwhere(invalid)[0]
             raise ValueError(f"states[{step}, {agent}] holds NaN or infinity where valid is True: clear the flag there")
 
 
 def rollout_sums(rollout: Rollout, scene: Scene) -> Sums:
-    """What one roll-out of one scene contributes: (numerator, denominator) [2] and moments [3].
+    """Contribution of one roll-out of one scene: (numerator, denominator) [2] and moments [3].
 
     Returns:
-      ego_collision: whether the ego ever overlaps another agent, a scene.
-      collision: agents that ever overlap another, agents. vehicle_collision: the same among vehicles.
-      off_road: vehicles ever more than 3 m from a centreline, vehicles that were on the road at first.
-      red_light: vehicles that enter a lane from its start while its signal says stop, vehicles.
-      stuck: vehicles that have moved but stand during the last 5 s, vehicles.
-      progress: moments of the metres that vehicles drive. ego_progress: of the ego.
+      ego_collision: scenes in which the ego overlaps another agent at any step / scenes.
+      collision: agents that overlap another at any step / agents. vehicle_collision: the same among vehicles.
+      off_road: vehicles more than 3 m from a centerline at any step / vehicles that started on the road.
+      red_light: vehicles that enter a lane at its start while its signal is STOP / vehicles.
+      stuck: vehicles that moved before but stand for the last 5 s / vehicles.
+      progress: moments of the distances that vehicles drive [m]. ego_progress: of the ego.
     """
     (scene,) = singles(scene)
     present = np.asarray(rollout.valid.any(0))
@@ -108,15 +111,17 @@ def motion_sums(rollout: Rollout, mode: Literal["intended", "compat"] = "intende
     turned = np.diff(states[..., 2], axis=0)
     turned = (turned + np.pi) % (2 * np.pi) - np.pi
     angular = turned / rollout.dt if mode == "intended" else states[1:, :, 2] / rollout.dt
-    found = {
-        "speed": states[..., 3][valid], "angular_speed": np.degrees(angular)[both],
-        "acceleration": (np.diff(states[..., 3], axis=0) / rollout.dt)[both], "nearest": _nearest(states, valid),
-    }  # fmt: skip
-    return {f"{name}_motion": _histogram(name, values, mode) for name, values in found.items()}
+    values = {
+        "speed": states[..., 3][valid],
+        "angular_speed": np.degrees(angular)[both],
+        "acceleration": (np.diff(states[..., 3], axis=0) / rollout.dt)[both],
+        "nearest": _nearest(states, valid),
+    }
+    return {f"{name}_motion": _histogram(name, values, mode) for name, values in values.items()}
 
 
 def rollout_table(sums: Sums) -> Values:
-    """Shares in percent and mean progress [m] of ``rollout_sums`` added up; NaN where nothing was counted."""
+    """Percentages and mean progress [m] from the added sums of ``rollout_sums``; NaN where nothing was counted."""
     row = {}
     for name, value in sums.items():
         if value.shape == (2,):
@@ -127,7 +132,7 @@ def rollout_table(sums: Sums) -> Values:
 
 
 def motion_table(simulated: Sums, logged: Sums) -> Values:
-    """Jensen-Shannon divergences of ``motion_sums`` added up, natural logarithm."""
+    """Jensen-Shannon divergences (natural logarithm) between the added ``motion_sums`` of two sides."""
     return {name: jensen_shannon(simulated[f"{name}_motion"], logged[f"{name}_motion"]) for name in RANGES}
 
 
@@ -148,7 +153,7 @@ def _nearest(states: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _collisions(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Agents that ever overlap another one, and vehicles that overlap a vehicle."""
+    """Agents that overlap another at any step [agents], and vehicles that overlap a vehicle [agents]."""
     hit, among = np.zeros(len(rollout.types), bool), np.zeros(len(rollout.types), bool)
     vehicle = rollout.types == AgentType.VEHICLE
     for states, valid in zip(rollout.states, rollout.valid, strict=True):
@@ -164,16 +169,16 @@ def _collisions(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _off_road(rollout: Rollout, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Agents ever off the road, and agents that were on it when they first appeared."""
+    """Agents off the road at any step [agents], and agents on the road at their first step [agents]."""
     steps, agents = rollout.valid.shape
-    distance = nearest_segment(rollout.states[..., :2].reshape(-1, 2), segments(scene))[0].reshape(steps, agents)
+    distance = nearest_segment(rollout.states[..., :2].reshape(-1, 2), lane_segments(scene))[0].reshape(steps, agents)
     off = rollout.valid & (distance > _OFF_ROAD)
     first = rollout.valid.argmax(0)
     return np.asarray(off.any(0)), np.asarray(~off[first, np.arange(agents)] & rollout.valid.any(0))
 
 
 def _red_light(rollout: Rollout, scene: Scene) -> np.ndarray:
-    """Agents whose centre crosses the start of a lane, driving its way, while the lane's signal says stop."""
+    """Agents whose center crosses the start of a lane, in driving direction, while its signal is STOP [agents]."""
     lanes = np.asarray(scene.lanes, np.float64)[..., :2]
     crossed = np.zeros(len(rollout.types), bool)
     signals = rollout.signals if rollout.signals is not None else np.tile(scene.signals, (len(rollout.states), 1))
@@ -193,16 +198,15 @@ def _red_light(rollout: Rollout, scene: Scene) -> np.ndarray:
 
 
 def _progress(rollout: Rollout) -> np.ndarray:
-    """Metres driven by each agent while it is there."""
+    """Distance that each agent drives [m]."""
     step = np.linalg.norm(np.diff(rollout.states[..., :2], axis=0), axis=-1)
     return np.where(rollout.valid[:-1] & rollout.valid[1:], step, 0.0).sum(0)
 
 
 def _stuck(rollout: Rollout) -> np.ndarray:
-    slow, seconds = _STUCK
-    last = max(1, round(seconds / rollout.dt))
+    last = max(1, round(_STUCK_SECONDS / rollout.dt))
     if len(rollout.states) <= last:
         return np.zeros(len(rollout.types), bool)
     speed, valid = rollout.states[..., 3], rollout.valid
-    stands = ((speed[-last:] < slow) & valid[-last:]).all(0)
+    stands = ((speed[-last:] < _STUCK_SPEED) & valid[-last:]).all(0)
     return np.asarray(stands & ((speed[:-last] > _MOVING) & valid[:-last]).any(0))

@@ -1,4 +1,4 @@
-"""How well predicted numbers of agents or lanes meet the true ones (metrics.md §5)."""
+"""Errors and calibration of predicted numbers of agents or lanes (metrics.md §5)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from scipy.stats import rankdata
 
 from scjax.metrics.pooling import Values
 
-_NEAR = 0.1  # relative
+_RELATIVE_TOLERANCE = 0.1
 
 
 class Calibration(NamedTuple):
-    """One group of scenes of like predicted number: mean predicted, mean true, scenes."""
+    """A group of scenes with similar predictions: mean predicted number, mean true number, number of scenes."""
 
     predicted: float
     true: float
@@ -22,18 +22,18 @@ class Calibration(NamedTuple):
 
 
 def count_errors(true: Int[np.ndarray, " scenes"], predicted: Float[np.ndarray, " scenes"]) -> Values:
-    """Errors over scenes; NaN over none.
+    """Errors over scenes; NaN without scenes.
 
     Args:
       true: numbers of elements.
-      predicted: their predictions; need not be whole.
+      predicted: their predictions, not necessarily integers.
 
     Returns:
-      mae, bias (predicted - true); exact, within_1, within_10_percent: shares of scenes, predictions rounded;
-      spearman: rank correlation, NaN where either side does not vary.
+      mae, bias (predicted - true); exact, within_1, within_10_percent: shares of scenes, with rounded predictions;
+      spearman: rank correlation, NaN where either side is constant.
 
     Raises:
-      ValueError: if a prediction is not finite.
+      ValueError: a prediction is not finite.
     """
     if not np.isfinite(predicted).all():
         raise ValueError(f"{int((~np.isfinite(predicted)).sum())} predicted numbers are NaN or infinite")
@@ -42,18 +42,21 @@ def count_errors(true: Int[np.ndarray, " scenes"], predicted: Float[np.ndarray, 
     error, whole = predicted - true, np.abs(np.round(predicted) - true)
     first, second = rankdata(true), rankdata(predicted)
     varied = first.std() > 0 and second.std() > 0
-    found = {
-        "mae": np.abs(error).mean(), "bias": error.mean(), "exact": (whole == 0).mean(),
-        "within_1": (whole <= 1).mean(), "within_10_percent": (whole <= _NEAR * true).mean(),
+    errors = {
+        "mae": np.abs(error).mean(),
+        "bias": error.mean(),
+        "exact": (whole == 0).mean(),
+        "within_1": (whole <= 1).mean(),
+        "within_10_percent": (whole <= _RELATIVE_TOLERANCE * true).mean(),
         "spearman": np.corrcoef(first, second)[0, 1] if varied else np.nan,
-    }  # fmt: skip
-    return {name: float(value) for name, value in found.items()}
+    }
+    return {name: float(value) for name, value in errors.items()}
 
 
 def calibration(
     true: Int[np.ndarray, " scenes"], predicted: Float[np.ndarray, " scenes"], groups: int = 10
 ) -> list[Calibration]:
-    """Scenes in groups of like predicted number (deciles): a calibrated prediction has equal means in each."""
+    """Scenes grouped by predicted number (deciles): calibrated predictions have equal means in each group."""
     order = np.argsort(predicted, kind="stable")
     parts = [part for part in np.array_split(order, groups) if len(part)]
     return [Calibration(float(predicted[part].mean()), float(true[part].mean()), len(part)) for part in parts]

@@ -1,6 +1,6 @@
-"""A scene as three vectors, of its lanes, of its agents and of the whole, for measuring control (metrics.md §4.2).
+"""Describes a scene by three vectors, of lanes, agents and the whole scene, for control metrics (metrics.md §4.2).
 
-The first two say how elements are placed and not how many there are; the ego is left out.
+The first two describe the placement of elements, not their number. The ego is left out.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.metrics.lanes import lane_lengths
+from scjax.metrics.lanes import lane_arc_lengths
 from scjax.metrics.pooling import singles
 from scjax.scene import AgentType, Scene
 
 LEVELS = ("lane", "agent", "glob")
-_SPREAD = 0.0246  # of the global descriptor about its constant: random pairs then have cosine 1 / 1.0246
-_CONSTANT = 1e-6  # standard deviation of a coordinate that says nothing
+_SPREAD = 0.0246  # variance of the global descriptor about its constant 1: random pairs have cosine 1 / 1.0246
+_CONSTANT = 1e-6  # coordinates with a smaller deviation are dropped
 _CLASSES = (AgentType.VEHICLE, AgentType.PEDESTRIAN, AgentType.CYCLIST)
 _TURNING = 0.35  # rad between the first and the last chord of a lane
 _STOPPED = 0.5  # m/s
@@ -26,7 +26,7 @@ _HEADING_BINS = 8
 
 
 class Descriptor(NamedTuple):
-    """Raw vectors of a scene, or of many with a leading axis: lanes [22], agents [20], the whole scene [18]."""
+    """Raw vectors of one scene, or of several with a leading axis: lanes [22], agents [20], whole scene [18]."""
 
     lane: np.ndarray
     agent: np.ndarray
@@ -34,7 +34,7 @@ class Descriptor(NamedTuple):
 
 
 def describe(scenes: Scene | Iterable[Scene], *, ego: bool = True) -> Descriptor:
-    """Raw descriptors of scenes, [scenes, .] each; ``ego``: whether agent 0 is one, and left out."""
+    """Raw descriptors of scenes, [scenes, .] each; with ``ego``, agent 0 is the ego and is left out."""
     rows = [
         Descriptor(_pooled(_lane_features(s)), _pooled(_agent_features(s, ego)), _scene_statistics(s, ego))
         for s in singles(scenes)
@@ -45,7 +45,7 @@ def describe(scenes: Scene | Iterable[Scene], *, ego: bool = True) -> Descriptor
 
 @dataclasses.dataclass(frozen=True)
 class Standard:
-    """Mean and (population) deviation of every coordinate over a reference set, the unit of control."""
+    """Standardization: mean and (population) deviation of every coordinate over a reference set."""
 
     mean: Descriptor
     deviation: Descriptor
@@ -55,14 +55,14 @@ class Standard:
         """From the raw descriptors of the reference set.
 
         Raises:
-          ValueError: on an empty set.
+          ValueError: the set is empty.
         """
         if not len(descriptors.lane):
-            raise ValueError("descriptors are standardised over a reference set, but it is empty: give its scenes")
+            raise ValueError("descriptors are standardized over a reference set, but it is empty: give its scenes")
         return cls(Descriptor(*(x.mean(0) for x in descriptors)), Descriptor(*(x.std(0) for x in descriptors)))
 
     def __call__(self, raw: Descriptor) -> Descriptor:
-        """z-scores without the constant coordinates; the global one shrunk and put behind a constant 1."""
+        """z-scores without constant coordinates; the global descriptor is scaled and gets a leading constant 1."""
         lane, agent, glob = (
             ((x - mean) / np.where(deviation > _CONSTANT, deviation, 1.0))[:, deviation > _CONSTANT]
             for x, mean, deviation in zip(raw, self.mean, self.deviation, strict=True)
@@ -72,7 +72,7 @@ class Standard:
 
 
 def _pooled(features: Float64[np.ndarray, "elements features"]) -> Float64[np.ndarray, " twice_features"]:
-    """Mean and deviation over elements; zeros without any."""
+    """Mean and deviation over elements; zeros without elements."""
     if not len(features):
         return np.zeros(2 * features.shape[1])
     return np.concatenate([features.mean(0), features.std(0)])
@@ -81,36 +81,41 @@ def _pooled(features: Float64[np.ndarray, "elements features"]) -> Float64[np.nd
 def _lane_features(scene: Scene) -> Float64[np.ndarray, "lanes 11"]:
     points = np.asarray(scene.lanes, np.float64)[..., :2]
     first, last = points[:, 1] - points[:, 0], points[:, -1] - points[:, -2]
-    length = lane_lengths(scene)[:, None]
-    places = [points[:, 0], points[:, 9], points[:, -1], length]
-    return np.concatenate([*(place / 32 for place in places), _direction(first), _direction(last)], 1)
+    length = lane_arc_lengths(scene)[:, None]
+    positions = [points[:, 0], points[:, 9], points[:, -1], length]
+    return np.concatenate([*(position / 32 for position in positions), _direction(first), _direction(last)], 1)
 
 
 def _agent_features(scene: Scene, ego: bool) -> Float64[np.ndarray, "agents 10"]:
     agents, types = np.asarray(scene.agents, np.float64)[int(ego) :], np.asarray(scene.agent_types)[int(ego) :]
-    classes = np.stack([types == kind for kind in _CLASSES], 1)
+    classes = np.stack([types == agent_type for agent_type in _CLASSES], 1)
     columns = [agents[:, :2] / 32, agents[:, 3:4] / 10, agents[:, 4:6], agents[:, 6:7] / 5, agents[:, 7:8] / 2]
     return np.concatenate([*columns, classes], 1)
 
 
 def _scene_statistics(scene: Scene, ego: bool) -> Float64[np.ndarray, " 18"]:
     points, agents = np.asarray(scene.lanes, np.float64)[..., :2], np.asarray(scene.agents, np.float64)[int(ego) :]
-    types, length = np.asarray(scene.agent_types)[int(ego) :], lane_lengths(scene)
+    types, length = np.asarray(scene.agent_types)[int(ego) :], lane_arc_lengths(scene)
     chords = np.diff(points, axis=1)
     heading = np.arctan2(chords[..., 1], chords[..., 0])
     turn = _wrapped(heading[:, -1] - heading[:, 0])
     weight = np.linalg.norm(chords, axis=-1)
     directions = np.histogram(heading.ravel(), _HEADING_BINS, (-np.pi, np.pi), weights=weight.ravel())[0]
-    counts = [float((types == kind).sum()) for kind in _CLASSES]
+    counts = [float((types == agent_type).sum()) for agent_type in _CLASSES]
     lanes, others = len(points), len(agents)
     return np.array(
         [
-            np.log1p(lanes), np.log1p(length.sum()), np.log1p(length.mean() if lanes else 0.0),
-            float((np.abs(turn) > _TURNING).mean()) if lanes else 0.0, *(directions / (directions.sum() + 1e-9)),
-            *np.log1p(counts), np.log1p(agents[:, 3].mean() if others else 0.0),
-            float((agents[:, 3] < _STOPPED).mean()) if others else 0.0, np.log1p(others),
+            np.log1p(lanes),
+            np.log1p(length.sum()),
+            np.log1p(length.mean() if lanes else 0.0),
+            float((np.abs(turn) > _TURNING).mean()) if lanes else 0.0,
+            *(directions / (directions.sum() + 1e-9)),
+            *np.log1p(counts),
+            np.log1p(agents[:, 3].mean() if others else 0.0),
+            float((agents[:, 3] < _STOPPED).mean()) if others else 0.0,
+            np.log1p(others),
         ]
-    )  # fmt: skip
+    )
 
 
 def _direction(vectors: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""Average precision of generated agents: the same matches as ``placement``, in the order of a score (metrics.md §3).
+"""Average precision (AP) of generated agents: the matches of ``placement``, ordered by a score (metrics.md §3).
 
-A generator has no scores, so the score is a choice, and with any score that knows nothing AP falls to about P * R.
+A generator gives no scores. With any uninformative score, AP falls to about P * R.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-from scjax.metrics.placement import THRESHOLDS, Where, distances, hits, placed, taking_part
+from scjax.metrics.placement import THRESHOLDS, Region, compared_agents, distances, greedy_matches, typed_positions
 from scjax.metrics.pooling import Values, singles
 from scjax.scene import AgentType, Scene
 
 _RECALLS = np.linspace(0, 1, 101)
-_LEAST = 0.1  # recall and precision below which the nuScenes rule counts nothing
-CONSENSUS = 2.0  # metres
+_LEAST = 0.1  # the nuScenes rule ignores recall and precision below this
+CONSENSUS = 2.0  # metres between agents that agree
 
 
 class Detections(NamedTuple):
-    """Generated agents of one scene or many: their score, whether each is a match per threshold, and the reference."""
+    """Generated agents of one or more scenes: scores, matches per threshold, and the number of reference agents."""
 
     score: Float64[np.ndarray, " agents"]
     hit: Bool[np.ndarray, "agents thresholds"]
@@ -36,44 +36,52 @@ def detections(
     types: Sequence[AgentType] = tuple(AgentType),
     agnostic: bool = False,
     generated_ego: bool = True,
-    where: Where | None = None,
+    region: Region | None = None,
 ) -> Detections:
-    """Matches of one generated scene; higher scores choose first, equal ones in stored order.
+    """Matches the agents of one generated scene in order of falling score; ties in stored order.
 
     Args:
-      score: of every agent of ``generated`` (padding left out, the ego included if it has one); None takes the negative
-        distance to the origin.
+      score: of every agent of ``generated`` without padding, including the ego; None: negative distance to the origin.
 
     Other arguments as in ``placement.match``.
     """
     (reference,), (generated,) = singles(reference), singles(generated)
     if score is None:
         score = -np.linalg.norm(np.asarray(generated.agents, np.float64)[:, :2], axis=-1)
-    use = taking_part(generated, types, ego=generated_ego, where=where)
-    ours, theirs = placed(generated)[use], placed(reference)[taking_part(reference, types, where=where)]
+    use = compared_agents(generated, types, ego=generated_ego, region=region)
+    ours, theirs = (
+        typed_positions(generated)[use],
+        typed_positions(reference)[compared_agents(reference, types, region=region)],
+    )
     own = np.asarray(score, np.float64)[use]
     order = np.argsort(-own, kind="stable")
     distance = distances(ours[order], theirs, agnostic=agnostic)
-    hit = np.stack([hits(distance, threshold) for threshold in THRESHOLDS], 1)
+    hit = np.stack([greedy_matches(distance, threshold) for threshold in THRESHOLDS], 1)
     return Detections(own[order], hit, len(theirs))
 
 
 def consensus(sample: Scene, siblings: Iterable[Scene]) -> Float64[np.ndarray, " agents"]:
-    """Score of every agent of ``sample``: share of the other samples of its condition with the like within 2 m."""
+    """Score of every agent: share of ``siblings`` with an agent of the same class within 2 m.
+
+    Args:
+      sample: a single scene.
+      siblings: other samples of the same condition.
+    """
     (sample,) = singles(sample)
-    ours = placed(sample)
+    ours = typed_positions(sample)
     near = [
-        (distances(ours, placed(sibling)[taking_part(sibling)]) < CONSENSUS).any(1) for sibling in singles(siblings)
+        (distances(ours, typed_positions(sibling)[compared_agents(sibling)]) < CONSENSUS).any(1)
+        for sibling in singles(siblings)
     ]
     return np.mean(near, 0) if near else np.zeros(len(ours))
 
 
 def average_precision(scenes: Iterable[Detections]) -> Values:
-    """Over all scenes pooled, each the mean over the thresholds; NaN without any reference agent.
+    """Average precision over all scenes, mean over the thresholds; NaN without reference agents.
 
     Returns:
-      nuscenes: precision above 0.1 at recalls above 0.1, as the nuScenes detection task integrates it.
-      interp101: mean over 101 recalls of the best precision at that recall or a higher one.
+      nuscenes: as in the nuScenes detection task, which counts precision above 0.1 at recalls above 0.1.
+      interp101: mean over 101 recalls of the highest precision at that or a higher recall.
     """
     parts = list(scenes)
     total = sum(part.references for part in parts)
@@ -90,8 +98,8 @@ def average_precision(scenes: Iterable[Detections]) -> Values:
 
 def _curve(hit: np.ndarray, references: int) -> tuple[np.ndarray, np.ndarray]:
     """Recall and precision after every prediction."""
-    found = np.cumsum(hit)
-    return found / references, found / np.arange(1, len(hit) + 1)
+    matches = np.cumsum(hit)
+    return matches / references, matches / np.arange(1, len(hit) + 1)
 
 
 def _nuscenes(recall: np.ndarray, precision: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""Many polylines of equally many points at once, in xy and float64: their lengths and points spread along them."""
+"""Batched polylines with equally many points (xy, float64): lengths and resampling."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import numpy as np
 from jaxtyping import Float64
 
 
-def lengths(points: Float64[np.ndarray, "lines points 2"]) -> Float64[np.ndarray, " lines"]:
+def polyline_lengths(points: Float64[np.ndarray, "lines points 2"]) -> Float64[np.ndarray, " lines"]:
     """Arc length of each line [m]."""
     return _steps(points).sum(-1)
 
 
-def resampled(points: Float64[np.ndarray, "lines points 2"], count: int) -> Float64[np.ndarray, "lines count 2"]:
-    """``count`` points equally spaced along each line, bit for bit as ``np.interp`` over the arc length.
+def resample_polylines(
+    points: Float64[np.ndarray, "lines points 2"], count: int
+) -> Float64[np.ndarray, "lines count 2"]:
+    """``count`` equally spaced points along each line, bit for bit as ``np.interp`` over the arc length.
 
-    Bits matter: where two lanes share a point, rounding would decide which of them is nearest to a vehicle.
+    Exact bits matter: where two lanes share a point, rounding decides which of them is nearest to a vehicle.
     """
     if not len(points):
         return np.zeros((0, count, 2))

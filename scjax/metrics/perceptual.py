@@ -1,6 +1,6 @@
-"""Fréchet distance of Gaussians fitted to embeddings of lanes (metrics.md §1), and control in an autoencoder's latents.
+"""Perceptual metrics: Fréchet distance of lane embeddings (metrics.md §1) and descriptors of latents.
 
-Both depend on the autoencoder: values of different ones are never compared.
+Both depend on the autoencoder: never compare values of different autoencoders.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from scjax.metrics.descriptors import Descriptor
 
 @dataclasses.dataclass
 class Gaussian:
-    """Sums of vectors, which add up over any parts of a population.
+    """A Gaussian as sums over vectors, which add up over parts of a set.
 
     Attributes:
-      number: of vectors.
-      total: their sum.
+      number: number of vectors.
+      total: sum of the vectors.
       products: sum of their outer products.
     """
 
@@ -31,7 +31,7 @@ class Gaussian:
 
     @classmethod
     def of(cls, vectors: Float[np.ndarray, "vectors width"]) -> Gaussian:
-        """Of one part."""
+        """The sums of one set of vectors."""
         rows = np.asarray(vectors, np.float64)
         return cls(float(len(rows)), rows.sum(0), rows.T @ rows)
 
@@ -44,13 +44,13 @@ class Gaussian:
 
     @property
     def covariance(self) -> Float64[np.ndarray, "width width"]:
-        """Unbiased."""
-        centred = self.products - np.outer(self.total, self.total) / self.number
-        return centred / (self.number - 1)
+        """The unbiased covariance."""
+        centered = self.products - np.outer(self.total, self.total) / self.number
+        return centered / (self.number - 1)
 
 
-def frechet(first: Gaussian, second: Gaussian) -> float:
-    """sqrt(|m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2))); NaN with fewer than two vectors on a side."""
+def gaussian_frechet(first: Gaussian, second: Gaussian) -> float:
+    """sqrt(|m1 - m2|^2 + tr(S1 + S2 - 2 (S1 S2)^(1/2))); NaN if a side has fewer than two vectors."""
     if min(first.number, second.number) < 2:
         return float("nan")
     root = _root(first.covariance)
@@ -63,10 +63,12 @@ def frechet(first: Gaussian, second: Gaussian) -> float:
 def latent_descriptor(
     lanes: Sequence[np.ndarray], agents: Sequence[np.ndarray], states: Sequence[np.ndarray]
 ) -> Descriptor:
-    """Descriptors of scenes for control (``ControlFrame``) from an autoencoder.
+    """Descriptors of scenes for ``ControlFrame`` from the latents of an autoencoder.
 
-    Lanes and agents pool posterior means as [mean, deviation] like the geometric descriptor, the ego (agent 0) left
-    out; the scene as a whole is the mean state of its lanes. Zeros where a scene has none.
+    Args:
+      lanes, agents: posterior means of each scene [elements, latent], pooled to [mean, deviation]; agent 0, the ego, is
+        left out. Zeros where a scene has no elements.
+      states: final lane states of each scene [lanes, width]; their mean describes the whole scene.
     """
     return Descriptor(
         _stack([_pooled(one) for one in lanes]),

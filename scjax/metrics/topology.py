@@ -1,8 +1,8 @@
-"""The lane graph as traffic sees it: compact lanes, key points where lanes meet, hops between them, the ego's route.
+"""Topology of the lane graph: compact lanes, key points, hops between them, and the route of the ego.
 
-Two modes. ``compat`` reproduces the reference evaluation (Scenario Dreamer), whose grouping of lane ends into key
-points is no equivalence and whose route takes whichever of several equally short paths it meets first; both depend on
-the order of lanes. ``strict`` is what was meant, and does not (metrics.md §1).
+Mode ``compat`` reproduces the reference code (Scenario Dreamer). There, grouping lane ends into key points is no
+equivalence relation, and the route is the first of several equally short paths; both depend on the order of lanes.
+Mode ``strict`` does not (metrics.md §1).
 """
 
 from __future__ import annotations
@@ -14,88 +14,91 @@ from jaxtyping import Bool, Float64, Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from scjax.metrics.lines import lengths, resampled
+from scjax.metrics.lines import polyline_lengths, resample_polylines
 from scjax.scene import POINTS_PER_LANE, Link, Scene
 from scjax.scene.lane_chains import compact
 
 Mode = Literal["compat", "strict"]
 
-_HOP = 1e6  # metres: more than any route, so that fewer hops go before fewer metres
+_HOP = 1e6  # metres: more than any route, so paths are compared by hops first, then by metres
 
 
 class Lanes(NamedTuple):
-    """Centrelines in xy and successor pairs (i, j), sorted: lane j follows lane i."""
+    """Centerlines in xy, and sorted successor pairs (i, j): lane j follows lane i."""
 
     points: Float64[np.ndarray, "lanes points 2"]
     edges: Int[np.ndarray, "edges 2"]
 
 
 def compact_lanes(scene: Scene) -> Lanes:
-    """Lanes of one scene; chains that only follow each other are one lane, resampled to 20 points."""
+    """Lanes of one scene; chains without branches are merged_lines into one lane and resampled to 20 points."""
     mask = np.asarray(scene.lane_mask)
     points = np.asarray(scene.lanes, np.float64)[mask][..., :2]
-    joins = np.argwhere(np.asarray(scene.links)[np.ix_(mask, mask)] == Link.PREDECESSOR)
-    chains, edges = compact(len(points), {(int(i), int(j)) for i, j in joins})
+    connections = np.argwhere(np.asarray(scene.links)[np.ix_(mask, mask)] == Link.PREDECESSOR)
+    chains, edges = compact(len(points), {(int(i), int(j)) for i, j in connections})
     if len(chains) == len(points):
-        return Lanes(points, joins)
-    merged = [
+        return Lanes(points, connections)
+    merge_stats = [
         np.concatenate([points[chain[0]], *(points[lane][1:] for lane in chain[1:])])
         if len(chain) > 1
         else points[chain[0]]
         for chain in chains
     ]
-    same = [line if len(line) == POINTS_PER_LANE else resampled(line[None], POINTS_PER_LANE)[0] for line in merged]
-    return Lanes(np.stack(same), np.unique(edges, axis=0))
+    lines = [
+        line if len(line) == POINTS_PER_LANE else resample_polylines(line[None], POINTS_PER_LANE)[0]
+        for line in merge_stats
+    ]
+    return Lanes(np.stack(lines), np.unique(edges, axis=0))
 
 
 def key_points(lanes: Lanes, mode: Mode) -> Bool[np.ndarray, "key_points key_points"]:
     """Adjacency of the key points: lane l leads from the point of its start to the point of its end."""
     label = _compat_labels(lanes) if mode == "compat" else _strict_labels(lanes)
     _, first, index = np.unique(label, return_index=True, return_inverse=True)
-    index = np.argsort(np.argsort(first))[index]  # points in the order of their first ends, whatever the labels
+    index = np.argsort(np.argsort(first))[index]  # number key points by their first end
     adjacency = np.zeros((len(first), len(first)), bool)
     adjacency[index[0::2], index[1::2]] = True
     return adjacency
 
 
 def degrees(adjacency: Bool[np.ndarray, "n n"]) -> Int[np.ndarray, " n"]:
-    """Lanes in and out of every key point (one that leads back to its own start counts twice)."""
+    """Number of lanes in and out of every key point; a loop counts twice."""
     return adjacency.sum(0) + adjacency.sum(1)
 
 
 def reach_and_hops(
     adjacency: Bool[np.ndarray, "n n"],
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " reachable_pairs"]]:
-    """How many other key points each one reaches, and the hops of a shortest path for every such ordered pair."""
-    # Breadth first from all points at once: a tile has some dozens of points, a few hops apart.
+    """Number of key points that each one reaches, and the hops of a shortest path per reachable ordered pair."""
+    # Breadth-first search from all points at once: a tile has dozens of points, a few hops apart.
     hops = np.zeros(adjacency.shape, int)
-    seen, front, step = np.eye(len(adjacency), dtype=bool), adjacency, np.float32(1) * adjacency
+    visited, front, step = np.eye(len(adjacency), dtype=bool), adjacency, np.float32(1) * adjacency
     for hop in range(1, len(adjacency)):
-        front = front & ~seen
+        front = front & ~visited
         if not front.any():
             break
         hops[front] = hop
-        seen = seen | front
+        visited = visited | front
         front = (np.float32(1) * front) @ step > 0
     return (hops > 0).sum(1), hops[hops > 0]
 
 
 def route_length(lanes: Lanes, mode: Mode) -> float:
-    """Longest way ahead of the ego [m], NaN without lanes.
+    """Length of the longest route ahead of the ego [m]; NaN without lanes.
 
-    From the point of any lane nearest to the origin to the end of that lane and on, by paths of fewest lanes, to every
-    lane that can be reached. Among paths of equally many lanes, ``strict`` takes the shortest, ``compat`` the one that
-    the reference's search meets first.
+    The route starts at the lane point nearest to the origin and follows that lane to its end. From there, paths with
+    the fewest lanes lead to every reachable lane. Among paths with equally many lanes, ``strict`` takes the shortest and
+    ``compat`` the first that the reference search meets.
     """
     if not len(lanes.points):
         return float("nan")
     distance = np.linalg.norm(lanes.points, axis=-1)
     ego = int(distance.min(1).argmin())
-    metres = lengths(lanes.points)
-    first = float(lengths(lanes.points[ego : ego + 1, int(distance[ego].argmin()) :])[0])
+    metres = polyline_lengths(lanes.points)
+    first = float(polyline_lengths(lanes.points[ego : ego + 1, int(distance[ego].argmin()) :])[0])
     count = len(metres)
     if mode == "compat":
-        after, before = _neighbours(lanes.edges, count), _neighbours(lanes.edges[:, ::-1], count)
+        after, before = _neighbors(lanes.edges, count), _neighbors(lanes.edges[:, ::-1], count)
         paths = (_meeting_path(after, before, ego, goal) for goal in range(count) if goal != ego)
         return max([first, *(first + float(metres[path[1:]].sum()) for path in paths if path)])
     weight = csr_array((_HOP + metres[lanes.edges[:, 1]], tuple(lanes.edges.T)), shape=(count, count))
@@ -105,13 +108,13 @@ def route_length(lanes: Lanes, mode: Mode) -> float:
 
 
 def endpoint_gaps(lanes: Lanes) -> Float64[np.ndarray, " edges"]:
-    """From the end of lane i to the start of lane j, for every successor pair [m]."""
+    """Distance from the end of lane i to the start of lane j, for every successor pair [m]."""
     i, j = lanes.edges.T
     return np.linalg.norm(lanes.points[i, -1] - lanes.points[j, 0], axis=-1)
 
 
 def _strict_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
-    """A label for the start (2 l) and the end (2 l + 1) of every lane; ends that any edges tie together share one."""
+    """A label for the start (2 l) and end (2 l + 1) of every lane; ends connected by edges share one."""
     parent = list(range(2 * len(lanes.points)))
 
     def root(end: int) -> int:
@@ -125,7 +128,7 @@ def _strict_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
 
 
 def _compat_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
-    """As ``_strict_labels``, but an edge that ties two groups together adds its two ends to both; the last one wins."""
+    """As ``_strict_labels``, but an edge between two groups adds its ends to both; the last group wins."""
     groups: list[set[int]] = []
     for i, j in lanes.edges.tolist():
         ends = {2 * i + 1, 2 * j}
@@ -140,18 +143,18 @@ def _compat_labels(lanes: Lanes) -> Int[np.ndarray, " ends"]:
     return label
 
 
-def _neighbours(edges: np.ndarray, count: int) -> list[list[int]]:
-    found: list[list[int]] = [[] for _ in range(count)]
+def _neighbors(edges: np.ndarray, count: int) -> list[list[int]]:
+    neighbors: list[list[int]] = [[] for _ in range(count)]
     for i, j in sorted(map(tuple, edges.tolist())):
-        found[i].append(j)
-    return found
+        neighbors[i].append(j)
+    return neighbors
 
 
 def _meeting_path(after: list[list[int]], before: list[list[int]], start: int, goal: int) -> list[int]:
-    """A path of fewest lanes from ``start`` to another lane, found from both ends at once; empty without any.
+    """A path with the fewest lanes from ``start`` to ``goal``, by bidirectional search; empty if there is none.
 
-    The side with fewer open lanes (in doubt the start's) advances by a whole level, lanes in the order they were met;
-    the search ends at the first lane known to both sides. This decides between equally short paths.
+    The side with fewer open lanes (on a tie, the start) advances by one level, in the order of discovery. The search
+    ends at the first lane known to both sides. This decides between equally short paths.
     """
     came: dict[int, int] = {start: start}
     goes: dict[int, int] = {goal: goal}

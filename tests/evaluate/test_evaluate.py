@@ -20,16 +20,15 @@ from scjax.evaluate.methods import BASELINES, Rows
 from scjax.evaluate.population import Population, measured
 from scjax.evaluate.retrieval import RULES, Index, retrieve, tf_idf
 from scjax.evaluate.sources import Chosen, EvaluationTiles, Npz, open_source
+from scjax.metrics.cluster_sums import ClusterSums
 from scjax.metrics.measure import distribution_values, match_values, measure
-from scjax.metrics.tally import ClusterSums
 from scjax.models.codec import scjax
 from scjax.scene import stack
 from scjax.scene.io import save_npz
 from scjax.scene.per_type import PerType
-from tests.factories.traffic import agent, lane, scene
-from tests.metrics.test_distributions import traffic
+from tests.factories.traffic import agent, lane, random_traffic, scene
 
-SCENES = [traffic(seed) for seed in range(16)]
+SCENES = [random_traffic(seed) for seed in range(16)]
 
 
 @pytest.fixture(autouse=True)
@@ -102,9 +101,10 @@ def index(counts, clusters, captions=()):
 
 def test_retrieval_finds_what_each_rule_asks_for():
     bank = index(
-        [(5, 5), (9, 9), (5, 6), (30, 30)], ["a", "b", "b", "c"],
+        [(5, 5), (9, 9), (5, 6), (30, 30)],
+        ["a", "b", "b", "c"],
         ["a quiet road", "a four-way intersection with cars", "a quiet road", "a wide road"],
-    )  # fmt: skip
+    )
     wanted = index([(5, 5), (9, 8)], ["a", "c"], ["a quiet road", "a four-way intersection"])
     assert retrieve("count-matched", wanted, bank).tolist() == [2, 1]
     assert retrieve("nearest caption", wanted, bank).tolist() == [2, 1]
@@ -138,7 +138,7 @@ def test_tf_idf_by_hand():
 
 def test_corruption_keeps_what_it_says():
     rng = np.random.default_rng(0)
-    one, other = traffic(1), traffic(2)
+    one, other = random_traffic(1), random_traffic(2)
     same = mixed(one, other, 1.0, 1.0, rng)
     assert same.lanes.shape == one.lanes.shape
     order = [np.argmin(np.abs(one.agents[:, 6:] - row[6:]).sum(1)) for row in same.agents]
@@ -162,7 +162,7 @@ def test_parts_shards_and_resumption(worlds, tmp_path, monkeypatch):
     (found,) = measured([row], tmp_path / "parts", workers=0, shard=(1, 2)) or [None]
     assert all(path.stat().st_mtime_ns == time for path, time in done.items())
     whole = measure(np.roll(np.array(SCENES, object), 1).tolist(), source.clusters, SCENES)
-    assert match_values(found.tally.total) == pytest.approx(match_values(whole.tally.total))
+    assert match_values(found.cluster_sums.total) == pytest.approx(match_values(whole.cluster_sums.total))
     assert found.clusters == whole.clusters
     other = Population("row", row.source, source, np.roll(np.arange(16), 1))
     assert other.fingerprint != row.fingerprint
@@ -173,9 +173,11 @@ def test_a_report_of_baselines(worlds, tmp_path):
     copies.mkdir()
     save_npz(stack(SCENES), copies / "all.npz")
     asked = config(
-        worlds, consensus=3, novelty=5,
+        worlds,
+        consensus=3,
+        novelty=5,
         more=(f"again=npz:{copies}", f"matched=npz:{copies}?count-matched", f"paired=npz:{copies}?inorder"),
-    )  # fmt: skip
+    )
     assert program.evaluate(asked, tmp_path / "out") == tmp_path / "out" / "report.html"
     tables = report(tmp_path / "out")["tables"]
     copy, rungs = tables["Control"]["rows"]["copy"]["numbers"], ("other scene, same counts", "C1", "C2", "C3", "copy")
@@ -303,9 +305,10 @@ def test_what_is_asked_of_a_model_that_reads_text(worlds, tmp_path, stand_in):
     assert all(one.prompt is None for one in silent)
     gain = report(tmp_path / "out")["tables"]["Gains in control"]["rows"]
     assert set(gain) == {
-        "prompt, true counts over another's prompt, true counts", "prompt, true counts over nearest caption + counts",
+        "prompt, true counts over another's prompt, true counts",
+        "prompt, true counts over nearest caption + counts",
         "prompt over nearest caption",
-    }  # fmt: skip
+    }
 
 
 def test_another_locations_prompt_needs_another_location(worlds, tmp_path, stand_in):
@@ -401,9 +404,16 @@ def test_scenes_without_lanes_or_company_are_counted(tmp_path):
 
 
 FLOOR = {
-    "frechet_connectivity": 0.49, "frechet_density": 1.77, "frechet_reach": 0.68, "frechet_convenience": 3.63,
-    "nearest_dist_jsd": 0.10, "ang_dev_jsd": 1.21, "length_jsd": 2.13, "width_jsd": 0.55, "speed_jsd": 1.76,
-}  # fmt: skip
+    "frechet_connectivity": 0.49,
+    "frechet_density": 1.77,
+    "frechet_reach": 0.68,
+    "frechet_convenience": 3.63,
+    "nearest_dist_jsd": 0.10,
+    "ang_dev_jsd": 1.21,
+    "length_jsd": 2.13,
+    "width_jsd": 0.55,
+    "speed_jsd": 1.76,
+}
 """432 tiles of each half of the locations (baselines.md §1-2); here all of each half, about 620, which gives a little
 less. Lateral deviation, 0.03, is left out for its rounding."""
 
@@ -433,11 +443,11 @@ def test_chance_and_copy_are_as_published(eval_dir, tmp_path):
     shown = program.tables.control_section(
         dict(zip(("chance", "copy"), found, strict=True)), real, {p.name: p.rows for p in populations}, draws=2
     ).rows
-    chance, copy = (match_values(one.tally.total) for one in found)
+    chance, copy = (match_values(one.cluster_sums.total) for one in found)
     assert 0.0221 < chance["M"] < 0.0299 and 0.0199 < chance["P"] < 0.0296 and copy["M"] == 1
     for name, low, high in (("lane CCS", -0.04, 0.0), ("agent CCS", -0.023, 0.024), ("glob CCS", 0.9749, 0.9765)):
         assert low - 0.02 < shown["chance"].numbers[name].value < high + 0.02
-    floor = ClusterSums.floor(real.tally, lambda a, b: distribution_values(a, b, "compat"), splits=100)
+    floor = ClusterSums.floor(real.cluster_sums, lambda a, b: distribution_values(a, b, "compat"), splits=100)
     for name, value in FLOOR.items():
         assert floor[name][0] == pytest.approx(value, rel=0.3), name
     published = {"lane SPG": 0.999, "agent SPG": 0.990, "glob SPG": 0.0240, "lane CSC": 1, "agent CSC": 1}

@@ -166,9 +166,7 @@ def test_image_requests_are_of_forward_windows_with_another_scenes_image(folder)
     for scene, own, shuffled in zip(requests.references, requests.own, requests.shuffled, strict=True):
         assert own.crop == Crop.FORWARD and int(scene.crop) == Crop.FORWARD
         np.testing.assert_array_equal(own.image, stand_in(scene).image)
-        assert (own.num_lanes, own.num_agents, own.domain) == (
-            shuffled.num_lanes, shuffled.num_agents, shuffled.domain
-        )  # fmt: skip
+        assert (own.num_lanes, own.num_agents, own.domain) == (shuffled.num_lanes, shuffled.num_agents, shuffled.domain)
         assert not np.array_equal(own.image, shuffled.image)
     assert not requests.asked and requests.context == 392
 
@@ -198,10 +196,17 @@ def test_losses_differ_by_the_condition_alone(folder):
 def run(entry: str, seed: int, own: float, shuffled: float) -> dict:
     """A made-up run whose every metric is ``own``."""
     return {
-        "kind": "text", "entry": entry, "seed": seed, "own": dict.fromkeys(METRICS, own),
-        "shuffled": dict.fromkeys(METRICS, shuffled), "parameters": 10, "flops": 2e6, "flops_cached": 1e6,
-        "seconds_a_step": 0.1, "seconds_a_scene": math.nan,
-    }  # fmt: skip
+        "kind": "text",
+        "entry": entry,
+        "seed": seed,
+        "own": dict.fromkeys(METRICS, own),
+        "shuffled": dict.fromkeys(METRICS, shuffled),
+        "parameters": 10,
+        "flops": 2e6,
+        "flops_cached": 1e6,
+        "seconds_a_step": 0.1,
+        "seconds_a_scene": math.nan,
+    }
 
 
 def runs(entry: str, gain: float, wobble: float = 0.01) -> list[dict]:

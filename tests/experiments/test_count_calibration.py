@@ -36,8 +36,9 @@ def test_errors_by_hand():
 
 def test_the_picture_has_two_panels_a_number(tmp_path):
     shares = poisson(np.array([3.0, 5.0]))
-    figure = draw({"lanes": shares, "agents": shares}, dict.fromkeys(("lanes", "agents"), np.array([2, 6])),
-                  tmp_path / "c.png")  # fmt: skip
+    figure = draw(
+        {"lanes": shares, "agents": shares}, dict.fromkeys(("lanes", "agents"), np.array([2, 6])), tmp_path / "c.png"
+    )
     assert len(figure.axes) == 4 and (tmp_path / "c.png").stat().st_size > 5_000
 
 

@@ -35,8 +35,19 @@ def folder(tmp_path_factory):
 
 
 def run(folder, *more):
-    sweep_samplers.main([f"--model={folder / 'model'}", f"--records={folder / 'records'}", "--samples=4",
-                         "--samplers", "dpm++", "--steps", "3", f"--out={folder / 'out'}", *more])  # fmt: skip
+    sweep_samplers.main(
+        [
+            f"--model={folder / 'model'}",
+            f"--records={folder / 'records'}",
+            "--samples=4",
+            "--samplers",
+            "dpm++",
+            "--steps",
+            "3",
+            f"--out={folder / 'out'}",
+            *more,
+        ]
+    )
 
 
 def test_a_sweep_end_to_end_goes_on_where_it_was_stopped(folder, capsys):

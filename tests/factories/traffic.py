@@ -33,25 +33,35 @@ def scene(agents=(), lanes=(), *, types=None, joined=(), left=()) -> Scene:
 
     ``joined`` holds pairs (i, j), traffic flows from i into j; ``left`` pairs (i, j), i is the left neighbour of j.
     """
-    made = empty(len(agents), len(lanes))
-    links = made.links
+    blank = empty(len(agents), len(lanes))
+    links = blank.links
     np.fill_diagonal(links, Link.SELF)
     for i, j in joined:
         links[i, j], links[j, i] = Link.PREDECESSOR, Link.SUCCESSOR
     for i, j in left:
         links[i, j], links[j, i] = Link.LEFT, Link.RIGHT
     return validate(
-        made.replace(
-            agents=np.stack(agents) if len(agents) else made.agents,
+        blank.replace(
+            agents=np.stack(agents) if len(agents) else blank.agents,
             agent_types=np.array([AgentType.VEHICLE] * len(agents) if types is None else types, np.int32),
             agent_mask=np.ones(len(agents), bool),
             agent_known=np.ones((len(agents), 9), bool),
-            lanes=np.stack(lanes) if len(lanes) else made.lanes,
+            lanes=np.stack(lanes) if len(lanes) else blank.lanes,
             lane_mask=np.ones(len(lanes), bool),
             lane_known=np.ones((len(lanes), 3), bool),
             links=links,
         )
     )
+
+
+def random_traffic(seed: int, cars: int = 8, lanes: int = 9) -> Scene:
+    """A scene with random lanes, connections and cars."""
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform(-30, 30, (lanes, 2, 2))
+    joined = {(int(i), int(j)) for i, j in rng.integers(lanes, size=(lanes, 2)) if i < j}
+    sizes = rng.uniform((3.5, 1.6, 1.4), (7, 2.6, 3), (cars, 3))
+    boxes = [agent(*rng.uniform(-25, 25, 2), rng.uniform(-180, 180), rng.uniform(0, 15), size) for size in sizes]
+    return scene(boxes, [lane(tuple(a), tuple(b)) for a, b in ends], joined=sorted(joined))
 
 
 def crossing() -> Scene:

@@ -33,7 +33,7 @@ def scores(unit, reference, sample, clusters, seed=0):
     }
 
 
-def test_control_grows_as_corruption_shrinks(tiles):
+def test_control_orders_the_corruption_ladder(tiles):
     scenes, clusters, unit = tiles
     rng = np.random.default_rng(1)
     size = np.array([[len(s.lanes), len(s.agents)] for s in scenes])
@@ -44,14 +44,16 @@ def test_control_grows_as_corruption_shrinks(tiles):
         [mixed(s, o, *shares, rng) for s, o in zip(scenes, others, strict=True)]
         for shares in ((0.0, 0.0), *LADDER.values())
     ]
-    steps = [scores(unit, scenes, made, clusters) for made in [*ladder, scenes]]  # U < C1 < C2 < C3 < copy
+    steps = [
+        scores(unit, scenes, crossing_scene, clusters) for crossing_scene in [*ladder, scenes]
+    ]  # U < C1 < C2 < C3 < copy
     for level in LEVELS:
         for k, name in enumerate(("CCS", "SPG", "CSC")):
             climb = [step[level][k] for step in steps]
             assert climb == sorted(climb) and len(set(climb)) == 5, (level, name, climb)
 
 
-def test_a_copy_is_fully_controlled_and_chance_is_not(tiles):
+def test_control_is_full_for_a_copy_and_none_for_chance(tiles):
     scenes, clusters, unit = tiles
     for level, (own, gain, agreement) in scores(unit, scenes, scenes, clusters).items():
         assert own == pytest.approx(1) and agreement == pytest.approx(1), level
@@ -61,7 +63,7 @@ def test_a_copy_is_fully_controlled_and_chance_is_not(tiles):
         assert abs(gain) < 0.12 and abs(agreement) < 0.1, level
 
 
-def test_intervals_hold_the_value_and_draw_locations(tiles):
+def test_control_intervals_resample_locations(tiles):
     scenes, clusters, _ = tiles
     frame = ControlFrame.of(describe(scenes), clusters, np.random.default_rng(0), pairs=20_000)
     assert all(
@@ -75,28 +77,28 @@ def test_intervals_hold_the_value_and_draw_locations(tiles):
     for name, value in values.items():
         low, high = bounds[name]
         assert low < high and low - 0.5 * (high - low) < value < high + 0.5 * (high - low), name
-    drawn, same = frame.drawn(raw, clusters, draws=5), frame.drawn(describe(scenes), clusters, draws=5)
-    assert drawn.keys() == bounds.keys() and all((drawn[name] < same[name]).all() for name in drawn)  # the same draws
+    samples, of_copy = (frame.bootstrap_samples(x, clusters, draws=5) for x in (raw, describe(scenes)))
+    assert samples.keys() == bounds.keys() and all((samples[name] < of_copy[name]).all() for name in samples)
     wide = frame.intervals(raw, [k % 3 for k in range(len(scenes))], draws=100)["agent CCS"]
     assert wide != bounds["agent CCS"]  # three locations are drawn, not many
     assert np.isnan(frame.intervals(raw, ["one"] * len(scenes), draws=3)["lane CCS"]).all()
 
 
-def test_order_and_padding_do_not_matter():
-    made = crossing()
-    first = describe(made)
-    again = describe(pad(permute(made, np.array([0, 3, 2, 1]), np.array([2, 0, 1])), 9, 9))
+def test_descriptors_ignore_order_and_padding():
+    crossing_scene = crossing()
+    first = describe(crossing_scene)
+    permuted = describe(pad(permute(crossing_scene, np.array([0, 3, 2, 1]), np.array([2, 0, 1])), 9, 9))
     for level in LEVELS:
-        np.testing.assert_allclose(getattr(first, level), getattr(again, level), atol=1e-6)
+        np.testing.assert_allclose(getattr(first, level), getattr(permuted, level), atol=1e-6)
 
 
-def test_the_ego_counts_only_where_there_is_none():
+def test_descriptors_leave_the_ego_out():
     alone = describe(scene([agent(0, 0, 0, 5)]))
     assert not alone.agent.any() and describe(scene([agent(0, 0, 0, 5)]), ego=False).agent.any()
     assert not describe(scene()).lane.any() and np.isfinite(describe(scene()).glob).all()
 
 
-def test_shuffles_never_stay_within_a_cluster():
+def test_derangements_leave_every_cluster():
     clusters = list("aaaabbbccdefg")
     for row in derangements(clusters, np.random.default_rng(0), 50):
         assert sorted(row) == list(range(len(clusters)))
@@ -105,7 +107,7 @@ def test_shuffles_never_stay_within_a_cluster():
         derangements(list("aaab"), np.random.default_rng(0))
 
 
-def test_shuffles_reach_every_place():
+def test_derangements_reach_every_other_scene():
     clusters = [str(k) for k in range(6)]
     drawn = derangements(clusters, np.random.default_rng(0), 3000)
     for i in range(6):
@@ -113,7 +115,7 @@ def test_shuffles_reach_every_place():
         assert share[i] == 0 and np.abs(np.delete(share, i) - 0.2).max() < 0.05
 
 
-def test_pairs_are_across_clusters_and_bounded():
+def test_scene_pairs_cross_clusters_and_are_bounded():
     clusters = [str(k // 3) for k in range(300)]
     pairs = scene_pairs(clusters, np.random.default_rng(0))
     assert len(pairs) == 300 * 299 // 2 - 300 and (pairs[:, 0] < pairs[:, 1]).all()
@@ -121,7 +123,7 @@ def test_pairs_are_across_clusters_and_bounded():
     assert len(few) == 5000 and (few[:, 0] // 3 != few[:, 1] // 3).all() and len(np.unique(few, axis=0)) == 5000
 
 
-def test_distances_may_be_scaled_and_sets_may_be_empty():
+def test_control_handles_scaled_constant_and_empty_sets():
     rng = np.random.default_rng(0)
     x = rng.normal(size=(30, 5))
     pairs = scene_pairs([str(k) for k in range(30)], rng)

@@ -8,21 +8,21 @@ import pytest
 from scjax.metrics.counts import calibration, count_errors
 
 
-def test_errors_by_hand():
-    found = count_errors(np.array([10, 20, 30, 40]), np.array([10.0, 21.0, 30.4, 36.0]))
-    assert found["mae"] == pytest.approx((0 + 1 + 0.4 + 4) / 4) and found["bias"] == pytest.approx(-2.6 / 4)
-    assert (found["exact"], found["within_1"], found["within_10_percent"]) == (0.5, 0.75, 1.0)
-    assert found["spearman"] == pytest.approx(1)
+def test_count_errors_match_hand_computed_values():
+    errors = count_errors(np.array([10, 20, 30, 40]), np.array([10.0, 21.0, 30.4, 36.0]))
+    assert errors["mae"] == pytest.approx((0 + 1 + 0.4 + 4) / 4) and errors["bias"] == pytest.approx(-2.6 / 4)
+    assert (errors["exact"], errors["within_1"], errors["within_10_percent"]) == (0.5, 0.75, 1.0)
+    assert errors["spearman"] == pytest.approx(1)
 
 
-def test_what_cannot_be_said_is_nan():
+def test_count_errors_are_nan_where_undefined():
     assert all(map(math.isnan, count_errors(np.zeros(0, int), np.zeros(0)).values()))
     assert math.isnan(count_errors(np.array([3, 3]), np.array([1.0, 2.0]))["spearman"])
     with pytest.raises(ValueError, match="1 predicted numbers"):
         count_errors(np.array([3, 3]), np.array([1.0, np.nan]))
 
 
-def test_calibrated_predictions_have_equal_means():
+def test_calibration_groups_have_equal_means():
     rng = np.random.default_rng(0)
     mean = rng.uniform(2, 40, 20_000)
     groups = calibration(rng.poisson(mean), mean)

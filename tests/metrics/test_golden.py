@@ -11,7 +11,7 @@ from scjax.metrics.control import ccs, csc, scene_pairs, spg
 from scjax.metrics.descriptors import LEVELS, Descriptor, Standard, describe
 from scjax.metrics.detection import average_precision, detections
 from scjax.metrics.distributions import add, scene_sums, table
-from scjax.metrics.placement import match, summarise
+from scjax.metrics.placement import match, match_summary
 from scjax.metrics.pooling import pool
 from scjax.metrics.topology import compact_lanes, degrees, endpoint_gaps, key_points, reach_and_hops, route_length
 from scjax.scene import AgentType
@@ -39,7 +39,7 @@ class Golden:
                 content = content.get(key, {})
             yield from ((f"{name}: {entry.get('name', entry)}", entry) for entry in content)
 
-    def chosen(self, side):
+    def scenes(self, side):
         tiles = self.tiles(side["set"], side.get("agents", "main"))
         return [tiles[tile] for tile in side["tiles"]]
 
@@ -61,7 +61,7 @@ def close(ours, theirs, where, *, rounding=0.0):
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=TOLERANCE + rounding, err_msg=where)
 
 
-def rank_rounding(reference, made, pairs, draws=32):
+def rank_rounding(reference, generated, pairs, draws=32):
     """How far the last bit of the descriptors moves a rank correlation: scenes that occur twice make distances that are
     equal but for rounding, and the golden ranks hold the order that one processor's matrix product gave them."""
     rng = np.random.default_rng(0)
@@ -69,8 +69,8 @@ def rank_rounding(reference, made, pairs, draws=32):
     def nudged(vectors):
         return vectors * (1 + 1e-15 * rng.normal(size=vectors.shape))
 
-    found = [csc(nudged(reference), nudged(made), pairs, ranks=True) for _ in range(draws)]
-    return np.ptp(found) if np.isfinite(found).all() else 0.0
+    result = [csc(nudged(reference), nudged(generated), pairs, ranks=True) for _ in range(draws)]
+    return np.ptp(result) if np.isfinite(result).all() else 0.0
 
 
 def test_golden_tables_in_compat_mode(golden):
@@ -79,8 +79,8 @@ def test_golden_tables_in_compat_mode(golden):
         number = min(len(case["gen"]["tiles"]), len(case["real"]["tiles"]))
         sides = []
         for side in (case["gen"], case["real"]):
-            chosen = side["tiles"] if side is case["gen"] else side["tiles"][:number]
-            sides.append(add(golden.sums(side["set"], side["agents"], tile) for tile in chosen))
+            scenes = side["tiles"] if side is case["gen"] else side["tiles"][:number]
+            sides.append(add(golden.sums(side["set"], side["agents"], tile) for tile in scenes))
         row = table(*sides)
         assert set(row) == set(case["scaled"])
         for name, value in case["scaled"].items():
@@ -119,19 +119,23 @@ def test_golden_box_overlaps(golden):
 
 def test_golden_matches(golden):
     for where, case in golden.entries("design", "match"):
-        pairs = list(zip(golden.chosen(case["ref"]), golden.chosen(case["gen"]), strict=True))
+        pairs = list(zip(golden.scenes(case["ref"]), golden.scenes(case["gen"]), strict=True))
         ego = has_ego(case["gen"]["set"])
-        sums = pool(match(reference, made, generated_ego=ego) for reference, made in pairs)
+        sums = pool(match(reference, generated, generated_ego=ego) for reference, generated in pairs)
         for k, metres in enumerate((1, 2, 3)):
             assert sums[f"recall_{metres}m"] == (case["tp_array_order_1_2_3m"][k], case["n_gt"]), where
             assert sums[f"precision_{metres}m"][1] == case["n_pred"], where
-        found = summarise(sums)
-        ordered = [detections(reference, made, generated_ego=ego) for reference, made in pairs]
+        result = match_summary(sums)
+        ordered = [detections(reference, generated, generated_ego=ego) for reference, generated in pairs]
         assert [sum(int(d.hit[:, k].sum()) for d in ordered) for k in range(3)] == case["tp_egodist_order_1_2_3m"]
         precision = average_precision(ordered)
-        for ours, name in ((found["M"], "M_R"), (found["P"], "P"), (found["PxR"], "PxR"),
-                           (precision["nuscenes"], "nuscenes_ap_egodist"),
-                           (precision["interp101"], "interp101_ap_egodist")):  # fmt: skip
+        for ours, name in (
+            (result["M"], "M_R"),
+            (result["P"], "P"),
+            (result["PxR"], "PxR"),
+            (precision["nuscenes"], "nuscenes_ap_egodist"),
+            (precision["interp101"], "interp101_ap_egodist"),
+        ):
             close(ours, case[name], f"{where}, {name}")
 
 
@@ -164,12 +168,12 @@ def test_golden_control(golden):
     for name, content in golden.files.items():
         for case in content.get("design", {}).get("control", []):
             unit = standard(content)
-            reference = unit(describe(golden.chosen(case["ref"])))
-            made = unit(describe(golden.chosen(case["gen"]), ego=has_ego(case["gen"]["set"])))
+            reference = unit(describe(golden.scenes(case["ref"])))
+            generated = unit(describe(golden.scenes(case["gen"]), ego=has_ego(case["gen"]["set"])))
             shuffles = np.array(case["derangements"])
             pairs = scene_pairs(list(golden.clusters(case["ref"])), np.random.default_rng(0))
             for level in LEVELS:
-                ours, theirs, want = getattr(made, level), getattr(reference, level), case["result"][level]
+                ours, theirs, want = getattr(generated, level), getattr(reference, level), case["result"][level]
                 where = f"{name}: {case['name']}, {level}"
                 close(ccs(theirs, ours), want["CCS"], where)
                 close(spg(theirs, ours, shuffles), want["SPG"], where)

@@ -6,27 +6,36 @@ import numpy as np
 import pytest
 
 from scjax.metrics.pooling import pool, values
-from scjax.metrics.reconstruction import reconstruction, reconstruction_errors, summarise
+from scjax.metrics.reconstruction import error_summary, reconstruction, reconstruction_errors
 from scjax.scene import AgentType, Link, Signal, pad, permute
 from tests.factories.traffic import agent, crossing, lane, scene
 
-ERRORS = ("lane_point_m", "lane_z_m", "agent_centre_m", "agent_z_m", "heading_deg", "speed_mps", "length_m", "width_m",
-          "height_m")  # fmt: skip
+ERRORS = (
+    "lane_point_m",
+    "lane_z_m",
+    "agent_centre_m",
+    "agent_z_m",
+    "heading_deg",
+    "speed_mps",
+    "length_m",
+    "width_m",
+    "height_m",
+)
 SCORES = ("agent_type_accuracy", "signal_accuracy", "link_f1", "link_f1_left", "link_f1_macro")
 
 
 def lit():
-    made = crossing()
-    return made.replace(signals=np.array([Signal.STOP, Signal.UNKNOWN, Signal.GO], np.int32))
+    decoded = crossing()
+    return decoded.replace(signals=np.array([Signal.STOP, Signal.UNKNOWN, Signal.GO], np.int32))
 
 
-def test_a_copy_is_perfect():
+def test_reconstruction_of_a_copy_is_perfect():
     result = reconstruction([(lit(), lit())])
     assert all(result[name] == 0 for name in ERRORS)
     assert all(result[name] == 1 for name in SCORES)
 
 
-def test_known_changes_give_known_errors():
+def test_reconstruction_errors_of_known_changes():
     true = lit()
     agents, lanes = true.agents.copy(), true.lanes.copy()
     agents[1, :3] += [3, 4, 0.5]
@@ -34,25 +43,33 @@ def test_known_changes_give_known_errors():
     agents[2, 3] += 2
     agents[:, 6:9] += [0.4, 0.2, 0.1]
     lanes[0] += [0.3, 0.4, -0.6]
-    found = true.replace(
+    result = true.replace(
         agents=agents, lanes=lanes, agent_types=np.array([0, 0, 1, 1], np.int32), signals=np.array([3, 3, 2], np.int32)
     )
-    result = reconstruction([(true, found)])
+    result = reconstruction([(true, result)])
     expected = {
-        "agent_centre_m": 5 / 3, "agent_z_m": 0.5 / 3, "heading_deg": 60, "speed_mps": 0.5, "length_m": 0.4,
-        "width_m": 0.2, "height_m": 0.1, "lane_point_m": 0.5 / 3, "lane_z_m": 0.2, "agent_type_accuracy": 0.75,
+        "agent_centre_m": 5 / 3,
+        "agent_z_m": 0.5 / 3,
+        "heading_deg": 60,
+        "speed_mps": 0.5,
+        "length_m": 0.4,
+        "width_m": 0.2,
+        "height_m": 0.1,
+        "lane_point_m": 0.5 / 3,
+        "lane_z_m": 0.2,
+        "agent_type_accuracy": 0.75,
         "signal_accuracy": 0.5,
-    }  # fmt: skip
+    }
     for name, value in expected.items():
         assert result[name] == pytest.approx(value, abs=1e-5), name
 
 
-def test_heading_error_wraps():
-    true, found = (scene([agent(0, 0), agent(5, 5, heading)]) for heading in (179, -179))
-    assert reconstruction([(true, found)])["heading_deg"] == pytest.approx(2, abs=1e-4)
+def test_reconstruction_heading_error_wraps():
+    true, result = (scene([agent(0, 0), agent(5, 5, heading)]) for heading in (179, -179))
+    assert reconstruction([(true, result)])["heading_deg"] == pytest.approx(2, abs=1e-4)
 
 
-def test_link_scores():
+def test_reconstruction_link_f1():
     true = crossing()
     links = true.links.copy()
     links[0, 1], links[1, 0] = Link.NONE, Link.NONE  # one predecessor link missed
@@ -63,13 +80,13 @@ def test_link_scores():
     assert result["link_f1_macro"] == pytest.approx(4 / 9)
 
 
-def test_kinds_of_links_that_do_not_occur_leave_the_mean():
+def test_reconstruction_macro_f1_skips_absent_links():
     plain = scene([agent(0, 0)], [lane((-9, 0), (0, 0)), lane((0, 0), (9, 0))], joined=[(0, 1)])
     result = reconstruction([(plain, plain)])
     assert math.isnan(result["link_f1_left"]) and result["link_f1_macro"] == 1
 
 
-def test_unknown_values_do_not_count():
+def test_reconstruction_ignores_unknown_values():
     true = lit()
     agent_known, lane_known = true.agent_known.copy(), true.lane_known.copy()
     agent_known[:, 6:9], agent_known[1, 2], lane_known[:, 2] = False, False, False
@@ -86,7 +103,7 @@ def test_unknown_values_do_not_count():
     assert math.isnan(reconstruction([(flat, blind)])["lane_z_m"])
 
 
-def test_streaming_equals_pooling_and_padding_does_not_count():
+def test_reconstruction_ignores_batching_and_padding():
     rng = np.random.default_rng(0)
 
     def pairs():
@@ -98,16 +115,16 @@ def test_streaming_equals_pooling_and_padding_does_not_count():
     stored = list(pairs())
     streamed = reconstruction(pairs())
     halves = [pool(reconstruction_errors(*pair) for pair in part) for part in (stored[:2], stored[2:])]
-    for name, value in summarise(pool(halves)).items():
+    for name, value in error_summary(pool(halves)).items():
         assert value == pytest.approx(streamed[name], rel=1e-12), name
-    padded = reconstruction((pad(true, 9, 7), pad(found, 6, 5)) for true, found in stored)
+    padded = reconstruction((pad(true, 9, 7), pad(result, 6, 5)) for true, result in stored)
     assert padded == pytest.approx(streamed)
     order, lanes = np.append(0, 1 + rng.permutation(3)), rng.permutation(3)
-    shuffled = reconstruction((permute(true, order, lanes), permute(found, order, lanes)) for true, found in stored)
+    shuffled = reconstruction((permute(true, order, lanes), permute(result, order, lanes)) for true, result in stored)
     assert shuffled == pytest.approx(streamed)
 
 
-def test_twins_must_have_the_same_elements():
+def test_reconstruction_needs_equal_element_counts():
     with pytest.raises(ValueError, match="matched by index"):
         reconstruction_errors(crossing(), scene([agent(0, 0)], types=[AgentType.VEHICLE]))
     assert math.isnan(values(reconstruction_errors(scene([agent(0, 0)]), scene([agent(0, 0)])))["agent_centre_m"])

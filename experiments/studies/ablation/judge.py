@@ -16,9 +16,9 @@ from scjax.generate.conditions import Condition
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check
 from scjax.metrics.measure import control_values, distribution_values, match_values, measure, scene_values
-from scjax.metrics.measured import SceneStats
-from scjax.metrics.placement import cone
+from scjax.metrics.placement import field_of_view
 from scjax.metrics.pooling import Values, ratio
+from scjax.metrics.scene_stats import SceneStats
 from scjax.scene import Crop, Scene, stack, unpadded
 from scjax.scene.io import load_npz, save_npz
 
@@ -67,9 +67,13 @@ def sampled(
         for start in range(0, len(conditions), CALL):
             begin, part = time.perf_counter(), conditions[start : start + CALL]
             scenes += scjax.sample_many(
-                jax.random.fold_in(jax.random.key(seed), start), part, model=model, sampler=how.name, steps=how.steps,
+                jax.random.fold_in(jax.random.key(seed), start),
+                part,
+                model=model,
+                sampler=how.name,
+                steps=how.steps,
                 guidance=how.guidance,
-            )  # fmt: skip
+            )
             times.append((time.perf_counter() - begin) / len(part))
         seconds.write_text(str(min(times[1:], default=math.nan)))
         save_npz(stack(scenes), path)
@@ -84,9 +88,9 @@ def values_of(scenes: Sequence[Scene], requests: Requests, real: SceneStats, los
       loss: mean of ``denoising_losses`` over the references.
     """
     ahead = int(requests.references[0].crop) == Crop.FORWARD
-    found = measure(scenes, requests.clusters, requests.references, where=cone() if ahead else None)
-    sums = found.tally.total
-    values = distribution_values(sums, real.tally.total, "strict") | scene_values(sums) | match_values(sums)
+    found = measure(scenes, requests.clusters, requests.references, region=field_of_view() if ahead else None)
+    sums = found.cluster_sums.total
+    values = distribution_values(sums, real.cluster_sums.total, "strict") | scene_values(sums) | match_values(sums)
     values |= control_values(found, real, shuffles=0)
     values["control"] = (values["lane CCS"] + values["agent CCS"]) / 2
     answers = scenes[: len(requests.asked)]  # images ask for nothing in words

@@ -68,10 +68,16 @@ def summary(runs: Sequence[Run]) -> list[dict[str, Any]]:
         }
         cost = ("parameters", "flops", "flops_cached", "seconds_a_step", "seconds_a_scene")
         rows.append(
-            {"kind": kind, "entry": name, "title": ENTRIES[name].title, "seeds": [run["seed"] for run in mine],
-             "verdict": verdict(runs, kind, name), "metrics": found,
-             **{field: float(np.median([run[field] for run in mine])) for field in cost}}
-        )  # fmt: skip
+            {
+                "kind": kind,
+                "entry": name,
+                "title": ENTRIES[name].title,
+                "seeds": [run["seed"] for run in mine],
+                "verdict": verdict(runs, kind, name),
+                "metrics": found,
+                **{field: float(np.median([run[field] for run in mine])) for field in cost},
+            }
+        )
     return rows
 
 
@@ -119,11 +125,15 @@ def markdown(runs: Sequence[Run]) -> str:
         shown = [name for name in METRICS if any(math.isfinite(row["metrics"][name]["own"].mean) for row in mine)]
         seeds = max(len(row["seeds"]) for row in mine)
         told = "Of one seed." if seeds == 1 else f"Mean ± half of the {100 * LEVEL:.0f} % interval over {seeds} seeds."
-        lines = [f"## On {kind}s\n", f"Judged by: {METRICS[headline][0]}. {told}\n",
-                 f"| mechanism | verdict | {headline} over its twin | {headline} over none | "
-                 "loss under its twin's | loss under none's | "
-                 + " | ".join(f"{name} {'↑' if METRICS[name][1] else '↓'}" for name in shown) + " |",
-                 "|---" * (6 + len(shown)) + "|"]  # fmt: skip
+        lines = [
+            f"## On {kind}s\n",
+            f"Judged by: {METRICS[headline][0]}. {told}\n",
+            f"| mechanism | verdict | {headline} over its twin | {headline} over none | "
+            "loss under its twin's | loss under none's | "
+            + " | ".join(f"{name} {'↑' if METRICS[name][1] else '↓'}" for name in shown)
+            + " |",
+            "|---" * (6 + len(shown)) + "|",
+        ]
         for row in mine:
             found = row["metrics"]
             gains = (
@@ -134,11 +144,20 @@ def markdown(runs: Sequence[Run]) -> str:
             cells = [row["title"], row["verdict"], *gains]
             cells += [found[name]["own"].told(DIGITS.get(name, 3)) for name in shown]
             lines.append("| " + " | ".join(cells) + " |")
-        lines += ["", "| mechanism | parameters it adds | MFLOP a scene and step | the same, condition cached | "
-                  "s a training step | s a sampled scene |", "|---" * 6 + "|"]  # fmt: skip
+        lines += [
+            "",
+            "| mechanism | parameters it adds | MFLOP a scene and step | the same, condition cached | "
+            "s a training step | s a sampled scene |",
+            "|---" * 6 + "|",
+        ]
         for row in mine:
-            cells = [row["title"], f"{row['parameters']:,.0f}", f"{row['flops'] / 1e6:.1f}",
-                     f"{row['flops_cached'] / 1e6:.1f}", f"{row['seconds_a_step']:.3f}"]  # fmt: skip
+            cells = [
+                row["title"],
+                f"{row['parameters']:,.0f}",
+                f"{row['flops'] / 1e6:.1f}",
+                f"{row['flops_cached'] / 1e6:.1f}",
+                f"{row['seconds_a_step']:.3f}",
+            ]
             cells.append(f"{row['seconds_a_scene']:.3f}" if math.isfinite(row["seconds_a_scene"]) else "")
             lines.append("| " + " | ".join(cells) + " |")
         parts.append("\n".join(lines) + "\n")

@@ -81,10 +81,9 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     other = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
     domains = [source.domains[int(scene.domain)] for scene in scenes]
     counts = [
-        {"num_lanes": max(int(scene.num_lanes), 1), "num_agents": int(scene.num_agents), "domain": domain,
-         "crop": crop}
+        {"num_lanes": max(int(scene.num_lanes), 1), "num_agents": int(scene.num_agents), "domain": domain, "crop": crop}
         for scene, domain in zip(scenes, domains, strict=True)
-    ]  # fmt: skip
+    ]
     own = [Condition(**count, **given) for count, given in zip(counts, features, strict=True)]
     shuffled = [Condition(**count, **features[row]) for count, row in zip(counts, other, strict=True)]
     fingerprint = digest(kind, source.fingerprint, row_text(rows), row_text(other), told)

@@ -148,9 +148,16 @@ def _copy(config: Any) -> ConfigDict:
 
 
 def _row(
-    config: Any, workdir: Path, base: str, known: str, requests: Requests, name: str, kind: str, seed: int,
+    config: Any,
+    workdir: Path,
+    base: str,
+    known: str,
+    requests: Requests,
+    name: str,
+    kind: str,
+    seed: int,
     sampler: Sampler,
-) -> dict[str, Any] | None:  # fmt: skip
+) -> dict[str, Any] | None:
     """A run's result, made now or before; None if a signal stopped it."""
     training = run_config(config, base, ENTRIES[name], kind, seed)
     told = digest(json.dumps({**json.loads(training.to_json()), "start": known}, sort_keys=True))[:8]
@@ -178,9 +185,16 @@ def _trained(training: ConfigDict, folder: Path) -> str | None:
 
 
 def _result(
-    model: scjax.Model, folder: Path, stem: str, base: str, requests: Requests, entry: Entry, kind: str, seed: int,
+    model: scjax.Model,
+    folder: Path,
+    stem: str,
+    base: str,
+    requests: Requests,
+    entry: Entry,
+    kind: str,
+    seed: int,
     sampler: Sampler,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     slots = PADDED_SLOTS if entry.padded and kind == "text" else 0
     real = measure(requests.references, requests.clusters)
     found: dict[str, Any] = {}
@@ -202,8 +216,12 @@ def _result(
         f"flops{name}": denoiser_forward(config, lanes, agents, context, cached=cached)  # pyright: ignore
         for name, cached in (("", False), ("_cached", True))
     }
-    return {**found, **flops, "parameters": _size(model) - _size(scjax.load(base)),
-            "seconds_a_step": _step_seconds(folder)}  # fmt: skip
+    return {
+        **found,
+        **flops,
+        "parameters": _size(model) - _size(scjax.load(base)),
+        "seconds_a_step": _step_seconds(folder),
+    }
 
 
 def _size(model: scjax.Model) -> int:

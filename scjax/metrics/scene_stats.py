@@ -1,4 +1,4 @@
-"""What is known of a population of scenes after the scenes are gone; parts of it merge, and are kept in files."""
+"""Statistics of a set of scenes: cluster sums, descriptors and scored agents; parts merge and are stored as npz files."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from scjax.metrics.cluster_sums import ClusterSums
 from scjax.metrics.descriptors import Descriptor, describe
 from scjax.metrics.detection import Detections
-from scjax.metrics.tally import ClusterSums
 
-_TALLY, _SHOWN = "tally/", "shown/"
+_SUMS, _PER_SCENE = "sums/", "per_scene/"
 
 
 @dataclasses.dataclass
 class SceneStats:
-    """Sums by location, and what has to be kept of every scene.
+    """Sums per location, and the values of every scene that cannot be summed.
 
     Attributes:
-      tally: sums by cluster; names start with "strict/", "compat/", "scene/", and "match/" where references were given.
-      descriptors: raw, [scenes, .].
-      clusters: of every scene.
+      cluster_sums: sums per cluster; names start with "strict/", "compat/", "scene/", and with references "match/".
+      descriptors: raw descriptors, [scenes, .].
+      clusters: location of every scene.
       detections: of every scene with a reference, scored by distance to the ego.
-      consensus: the same, scored by the agreement with other samples; empty where there are none.
-      shown: name -> a value of every scene, by which the best and the worst are found; NaN where it has none.
+      consensus: the same, scored by agreement with other samples; empty without siblings.
+      per_scene: name -> value of every scene for ranking scenes; NaN where undefined.
     """
 
-    tally: ClusterSums
+    cluster_sums: ClusterSums
     descriptors: Descriptor
     clusters: list[str]
     detections: list[Detections]
     consensus: list[Detections] = dataclasses.field(default_factory=list)
-    shown: dict[str, Float64[np.ndarray, " scenes"]] = dataclasses.field(default_factory=dict)
+    per_scene: dict[str, Float64[np.ndarray, " scenes"]] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.clusters)
 
     def save(self, path: Path) -> None:
-        """One npz file, under a temporary name first."""
-        content: dict[str, Any] = {f"{_TALLY}{name}": value for name, value in self.tally.arrays().items()}
-        content |= {f"{_SHOWN}{name}": value for name, value in self.shown.items()}
+        """Writes one npz file (under a temporary name first)."""
+        content: dict[str, Any] = {f"{_SUMS}{name}": value for name, value in self.cluster_sums.arrays().items()}
+        content |= {f"{_PER_SCENE}{name}": value for name, value in self.per_scene.items()}
         content |= self.descriptors._asdict() | {"scene_clusters": np.array(self.clusters, dtype=np.str_)}
         for name in ("detections", "consensus"):
             content |= _packed(name, getattr(self, name))
@@ -59,41 +59,41 @@ class SceneStats:
         """Inverse of ``save``.
 
         Raises:
-          ValueError: no such file, or one of another kind.
+          ValueError: the file is missing, damaged or of another format.
         """
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 content = {name: data[name] for name in data.files}
             return cls(
-                tally=ClusterSums.from_arrays(_under(content, _TALLY)),
+                cluster_sums=ClusterSums.from_arrays(_under(content, _SUMS)),
                 descriptors=Descriptor(*(content[name] for name in Descriptor._fields)),
                 clusters=[str(name) for name in content["scene_clusters"]],
                 detections=_unpacked("detections", content),
                 consensus=_unpacked("consensus", content),
-                shown=_under(content, _SHOWN),
+                per_scene=_under(content, _PER_SCENE),
             )
         except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise ValueError(f"{path} holds no measured scenes ({error}): delete it and evaluate again") from error
 
 
-def merged(parts: Sequence[SceneStats]) -> SceneStats:
-    """Parts of one population as a whole, scenes in the order of the parts."""
-    tally = ClusterSums()
+def merge_stats(parts: Sequence[SceneStats]) -> SceneStats:
+    """Joins parts of one set of scenes, in the order of the parts."""
+    cluster_sums = ClusterSums()
     for part in parts:
-        tally.merge(part.tally)
-    names = dict.fromkeys(name for part in parts for name in part.shown)
+        cluster_sums.merge(part.cluster_sums)
+    names = dict.fromkeys(name for part in parts for name in part.per_scene)
     return SceneStats(
-        tally=tally,
-        descriptors=stacked([describe([]), *(part.descriptors for part in parts)]),
+        cluster_sums=cluster_sums,
+        descriptors=concat_descriptors([describe([]), *(part.descriptors for part in parts)]),
         clusters=[cluster for part in parts for cluster in part.clusters],
         detections=[one for part in parts for one in part.detections],
         consensus=[one for part in parts for one in part.consensus],
-        shown={name: np.concatenate([part.shown[name] for part in parts if len(part)]) for name in names},
+        per_scene={name: np.concatenate([part.per_scene[name] for part in parts if len(part)]) for name in names},
     )
 
 
-def stacked(rows: Sequence[Descriptor]) -> Descriptor:
-    """Descriptors of several populations, one after the other."""
+def concat_descriptors(rows: Sequence[Descriptor]) -> Descriptor:
+    """Concatenates descriptors along the scene axis."""
     return Descriptor(*(np.concatenate([row[k] for row in rows]) for k in range(len(Descriptor._fields))))
 
 

@@ -1,7 +1,7 @@
-"""Sums of many scenes, kept by location cluster: small however many scenes there are, and all that tables need.
+"""Sums over scenes, one set per location cluster: all that the tables, intervals and floors need.
 
-Scenes of one location are alike, so intervals and floors draw whole clusters. Scenes without a known location are
-dealt out to a fixed number of groups.
+Scenes of one location are alike, so bootstrap intervals and floors resample whole clusters. Scenes without a known
+location are distributed over a fixed number of groups. The size does not grow with the number of scenes.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from scjax.metrics.distributions import Sums
 from scjax.metrics.pooling import Values, interval
 
 FORMAT = 1
-GROUPS = 200  # of scenes whose location is unknown
-DRAWS = 300
+GROUPS = 200  # for scenes of unknown location
+DRAWS = 300  # bootstrap samples
 
 Table = Callable[[Sums, Sums], Values]
 """(sums of the generated, sums of the real scenes) -> values."""
@@ -30,24 +30,24 @@ class ClusterSums:
     clusters: dict[str, Sums] = dataclasses.field(default_factory=dict)
 
     def add(self, sums: Sums, cluster: str) -> None:
-        """One scene, or the sums of several of one cluster."""
-        held = self.clusters.get(cluster)
+        """Adds the sums of one scene, or of several scenes of one cluster."""
+        previous = self.clusters.get(cluster)
         self.clusters[cluster] = (
-            dict(sums) if held is None else {name: held[name] + value for name, value in sums.items()}
+            dict(sums) if previous is None else {name: previous[name] + value for name, value in sums.items()}
         )
 
     def merge(self, other: ClusterSums) -> None:
-        """Adds what another tally holds; the order does not matter."""
+        """Adds the sums of ``other``; the order of merging does not matter."""
         for cluster, sums in other.clusters.items():
             self.add(sums, cluster)
 
     @property
     def total(self) -> Sums:
-        """Sums over everything; empty without any scene."""
+        """Sums over all clusters; empty without scenes."""
         return self._split(self._matrix().sum(0)) if self.clusters else {}
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All of it as arrays, to be kept in a file."""
+        """The content as arrays for an npz file."""
         names = sorted(self.clusters)
         content = {"format": np.array(FORMAT), "clusters": np.array(names, dtype=np.str_)}
         if names:
@@ -62,10 +62,10 @@ class ClusterSums:
         """Inverse of ``arrays``.
 
         Raises:
-          ValueError: of another format.
+          ValueError: the arrays have another format.
         """
-        if (found := int(content["format"])) != FORMAT:
-            raise ValueError(f"a tally of format {found} instead of {FORMAT}")
+        if (number := int(content["format"])) != FORMAT:
+            raise ValueError(f"cluster sums of format {number} instead of {FORMAT}")
         sums = {key[4:]: value for key, value in content.items() if key.startswith("sum/")}
         names = [str(name) for name in content["clusters"]]
         return cls({cluster: {name: rows[k] for name, rows in sums.items()} for k, cluster in enumerate(names)})
@@ -73,21 +73,21 @@ class ClusterSums:
     def intervals(
         self, real: ClusterSums, table: Table, *, draws: int = DRAWS, seed: int = 0, level: float = 0.95
     ) -> dict[str, tuple[float, float]]:
-        """Bootstrap intervals of ``table(total, real.total)``, clusters of both sides drawn with replacement.
+        """Bootstrap intervals of ``table(total, real.total)``; both sides resample clusters with replacement.
 
-        Drawing makes two sides differ more than they do, so that distances would be too large: the percentile interval
-        is moved by that bias, and distances are kept from going below 0. NaN with fewer than two clusters on a side.
+        Resampling increases the distance between two sides. The percentile interval of a distance is shifted by that
+        bias and clipped at 0. NaN with fewer than two clusters on a side.
         """
-        centre, drawn = table(self.total, real.total), self.drawn(real, table, draws=draws, seed=seed)
-        return bounds(centre, drawn, level)
+        samples = self.bootstrap_samples(real, table, draws=draws, seed=seed)
+        return bootstrap_intervals(table(self.total, real.total), samples, level)
 
-    def drawn(
+    def bootstrap_samples(
         self, real: ClusterSums, table: Table, *, draws: int = DRAWS, seed: int = 0
     ) -> dict[str, Float64[np.ndarray, " draws"]]:
-        """The values in every draw of ``intervals``; empty with fewer than two clusters on a side.
+        """Name -> its value in each bootstrap sample; empty with fewer than two clusters on a side.
 
-        Tallies of the same clusters in the same order draw the same ones from the same seed, so that differences of
-        their values are paired.
+        Objects with the same clusters in the same order and the same seed resample the same clusters, so differences
+        of their values are paired.
         """
         if min(len(self.clusters), len(real.clusters)) < 2:
             return {}
@@ -99,33 +99,33 @@ class ClusterSums:
     def floor(
         self, table: Table, *, scenes: int | None = None, splits: int = DRAWS, seed: int = 0
     ) -> dict[str, tuple[float, float, float]]:
-        """What the table says of two random sets of other locations of these: mean, and the range of 95 % of the draws.
+        """Floor: the table between two random sets of disjoint clusters of these; mean and central 95 % over splits.
 
-        A model cannot be told from real scenes where its value lies within the range. Each set holds clusters until
-        there are ``scenes`` of them, or half of all clusters.
+        A value inside the range is not significantly different from real scenes. Clusters are added to each set until
+        it has ``scenes`` scenes, or half of all scenes.
 
         Raises:
-          ValueError: with fewer than two clusters.
+          ValueError: there are fewer than two clusters.
         """
         names = list(self.clusters)
         if len(names) < 2:
             raise ValueError(f"a floor needs scenes of two locations or more, not {len(names)}")
-        held = np.array([_scene_count(sums) for sums in self.clusters.values()])
-        wanted = min(scenes or np.inf, held.sum() / 2)
+        scene_counts = np.array([_scene_count(sums) for sums in self.clusters.values()])
+        target = min(scenes or np.inf, scene_counts.sum() / 2)
         rng, matrix, rows = np.random.default_rng(seed), self._matrix(), []
         for _ in range(splits):
             order = rng.permutation(len(names))
-            reached = np.cumsum(held[order])
-            first = min(int(np.searchsorted(reached, wanted)) + 1, len(names) - 1)
-            second = int(np.searchsorted(reached, reached[first - 1] + wanted)) + 1
+            cumulative = np.cumsum(scene_counts[order])
+            first = min(int(np.searchsorted(cumulative, target)) + 1, len(names) - 1)
+            second = int(np.searchsorted(cumulative, cumulative[first - 1] + target)) + 1
             sides = order[:first], order[first : max(second, first + 1)]
             rows.append(table(*(self._split(matrix[side].sum(0)) for side in sides)))
-        found = {}
+        ranges = {}
         for name in rows[0]:
             column = np.array([row[name] for row in rows])
             column = column[np.isfinite(column)]
-            found[name] = (float(column.mean()) if len(column) else float("nan"), *interval(column))
-        return found
+            ranges[name] = (float(column.mean()) if len(column) else float("nan"), *interval(column))
+        return ranges
 
     def _matrix(self) -> Float64[np.ndarray, "clusters numbers"]:
         names = list(next(iter(self.clusters.values())))
@@ -143,31 +143,37 @@ class ClusterSums:
         return [self._split(row) for row in weights @ self._matrix()]
 
 
-def bounds(
-    centre: Values, drawn: Mapping[str, Float64[np.ndarray, " draws"]], level: float = 0.95
+def bootstrap_intervals(
+    point: Values, samples: Mapping[str, Float64[np.ndarray, " draws"]], level: float = 0.95
 ) -> dict[str, tuple[float, float]]:
-    """``ClusterSums.intervals`` of values whose draws are at hand; NaN without any."""
+    """Intervals as ``ClusterSums.intervals`` from given bootstrap samples; NaN without samples.
+
+    Args:
+      point: the values over all scenes.
+      samples: of ``ClusterSums.bootstrap_samples``.
+      level: coverage.
+    """
     tails = [(1 - level) / 2, (1 + level) / 2]
-    found = {}
-    for name, value in centre.items():
-        column = drawn.get(name, np.zeros(0))
+    bounds = {}
+    for name, value in point.items():
+        column = samples.get(name, np.zeros(0))
         column = column[np.isfinite(column)]
         if not len(column) or not np.isfinite(value):
-            found[name] = (float("nan"), float("nan"))
+            bounds[name] = (float("nan"), float("nan"))
             continue
         bias = column.mean() - value if _is_distance(name) else 0.0
         low, high = np.quantile(column, tails) - bias
-        found[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
-    return found
+        bounds[name] = (float(max(low, 0.0) if _is_distance(name) else low), float(high))
+    return bounds
 
 
 def group_of(index: int) -> str:
-    """The group that scene ``index`` of unknown location is dealt to."""
+    """The group that stands for the location of scene ``index``, if that is unknown."""
     return f"group {index % GROUPS}"
 
 
 def _scene_count(sums: Sums) -> float:
-    """Number of scenes that sums of either mode hold; 1 a cluster where they are not counted."""
+    """Number of scenes in the sums; 1 where they do not count scenes."""
     counts = (float(value[0]) for name, value in sums.items() if name.rpartition("/")[2] == "scenes")
     return next(counts, 1.0)
 
