@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.nn.cpu.precision import cpu_flags
+from scjax.nn.cpu.backend import cpu_flags
 from scjax.scene import Crop, Link, Scene, empty, stack
 
 BUCKETS = ((61, 44), (61, 64), (61, 80), (61, 100))  # (agent, lane) slots

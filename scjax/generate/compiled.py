@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,15 +20,13 @@ from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import NormalizedScene, SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
+from scjax.nn.cpu.backend import fast_compile_options
 from scjax.nn.functional import Functional, Params
 from scjax.nn.sharding import spread
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType, generated_mask
 
 Program = Callable[..., Scene]
-
-_QUICK = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
-"""LLVM's dear passes: a sixth of the time until a first scene, and no later scene is faster (benchmarks/README.md)."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -103,10 +100,7 @@ def reconstruction_program(codec: SceneCodec, config: AutoencoderConfig) -> Prog
 
 def compiled(run: Program, shared: int) -> Program:
     """``run``, its batches spread over devices (``devices.spread``); on a CPU compiled quickly rather than well."""
-    options: dict[str, Any] | None = None
-    if jax.default_backend() == "cpu" and not jax.config.values["jax_disable_most_optimizations"]:
-        options = _QUICK
-    return jax.jit(spread(run, shared=shared), compiler_options=options)
+    return jax.jit(spread(run, shared=shared), compiler_options=fast_compile_options())
 
 
 def decode(

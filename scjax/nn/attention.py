@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-_CACHED = 2**20 * 7 // 2  # scores of a part: 14 MB in float32
+from scjax.nn.cpu.backend import attention_parts
 
 
 def split_heads(x: Float[Array, "b t hd"], heads: int) -> Float[Array, "b h t d"]:
@@ -66,7 +66,7 @@ def attend_heads(
         return _attend(queries * scale, keys, values, rows).reshape(q.shape)
 
     arrays = (q, k, v, mask)
-    parts = _parts(len(q), q.shape[1] * q.shape[2] * k.shape[2])
+    parts = attention_parts(len(q), q.shape[1] * q.shape[2] * k.shape[2])
     if parts == 1:
         return attend_scenes(arrays)
     split = tuple(x.reshape(parts, -1, *x.shape[1:]) for x in arrays)
@@ -84,13 +84,3 @@ def _attend(
     p = jnp.exp(logits - largest)
     total = p.sum(-1, keepdims=True)
     return (p.astype(v.dtype) @ v) / jnp.where(total > 0, total, 1.0).astype(v.dtype)
-
-
-def _parts(scenes: int, scores: int) -> int:
-    """Into how many equal parts a batch is cut so that the scores of a part (``scores`` a scene) stay in cache.
-
-    On CPU only: long condition contexts run 2-4 times faster, forward and backward (recomputed, never stored).
-    """
-    if jax.default_backend() != "cpu":
-        return 1
-    return next(n for n in range(1, scenes + 1) if scenes % n == 0 and (scenes // n * scores <= _CACHED or n == scenes))

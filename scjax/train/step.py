@@ -15,6 +15,7 @@ from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, PipelineConfig
 from scjax.generate.model import Model
 from scjax.models.codec import SceneCodec
+from scjax.nn.cpu.backend import scenes_per_step
 from scjax.nn.functional import Params
 from scjax.nn.sharding import AXIS, scene_mesh
 from scjax.scene.pytree import pytree
@@ -23,8 +24,6 @@ from scjax.train.flat_params import FlatParams, Vectors, trained
 from scjax.train.muon import muon
 from scjax.train.optimizer import adamw
 from scjax.train.reporter import Reporter
-
-_AT_ONCE = 16
 
 Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, jax.Array]]]
 
@@ -111,7 +110,7 @@ def training_step(
       equal shares over the devices of one process where their length allows it, else whole on each.
     """
     mesh = scene_mesh(batch_size, devices)
-    most = at_once or (_AT_ONCE if jax.default_backend() == "cpu" else batch_size)
+    most = at_once or scenes_per_step(batch_size)
     spread = NamedSharding(mesh, PartitionSpec(AXIS))
 
     def place(leaf: Any) -> PartitionSpec:

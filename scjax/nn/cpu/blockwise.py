@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from scjax.nn.cpu.backend import on_cpu
+
 # Lane pairs worked on at once: 64 float32 features of each are 128 kB, a dozen such arrays fit a core's L2 cache, and
 # blocks of few rows leave little padding. Much smaller ones spend their time on being started.
 _PAIRS_ON_CPU = 512
@@ -32,7 +34,7 @@ def blockwise_map(
       real: rows to work out; others may come out as zero.
       sources: pairs in a row.
     """
-    if jax.default_backend() != "cpu":
+    if not on_cpu():
         return jax.checkpoint(function)(scenes, rows)
     length = real.shape[1]
     blocks = math.ceil(length / max(1, _PAIRS_ON_CPU // max(sources, 1)))

@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from scjax.nn.cpu.backend import on_cpu
+
 _SMALL_KERNEL = 128 * 128  # numbers
 
 
@@ -25,7 +27,7 @@ def product(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n
     XLA:CPU sums the gradient of so small a kernel over all rows at a third to a half of the forward product's rate; by
     groups of rows it is faster. Larger kernels keep the plain form.
     """
-    small = w.size <= _SMALL_KERNEL and jax.default_backend() == "cpu"
+    small = w.size <= _SMALL_KERNEL and on_cpu()
     return _by_groups(x, w) if small else x @ w
 
 
@@ -73,7 +75,7 @@ def _column_sums(x: Float[Array, "m c"]) -> Float[Array, " c"]:
 
 
 def _products_sum() -> bool:
-    return jax.default_backend() == "cpu"  # faster there; elsewhere products may round their operands
+    return on_cpu()  # faster there; elsewhere products may round their operands
 
 
 @jax.custom_vjp

@@ -1,15 +1,13 @@
-"""The one matrix product of the networks, in the precision that the machine does best.
+"""The one matrix product of the networks, in the precision that the machine multiplies fastest.
 
-XLA:CPU multiplies float32 at the AVX-512 rate; bfloat16 operands accumulated in float32 are faster with AMX and
-on AMD's AVX-512 (benchmarks/README.md), but only in the layout where the contracted axis of the left operand is
-last. The backward products are transposed, so the transposed operand is really laid out before the product.
+XLA:CPU multiplies float32 at the AVX-512 rate. Products of bfloat16 operands, accumulated in float32, are faster with
+AMX and with AMD's AVX-512 (benchmarks/README.md), but only if the contracted axis of the left operand is the last one.
+The products of the backward pass are transposed, so the transposed operand is copied into that layout first.
 """
 
 from __future__ import annotations
 
-import functools
 import typing
-from pathlib import Path
 from typing import Literal
 
 import jax
@@ -17,8 +15,10 @@ import jax.numpy as jnp
 from jax.experimental.layout import Layout, with_layout_constraint
 from jaxtyping import Array, Float
 
+from scjax.nn.cpu.backend import bfloat16_is_faster, on_cpu
+
 Compute = Literal["float32", "bfloat16", "auto"]
-"""Operands of the products; "auto": bfloat16 on a CPU that multiplies it faster, float32 elsewhere."""
+"""Operands of the products; "auto": bfloat16 on GPU and TPU and on CPUs that multiply it faster, float32 elsewhere."""
 
 
 def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) -> Float[Array, "*b o"]:
@@ -30,9 +30,7 @@ def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) ->
 
 
 def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
-    """What "auto" is on this machine; the others are what they say.
-
-    Decided by the CPU's instructions and not by a clock: a training that goes on must compute as it began.
+    """The precision of the operands on this machine: "auto" is resolved, the others stay as they are.
 
     Raises:
       ValueError: no such precision.
@@ -41,25 +39,7 @@ def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
         raise ValueError(f"compute must be one of {', '.join(typing.get_args(Compute))}, not {compute!r}")
     if compute != "auto":
         return compute
-    flags = cpu_flags()
-    # A large product with the instruction of AVX-512 for bfloat16: 1.7 times the rate of float32 on AMD, 0.55 on Intel.
-    faster = "amx_bf16" in flags or ("avx512_bf16" in flags and "AuthenticAMD" in cpu_entry("vendor_id"))
-    return "bfloat16" if faster and jax.default_backend() == "cpu" else "float32"
-
-
-def cpu_flags(path: str = "/proc/cpuinfo") -> frozenset[str]:
-    """Names of the CPU's features as Linux tells them; empty elsewhere."""
-    return cpu_entry("flags", path)
-
-
-@functools.cache
-def cpu_entry(name: str, path: str = "/proc/cpuinfo") -> frozenset[str]:
-    """The words that Linux has under a name for the first processor; none elsewhere."""
-    try:
-        lines = Path(path).read_text().splitlines()
-    except OSError:
-        return frozenset()
-    return frozenset(next((line.split(":", 1)[1].split() for line in lines if line.startswith(name)), ()))
+    return "bfloat16" if bfloat16_is_faster() else "float32"
 
 
 def _product(a: Float[Array, "m k"], b: Float[Array, "k n"]) -> Float[Array, "m n"]:
@@ -67,7 +47,8 @@ def _product(a: Float[Array, "m k"], b: Float[Array, "k n"]) -> Float[Array, "m 
 
 
 def _transposed(a: Float[Array, "m n"]) -> Float[Array, "n m"]:
-    return with_layout_constraint(a.astype(jnp.bfloat16).T, Layout((0, 1)))
+    transposed = a.astype(jnp.bfloat16).T
+    return with_layout_constraint(transposed, Layout((0, 1))) if on_cpu() else transposed
 
 
 @jax.custom_vjp
@@ -75,13 +56,13 @@ def _mixed(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"
     return _product(x, w)
 
 
-def _forward(x, w):
+def _mixed_forward(x, w):
     return _product(x, w), (x, w)
 
 
-def _backward(saved, g):
+def _mixed_backward(saved, g):
     x, w = saved
     return _product(g, _transposed(w)), _product(_transposed(x), g)
 
 
-_mixed.defvjp(_forward, _backward)
+_mixed.defvjp(_mixed_forward, _mixed_backward)
