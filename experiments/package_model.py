@@ -23,7 +23,7 @@ from experiments.studies.arguments import parser_of
 from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders.text import Encoder, load_text_encoder
-from scjax.generate.model import SHIPPED, Model
+from scjax.generate.model import COMPONENTS, DEFAULT_MODEL, Model
 from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
 
@@ -34,7 +34,9 @@ _CARD = "README.md"
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = parser_of("ship", __doc__)
     parser.add_argument("--model", required=True, help="trained model folder with denoiser and counter")
-    parser.add_argument("--out", type=Path, default=SHIPPED, help="folder to replace (default: the package's own)")
+    parser.add_argument(
+        "--out", type=Path, default=DEFAULT_MODEL, help="folder to replace (default: the package's own)"
+    )
     parser.add_argument(
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
@@ -49,9 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         model = scjax.load(args.model)
         if args.count_predictor:
             model = counted(model, scjax.load(args.count_predictor))
-        if args.sharpness and model.count_predictor_config is not None:
-            counts = dataclasses.replace(model.count_predictor_config, sharpness=args.sharpness)
-            model = dataclasses.replace(model, count_predictor_config=counts)
+        if args.sharpness and "count_predictor" in model.components:
+            counts = dataclasses.replace(model.count_predictor.config, sharpness=args.sharpness)
+            model = model.with_component("count_predictor", counts, model.count_predictor.params)
         if args.steps:
             model = dataclasses.replace(model, notes={**model.notes, "steps": args.steps})
         if args.steer:
@@ -76,9 +78,8 @@ def counted(model: Model, other: Model) -> Model:
     if model.text_encoder != other.text_encoder:
         raise ValueError(f"counts learnt from {other.text_encoder} features do not fit {model.text_encoder}")
     notes = {**model.notes, "count_predictor": other.notes.get("count_predictor", {})}
-    return dataclasses.replace(
-        model, count_predictor=other.count_predictor, count_predictor_config=other.count_predictor_config, notes=notes
-    )
+    components = {**model.components, "count_predictor": other.count_predictor}
+    return dataclasses.replace(model, components=components, notes=notes)
 
 
 def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, float]:
@@ -90,8 +91,8 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
     Raises:
       ValueError: a part is missing, a domain is not of the synthetic world, or the files are too large.
     """
-    for part in ("autoencoder", "denoiser", "count_predictor"):
-        if getattr(model, part) is None:
+    for part in COMPONENTS:
+        if part not in model.components:
             raise ValueError(f"the model has no {part}: train that stage first")
     foreign = set(model.domains) - {domain.name for domain in DOMAINS}
     if foreign:
@@ -101,9 +102,9 @@ def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, f
         raise ValueError(f"the model was trained with {model.text_encoder}, but the encoder here is {encoder.name}")
     prompts = {text: np.asarray(one.features) for text, one in zip(PROMPTS, encoder(PROMPTS), strict=True)}
     card = (out / _CARD).read_text() if (out / _CARD).is_file() else None
-    assert model.denoiser_config is not None
-    network = dataclasses.replace(model.denoiser_config, compute="float32")
-    shipped = dataclasses.replace(model, denoiser_config=network, prompts=prompts, notes=public_notes(model.notes))
+    network = dataclasses.replace(model.denoiser.config, compute="float32")
+    shipped = model.with_component("denoiser", network, model.denoiser.params)
+    shipped = dataclasses.replace(shipped, prompts=prompts, notes=public_notes(model.notes))
     scjax.save(shipped, out, dtype="float16", largest=_FILE)
     if card is not None:
         (out / _CARD).write_text(card)

@@ -28,7 +28,7 @@ from absl import app, flags, logging
 from ml_collections import config_flags
 
 from scjax.data.loader import training_batches
-from scjax.generate.model import save
+from scjax.generate.model import save_model
 from scjax.nn.startup import start_jax
 from scjax.train.checkpoint import Checkpoints
 from scjax.train.objectives import autoencoder as autoencoder_stage
@@ -110,7 +110,7 @@ def train(config, workdir: Path) -> None:
                     _check(step, metrics, checkpoints)
                     checkpoints.save(step, state, batches.state())
                 if step in config.export_at:
-                    save(stage.export(state, resolved), workdir / f"model-{step}")
+                    save_model(stage.export(state, resolved), workdir / f"model-{step}")
                 if step % config.log_every == 0:
                     window, scenes = time.perf_counter(), 0
 
@@ -121,7 +121,7 @@ def train(config, workdir: Path) -> None:
             if stop:
                 print(f"stopped at step {step} of {config.steps}; the same command continues", file=sys.stderr)
                 return
-        folder = save(stage.export(state, resolved), workdir / "model")
+        folder = save_model(stage.export(state, resolved), workdir / "model")
         print(f"trained model: {folder}", file=sys.stderr)
 
 

@@ -7,7 +7,9 @@ scjax.viz.grid(scenes, path="scenes.png")
 
 from scjax.diffusion.guidance import Guidance
 from scjax.generate.conditions import Condition
-from scjax.generate.model import Model, load, save
+from scjax.generate.model import Model
+from scjax.generate.model import load_model as load
+from scjax.generate.model import save_model as save
 from scjax.generate.sample import reconstruct, sample, sample_many
 from scjax.scene import AgentType, Crop, Link, Scene, Signal, validate
 from scjax.scene.repair import repair

@@ -10,7 +10,6 @@ what the penalty is to do in training. Intervals (95 %) are by bootstrap over th
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 from collections.abc import Sequence
@@ -85,13 +84,13 @@ def measure(
       ValueError: no model tells counts from a prompt, or the counts or the records are of another text encoder.
     """
     source = count_predictor or next(iter(models.values()))
-    if source.count_predictor is None:
+    if "count_predictor" not in source.components:
         raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
     prompts = list(held_back_prompts(folder, next(iter(models.values())), samples, seed))
     told = [one.told for one in prompts]
     table = {}
     for penalty, model in models.items():
-        without = dataclasses.replace(model, count_predictor=None, count_predictor_config=None)
+        without = model.without("count_predictor")
         for name, chosen in (("data", without), ("prompt", counted(model, source))):
             for energy_guidance in (False, True):
                 title = f"{penalty} penalty, counts of the {name}{', steered' if energy_guidance else ''}"

@@ -68,9 +68,9 @@ def measure(
       ValueError: the model has no counter, or reads another encoder's tokens than the records have.
     """
     model = scjax.load(model_folder)
-    config = model.count_predictor_config
-    if model.count_predictor is None or config is None or model.counts is None:
+    if "count_predictor" not in model.components or model.counts is None:
         raise ValueError("the model has no counter: train it with scjax/train/configs/counts.py")
+    config = model.count_predictor.config
     captions, store = held_back(folder, model)
     rng = np.random.default_rng(seed)
     tokens = [a_prompt(store, caption, row, rng)[1] for row, caption in enumerate(captions)]
@@ -86,7 +86,7 @@ def measure(
         part = tokens[start : start + _AT_ONCE]
         part += [part[0]] * (_AT_ONCE - len(part))
         features = text_features([(one, None) for one in part], max(map(len, tokens)), reads)
-        parts.append(np.asarray(program(model.count_predictor, features, jnp.full(_AT_ONCE, config.domains))))
+        parts.append(np.asarray(program(model.count_predictor.params, features, jnp.full(_AT_ONCE, config.domains))))
     tables = np.concatenate(parts)[: len(tokens)].astype(np.float64)
     told = {"lanes": np.exp(tables).sum(2), "agents": np.exp(tables).sum(1)}
     prior = model.counts.sum((0, 1)).astype(np.float64)

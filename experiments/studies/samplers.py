@@ -120,12 +120,12 @@ def sweep(args) -> str:
       ValueError: no such model or records, records whose text the model does not read, or a sampler that does not fit.
     """
     model = scjax.load(args.model)
-    if model.denoiser_config is None:
+    if "denoiser" not in model.components:
         raise ValueError(f"{args.model} has no denoiser: give the model folder of that stage")
-    prediction = model.denoiser_config.prediction
+    prediction = model.denoiser.config.prediction
     fitting = [name for name, one in SAMPLERS.items() if prediction in one.predictions]
     names = [sampler_of(name, prediction).name for name in args.samplers or fitting]
-    weights = args.guidance or [1.0 if model.denoiser_config.condition is None else DEFAULT_GUIDANCE_SCALE]
+    weights = args.guidance or [1.0 if model.denoiser.config.condition is None else DEFAULT_GUIDANCE_SCALE]
     reference = Setting(REFERENCE[prediction], 100, weights[0], args.compute[0])
     combined = itertools.product(args.compute, weights, names, sorted(args.steps))
     anew = [reference._replace(again=k) for k in range(1, args.again + 1)]
@@ -189,10 +189,9 @@ def measured(
 ) -> dict[str, Any]:
     """Metrics of a setting with intervals and draws of locations, and its seconds a scene without compilation."""
     how: dict[str, Any] = setting._asdict()
-    assert model.denoiser_config is not None
-    config = dataclasses.replace(model.denoiser_config, compute=how.pop("compute"))
+    config = dataclasses.replace(model.denoiser.config, compute=how.pop("compute"))
     again = how.pop("again")
-    model = dataclasses.replace(model, denoiser_config=config)
+    model = model.with_component("denoiser", config, model.denoiser.params)
     programs = {  # what decides which program makes a scene: its bucket and the slots of its text
         (
             bucket_of(cond.num_agents or 1, cond.num_lanes or 1),

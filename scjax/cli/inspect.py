@@ -77,13 +77,13 @@ def info(folder, as_json) -> None:
     from scjax.nn.functional import count
 
     model = scjax.load(folder)
-    parts = {name: count(getattr(model, name)) for name in ("autoencoder", "denoiser", "count_predictor")
-             if getattr(model, name) is not None}  # fmt: skip
+    parts = {name: count(component.params) for name, component in model.components.items()}
+    sizes = model.denoiser.config if "denoiser" in model.components else None
     told = {
         "scjax": scjax.__version__, "parameters": parts, "domains": list(model.domains),
         "text encoder": model.text_encoder or None, "prompts that need no encoder": list(model.prompts),
-        "most lanes": model.denoiser_config.max_lanes if model.denoiser_config else None,
-        "most agents": model.denoiser_config.max_agents if model.denoiser_config else None,
+        "most lanes": sizes.max_lanes if sizes else None,
+        "most agents": sizes.max_agents if sizes else None,
         "steps of training": model.notes.get("steps"),
     }  # fmt: skip
     if as_json:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from scjax.convert.official import convert_checkpoint
-from scjax.generate.model import load, save
+from scjax.generate.model import load_model, save_model
 from scjax.nn.functional import count
 
 
@@ -29,17 +29,17 @@ def main(arguments: list[str] | None = None) -> None:
     )  # fmt: skip
     args = parser.parse_args(arguments)
     try:
-        into = load(args.out) if args.out.exists() else None
+        into = load_model(args.out) if args.out.exists() else None
         heads = (
             None if args.heads is None else dict.fromkeys(("autoencoder", "denoiser"), (args.heads[0], args.heads[1]))
         )
         model = convert_checkpoint(args.checkpoint, into=into, heads=heads)
-        save(model, args.out)
+        save_model(model, args.out)
     except (ValueError, OSError) as error:
         sys.exit(f"scjax.convert: {error}")
     for name in ("autoencoder", "denoiser"):
-        params = getattr(model, name)
-        print(f"{name}: {f'{count(params):,} parameters' if params else 'not in this model'}")
+        network = model.components.get(name)
+        print(f"{name}: {f'{count(network.params):,} parameters' if network else 'not in this model'}")
     print(f"model folder: {args.out}")
 
 

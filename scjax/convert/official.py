@@ -14,7 +14,7 @@ import safetensors.numpy
 
 from scjax.convert.autoencoder import from_official
 from scjax.convert.denoiser import convert_denoiser
-from scjax.generate.model import Model
+from scjax.generate.model import Component, Model
 from scjax.models import codec as codec
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.config import AutoencoderConfig
@@ -46,25 +46,25 @@ def convert_checkpoint(
     Raises:
       ValueError: unreadable file, no known network in it, or entries that are unexpected, missing or misshapen.
     """
-    state, found = read_state(path), {}
+    state, components = read_state(path), {}
     for name, anchor in _ANCHORS.items():
         part = _subtree(state, anchor)
         if part is None:
             continue
         try:
-            found |= _autoencoder(part, heads) if name == "autoencoder" else _denoiser(part, heads)
+            components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(part, heads)
         except ValueError as error:
             raise ValueError(f"{path}: {name}: {error}") from error
-    if not found:
+    if not components:
         raise ValueError(
             f"{path} holds neither an autoencoder (key {_ANCHORS['autoencoder']}) nor a denoiser (key "
             f"{_ANCHORS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
         )
     base = into or Model(
-        codec=codec.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
+        components={}, codec=codec.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
         notes={"source": f"official release, {Path(path).name}"},
     )  # fmt: skip
-    return dataclasses.replace(base, **found)
+    return dataclasses.replace(base, components={**base.components, **components})
 
 
 def read_state(path: str | Path) -> State:
@@ -126,7 +126,7 @@ def _shape(state: State, key: str) -> tuple[int, ...]:
     return state[key].shape
 
 
-def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict:
+def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> Component[AutoencoderConfig]:
     lane_in, agent_in = (_shape(state, f"encoder.{kind}_mlp.linears.0.weight") for kind in ("lane", "agent"))
     edge = _shape(state, "encoder.lane_conn_mlp.linears.0.weight")
     first = "encoder.encoder_transformer_blocks.0"
@@ -152,10 +152,10 @@ def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> d
         encoder_blocks=_blocks(state, r"encoder\.encoder_transformer_blocks\.(\d+)\."),
         decoder_blocks=_blocks(state, r"decoder\.decoder_transformer_blocks\.(\d+)\."),
     )
-    return {"autoencoder": from_official(state, config), "autoencoder_config": config}
+    return Component(config, from_official(state, config))
 
 
-def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict:
+def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> Component[DenoiserConfig]:
     lane, agent = (_shape(state, f"model.{kind}_embedder.linear1.weight") for kind in ("lane", "agent"))
     condition = None
     if "model.text_embedding_lanes.0.weight" in state:
@@ -181,4 +181,4 @@ def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> dict
         domains=(_shape(state, "model.scene_type_embedder.embedding_table.weight")[0] - 1) // 3,
         cross_attention=CrossGlobalOptions(latent_tokens=latents),
     )
-    return {"denoiser": convert_denoiser(state, config), "denoiser_config": config}
+    return Component(config, convert_denoiser(state, config))

@@ -144,7 +144,8 @@ def prompt_of(model: Model, scene: Scene, domain: str | None) -> Condition:
 def weights_hash(model: Model) -> str:
     """Of all parameters: states which checkpoint made a table."""
     found = hashlib.sha256()
-    for leaf in jax.tree.leaves((model.autoencoder, model.denoiser)):
+    networks = [model.components[name].params for name in ("autoencoder", "denoiser") if name in model.components]
+    for leaf in jax.tree.leaves(networks):
         found.update(np.ascontiguousarray(leaf).tobytes())
     return found.hexdigest()[:16]
 

@@ -15,7 +15,7 @@ from scjax.evaluate.population import Population
 from scjax.evaluate.retrieval import RULES, Index, retrieve
 from scjax.evaluate.sources import Chosen, Source, open_source
 from scjax.generate.conditions import Condition
-from scjax.generate.model import Model, load
+from scjax.generate.model import Model, load_model
 from scjax.scene import Scene
 
 DECODED, DRAWN = "decoded", "drawn"
@@ -140,7 +140,7 @@ class Rows:
     def model(self, folder: str) -> Model:
         """A model, loaded once."""
         if folder not in self.models:
-            self.models[folder] = load(folder)
+            self.models[folder] = load_model(folder)
         return self.models[folder]
 
     def _source(self, row: RowText, draw: int) -> Source:

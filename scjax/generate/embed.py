@@ -37,9 +37,7 @@ def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
-    if model.autoencoder is None or model.autoencoder_config is None:
-        raise ValueError("this model has no autoencoder: scenes are embedded by a trained one")
-    program = _program(model.codec, model.autoencoder_config)
+    program = _program(model.codec, model.autoencoder.config)
     chosen = [model.codec.select(scene.to_numpy()) for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
     for row, scene in enumerate(chosen):
@@ -49,7 +47,7 @@ def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
             batch = stack([chosen[row] for row in part + [part[0]] * (GROUP - len(part))], bucket)
-            arrays = jax.device_get(program(model.autoencoder, batch))
+            arrays = jax.device_get(program(model.autoencoder.params, batch))
             for place, row in enumerate(part):
                 lanes, agents = len(chosen[row].lane_mask), len(chosen[row].agent_mask)
                 counts = (lanes, agents, lanes)

@@ -1,14 +1,20 @@
-"""Model folders of older formats, brought up to the names of today."""
+"""The index of a model folder as JSON: configs to and from plain values, and folders of older formats."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
+from scjax.models.codec import SceneCodec
+from scjax.scene import AgentType, Link
+
 FORMAT = 2
 
-# Format 1 -> 2: names only; every array stays bit for bit what it was.
+_COMPONENTS_OF_FORMAT_1 = ("autoencoder", "denoiser", "count_predictor")
+
+# Format 1 -> 2: networks move into "components", and names change; every array stays bit for bit what it was.
 _PARTS = {"representation": "codec", "counter": "count_predictor", "steering": "energy_guidance"}
 _DENOISER = {
     "control": "cross_attention",
@@ -30,19 +36,47 @@ _ARRAYS = {
 }
 
 
-def upgrade(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The contents of a model folder of any older format in the names of ``FORMAT``.
+def config_to_json(config: Any) -> dict[str, Any]:
+    """The fields of a config dataclass as plain values; its own ``to_json`` where it has one."""
+    return config.to_json() if hasattr(config, "to_json") else dataclasses.asdict(config)
+
+
+def config_from_json(config_type: type, fields: dict[str, Any]) -> Any:
+    """Inverse of ``config_to_json``."""
+    return config_type.from_json(fields) if hasattr(config_type, "from_json") else config_type(**fields)
+
+
+def codec_from_json(fields: dict[str, Any]) -> SceneCodec:
+    """A codec from its fields, which JSON turned into lists and numbers."""
+    return SceneCodec(
+        **{
+            **fields,
+            "agent_types": tuple(AgentType(value) for value in fields["agent_types"]),
+            "columns": tuple(fields["columns"]),
+            "links": tuple(Link(value) for value in fields["links"]),
+            "agent_z": tuple(fields["agent_z"]),
+            "lane_z": tuple(fields["lane_z"]),
+            "speed": tuple(fields["speed"]),
+            "sizes": tuple(tuple(tuple(bounds) for bounds in row) for row in fields["sizes"]),
+        }
+    )
+
+
+def upgrade(index: dict[str, Any], arrays: dict[str, np.ndarray]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The contents of a model folder of any older format, in the names of ``FORMAT``.
 
     Args:
-      description: what ``model.json`` holds.
+      index: the content of ``model.json``.
       arrays: dotted parameter path -> array.
     """
-    if description.get("format", 0) >= FORMAT:
-        return description, arrays
-    description = {_PARTS.get(name, name): value for name, value in description.items()}
-    if description.get("denoiser"):
-        description["denoiser"] = {_DENOISER.get(name, name): value for name, value in description["denoiser"].items()}
-    return {**description, "format": FORMAT}, {_upgrade_path(path): array for path, array in arrays.items()}
+    if index.get("format", 0) >= FORMAT:
+        return index, arrays
+    index = {_PARTS.get(name, name): value for name, value in index.items()}
+    if index.get("denoiser"):
+        index["denoiser"] = {_DENOISER.get(name, name): value for name, value in index["denoiser"].items()}
+    components = {name: index.pop(name, None) for name in _COMPONENTS_OF_FORMAT_1}
+    index["components"] = {name: fields for name, fields in components.items() if fields}
+    return {**index, "format": FORMAT}, {_upgrade_path(path): array for path, array in arrays.items()}
 
 
 def _upgrade_path(path: str) -> str:

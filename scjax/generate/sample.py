@@ -19,7 +19,7 @@ from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, sampler_of
 from scjax.generate.compiled import reconstruction_program, sampling_program
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import check_readable, features_of, text_features
-from scjax.generate.model import Model, load
+from scjax.generate.model import Model, load_model
 from scjax.generate.prompts import encode_prompts
 from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.counts.prior import draw_counts
@@ -90,9 +90,8 @@ def sample_many(
     energy_guidance: EnergyGuidance | bool | None = None,
 ) -> list[Scene]:
     """One unpadded NumPy scene per condition; arguments and errors as in ``sample``."""
-    model = _with_denoiser(model)
-    config = model.denoiser_config
-    assert config is not None
+    model = load_model() if model is None else model
+    config = model.denoiser.config
     conditions = encode_prompts(conditions, model)
     check_readable(conditions, config.condition)
     sampler = sampler_of(sampler, config.prediction)
@@ -109,14 +108,16 @@ def sample_many(
     options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=DEFAULT_GUIDANCE_SCALE)
     steps = DEFAULT_STEPS[config.prediction][sampler.name] if steps is None else steps
     program = sampling_program(
-        model.codec, model.autoencoder_config, config, sampler, steps, options, energy_guidance or None
+        model.codec, model.autoencoder.config, config, sampler, steps, options, energy_guidance or None
     )
     groups: dict[tuple[int, int], list[int]] = {}
     for i, request in enumerate(requests):
         groups.setdefault(bucket_of(*request.counts), []).append(i)
     results: dict[int, Scene] = {}
     size = 1 if len(requests) == 1 else GROUP
-    weights = replicated((model.autoencoder, model.denoiser), size)  # once, not in every call of a program
+    weights = replicated(
+        (model.autoencoder.params, model.denoiser.params), size
+    )  # once, not in every call of a program
     for bucket, members in groups.items():
         for start in range(0, len(members), size):
             part = members[start : start + size]
@@ -136,7 +137,7 @@ def with_counts(key: Array, conditions: Sequence[Condition], *, model: Model | N
     Raises:
       ValueError: as ``sample``, of the conditions.
     """
-    model, tables = _with_denoiser(model), {}
+    model, tables = load_model() if model is None else model, {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     return [
         dataclasses.replace(cond, num_agents=request.counts[0], num_lanes=request.counts[1])
@@ -152,9 +153,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
-    if model.autoencoder is None or model.autoencoder_config is None:
-        raise ValueError("this model has no autoencoder: train that stage (or convert its checkpoint) first")
-    program = reconstruction_program(model.codec, model.autoencoder_config)
+    program = reconstruction_program(model.codec, model.autoencoder.config)
     results: dict[int, Scene] = {}
     chosen = [scene.to_numpy() for scene in scenes]
     groups: dict[tuple[int, int], list[int]] = {}
@@ -164,7 +163,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
         for start in range(0, len(members), GROUP):
             part = members[start : start + GROUP]
             batch = stack([chosen[i] for i in part + [part[0]] * (GROUP - len(part))], bucket)
-            decoded = program(model.autoencoder, batch).to_numpy()
+            decoded = program(model.autoencoder.params, batch).to_numpy()
             results.update({i: unpadded(decoded[row]) for row, i in enumerate(part)})
     return [results[i] for i in range(len(chosen))]
 
@@ -202,8 +201,7 @@ class _Request:
 
 def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Request:
     """Draws what ``cond`` leaves open (host side, from the scene's own key)."""
-    config = model.denoiser_config
-    assert config is not None
+    config = model.denoiser.config
     known = None
     if cond.known is not None:
         known = model.codec.select(unpadded(cond.known.to_numpy()))
@@ -238,13 +236,13 @@ def _request(key: Array, cond: Condition, model: Model, tables: Tables) -> _Requ
 
 def _count_table(cond: Condition, domain: int | None, model: Model) -> np.ndarray | None:
     """Probabilities of (domain, layout, N_l, N_o): of the prompt where the model has learnt that, else of the data."""
-    config = model.count_predictor_config
-    if cond.tokens is None or model.count_predictor is None or config is None or cond.crop == Crop.FORWARD:
+    if cond.tokens is None or "count_predictor" not in model.components or cond.crop == Crop.FORWARD:
         return model.counts
+    config = model.count_predictor.config
     text = TextCondition(config.text_width)
     features = text_features([(cond.tokens, cond.token_mask)], len(cond.tokens), text)
     label = jnp.array([config.domains if domain is None else domain])
-    likely = np.asarray(_counter_program(config)(model.count_predictor, features, label)[0], np.float64)
+    likely = np.asarray(_counter_program(config)(model.count_predictor.params, features, label)[0], np.float64)
     told = np.exp(config.sharpness * (likely - likely.max()))
     table = np.broadcast_to(told / told.sum(), (1, len(Crop), *told.shape))
     shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
@@ -288,11 +286,3 @@ def _temperature(value: float | PerType) -> PerType:
     if not all(0 < one < math.inf for one in (both.agents, both.lanes)):
         raise ValueError(f"temperature must be positive for agents and lanes, not {value}: 1 is that of the training")
     return jax.tree.map(jnp.float32, both)
-
-
-def _with_denoiser(model: Model | None) -> Model:
-    model = load() if model is None else model
-    if model.denoiser is None or model.autoencoder is None:
-        lacking = "denoiser" if model.denoiser is None else "autoencoder"
-        raise ValueError(f"this model has no {lacking}: train that stage (or convert its checkpoint) first")
-    return model

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.generate.model import Model, load
+from scjax.generate.model import Model, load_model
 from scjax.nn.functional import Params, flatten, unflatten
 
 SHIPPED = "shipped"
@@ -16,7 +16,7 @@ SHIPPED = "shipped"
 
 def model_at(start: str) -> Model:
     """The model that ``config.start`` names."""
-    return load() if start == SHIPPED else load(start)
+    return load_model() if start == SHIPPED else load_model(start)
 
 
 def started(params: Params, base: Params) -> Params:
@@ -45,18 +45,19 @@ def denoiser_base(base: Model, autoencoder: Params, domains: Sequence[str]) -> P
     Raises:
       ValueError: it has no denoiser.
     """
-    if base.denoiser is None or base.denoiser_config is None:
+    if "denoiser" not in base.components:
         raise ValueError("config.start: that model holds no denoiser: give the model folder of that stage")
-    params, known = dict(base.denoiser), base.denoiser_config.domains
+    config, params = base.denoiser.config, dict(base.denoiser.params)
+    known = config.domains
     names = list(base.domains)
     if names != list(domains):
         rows = [
-            known * crop + names.index(domain) if domain in names else base.denoiser_config.null_label
-            for crop in range(base.denoiser_config.crops)
+            known * crop + names.index(domain) if domain in names else config.null_label
+            for crop in range(config.crops)
             for domain in domains or ("",)
         ]
-        params["labels"] = np.asarray(params["labels"])[[*rows, base.denoiser_config.null_label]]
-    if "position_heads" in params and not _same(base.autoencoder, autoencoder):
+        params["labels"] = np.asarray(params["labels"])[[*rows, config.null_label]]
+    if "position_heads" in params and not _same(base.autoencoder.params, autoencoder):
         del params["position_heads"]
     return params
 

@@ -8,7 +8,7 @@ import safetensors.numpy
 
 from scjax.convert.__main__ import main
 from scjax.convert.official import convert_checkpoint, read_state
-from scjax.generate.model import load
+from scjax.generate.model import load_model
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +38,11 @@ def test_two_files_into_one_model(weights, sizes, tmp_path, capsys):
     main(["official", str(weights / "ae.safetensors"), str(out), "--heads", *heads(sizes, "autoencoder")])
     main(["official", str(weights / "text.safetensors"), str(out), "--heads", *heads(sizes, "denoiser")])
     assert "denoiser" in capsys.readouterr().out
-    model = load(out)
-    assert model.autoencoder_config.lane_width == sizes["autoencoder"]["lane_width"]
-    assert model.denoiser_config.condition.width == sizes["denoiser"]["text"]["width"]
+    model = load_model(out)
+    assert model.autoencoder.config.lane_width == sizes["autoencoder"]["lane_width"]
+    assert model.denoiser.config.condition.width == sizes["denoiser"]["text"]["width"]
     state = read_state(weights / "ae.safetensors")
-    assert np.array_equal(model.autoencoder["encoder"]["lane_mean"]["kernel"], state["encoder.lane_mu.weight"].T)
+    assert np.array_equal(model.autoencoder.params["encoder"]["lane_mean"]["kernel"], state["encoder.lane_mu.weight"].T)
 
 
 def test_wrappers_and_both_networks_in_one_file(weights, tmp_path):
@@ -50,13 +50,13 @@ def test_wrappers_and_both_networks_in_one_file(weights, tmp_path):
     joined |= {f"diff_model.{key}": value for key, value in read_state(weights / "uncond.safetensors").items()}
     safetensors.numpy.save_file(joined, tmp_path / "joined.safetensors")
     model = convert_checkpoint(tmp_path / "joined.safetensors")
-    assert model.autoencoder is not None and model.denoiser is not None
+    assert {"autoencoder", "denoiser"} <= model.components.keys()
 
 
 @pytest.mark.parametrize("name", ["uncond", "image"])
 def test_other_conditions(weights, name):
     model = convert_checkpoint(weights / f"{name}.safetensors")
-    assert (model.denoiser_config.condition is None) == (name == "uncond")
+    assert (model.denoiser.config.condition is None) == (name == "uncond")
 
 
 def test_misfits_are_listed_and_nothing_is_written(weights, tmp_path):

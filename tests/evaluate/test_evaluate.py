@@ -216,10 +216,11 @@ def stand_in(monkeypatch):
             for one in conditions
         ]
 
-    model = types.SimpleNamespace(domains=(), codec=scjax(), autoencoder={"w": np.ones(3)}, denoiser={})
+    network = types.SimpleNamespace(params={"w": np.ones(3)})
+    model = types.SimpleNamespace(domains=(), codec=scjax(), components={"autoencoder": network})
     model.temperature = model.energy_guidance = None
     model.ways = []  # (temperature, steering) of every call
-    monkeypatch.setattr(rows_module, "load", lambda folder: model)
+    monkeypatch.setattr(rows_module, "load_model", lambda folder: model)
     monkeypatch.setattr(made, "sample_many", sample_many)
     monkeypatch.setattr(made, "reconstruct", lambda model, scenes: list(scenes))
     return asked

@@ -48,7 +48,7 @@ def folder(tmp_path_factory):
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     assert AUTOENCODER.lane_latent == DENOISER.lane_latent
-    scjax.save(dataclasses.replace(tiny_model(), denoiser=None, denoiser_config=None), folder / "autoencoder")
+    scjax.save(tiny_model().without("denoiser"), folder / "autoencoder")
     return folder
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from scjax.data.build import build
 from scjax.data.readers.base import BuildOptions
-from scjax.generate.model import Model
+from scjax.generate.model import Component, Model
 from scjax.models import codec as codec
 from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.model import autoencoder
@@ -39,13 +39,13 @@ def tiny_model(condition=None, **changes) -> Model:
     config = dataclasses.replace(DENOISER, condition=condition, **changes)
     rows = [(0, 0, 3, 2), (0, 0, 4, 3), (1, 0, 6, 5), (1, 2, 5, 4)]
     return Model(
+        components={
+            "autoencoder": Component(AUTOENCODER, jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1)))),
+            "denoiser": Component(config, _stirred(jax.device_get(denoiser(config).init(jax.random.key(2))))),
+        },
         codec=codec.scjax(),
-        autoencoder=jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1))),
-        autoencoder_config=AUTOENCODER,
         latents=LatentStatistics.identity(),
         domains=("here", "there"),
-        denoiser=_stirred(jax.device_get(denoiser(config).init(jax.random.key(2)))),
-        denoiser_config=config,
         counts=count_table(rows, 2),
     )
 

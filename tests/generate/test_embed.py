@@ -1,7 +1,5 @@
 """Embeddings: shapes, a scene alone equals the scene among others, posterior means, and users' mistakes."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -21,10 +19,10 @@ def test_a_scene_alone_is_the_scene_among_others(model):
     many = embed(model, scenes)
     for scene, found in zip(scenes, many, strict=True):
         (alone,) = embed(model, [scene])
-        widths = (model.autoencoder_config.lane_latent, model.autoencoder_config.agent_latent)
+        widths = (model.autoencoder.config.lane_latent, model.autoencoder.config.agent_latent)
         assert found.lanes.shape == (len(scene.lane_mask), widths[0])
         assert found.agents.shape == (len(scene.agent_mask), widths[1])
-        assert found.lane_states.shape == (len(scene.lane_mask), model.autoencoder_config.lane_width)
+        assert found.lane_states.shape == (len(scene.lane_mask), model.autoencoder.config.lane_width)
         for one, two in zip(found, alone, strict=True):
             np.testing.assert_allclose(one, two, atol=1e-5)
     assert not np.allclose(many[0].lanes[0], many[1].lanes[0])
@@ -32,5 +30,5 @@ def test_a_scene_alone_is_the_scene_among_others(model):
 
 def test_a_model_without_autoencoder(model):
     with pytest.raises(ValueError, match="no autoencoder"):
-        embed(dataclasses.replace(model, autoencoder=None), [])
+        embed(model.without("autoencoder"), [])
     assert embed(model, []) == []

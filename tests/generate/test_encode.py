@@ -38,10 +38,10 @@ def model():
 
 def closed(model):
     """The same model behind gates that are zero."""
-    leaves = flatten(model.denoiser)
+    leaves = flatten(model.denoiser.params)
     assert any("cross_adaln" in path for path in leaves)
     params = unflatten({path: 0 * leaf if "cross_adaln" in path else leaf for path, leaf in leaves.items()})
-    return dataclasses.replace(model, denoiser=params)
+    return model.with_component("denoiser", model.denoiser.config, params)
 
 
 def test_another_image_is_another_scene_only_through_open_gates(model):

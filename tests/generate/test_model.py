@@ -9,7 +9,7 @@ import pytest
 
 import scjax
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.generate.model import _shipped, load, save
+from scjax.generate.model import _default_model, load_model, save_model
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten
 from scjax.scene.per_type import PerType
@@ -19,14 +19,14 @@ from tests.factories.worlds import tiny_model
 @pytest.mark.parametrize("condition", [None, TextCondition(width=6), ImageCondition(channels=3, grid=(2, 2))])
 def test_round_trip(tmp_path, condition):
     model = tiny_model(condition)
-    again = load(save(model, tmp_path / "model"))
-    assert again.denoiser_config == model.denoiser_config
-    assert again.autoencoder_config == model.autoencoder_config
+    again = load_model(save_model(model, tmp_path / "model"))
+    assert again.denoiser.config == model.denoiser.config
+    assert again.autoencoder.config == model.autoencoder.config
     assert again.codec == model.codec
     assert again.domains == model.domains
     assert again.latents == model.latents
     for name in ("autoencoder", "denoiser"):
-        ours, theirs = flatten(getattr(model, name)), flatten(getattr(again, name))
+        ours, theirs = flatten(model.components[name].params), flatten(again.components[name].params)
         assert ours.keys() == theirs.keys()
         assert all(np.array_equal(ours[path], theirs[path]) for path in ours)
     assert np.array_equal(again.counts, model.counts)
@@ -34,16 +34,16 @@ def test_round_trip(tmp_path, condition):
 
 
 def test_saving_replaces_the_whole_folder(tmp_path):
-    folder = save(tiny_model(), tmp_path / "model")
+    folder = save_model(tiny_model(), tmp_path / "model")
     (folder / "stray").write_text("x")
-    save(tiny_model(), folder)
+    save_model(tiny_model(), folder)
     assert sorted(path.name for path in folder.iterdir()) == ["model.json", "weights.safetensors"]
     modes = {path.stat().st_mode for path in folder.iterdir()}
     assert len(modes) == 1  # the weights are as readable as the rest
 
 
 def test_a_failed_save_leaves_the_old_model(tmp_path, monkeypatch):
-    folder = save(tiny_model(), tmp_path / "model")
+    folder = save_model(tiny_model(), tmp_path / "model")
     before = (folder / "weights.safetensors").read_bytes()
 
     def full(*_, **__):
@@ -51,25 +51,25 @@ def test_a_failed_save_leaves_the_old_model(tmp_path, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
     with pytest.raises(OSError, match="No space"):
-        save(tiny_model(), folder)
+        save_model(tiny_model(), folder)
     assert (folder / "weights.safetensors").read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]
 
 
 def test_damage_is_named(tmp_path):
     with pytest.raises(ValueError, match="no model folder"):
-        load(tmp_path)
-    folder = save(tiny_model(), tmp_path / "model")
+        load_model(tmp_path)
+    folder = save_model(tiny_model(), tmp_path / "model")
     weights = folder / "weights.safetensors"
     weights.write_bytes(weights.read_bytes()[:-100])
     with pytest.raises(ValueError, match="damaged"):
-        load(folder)
+        load_model(folder)
     description = json.loads((folder / "model.json").read_text())
     (folder / "model.json").write_text(json.dumps({**description, "format": 99}))
-    save(tiny_model(), folder)
+    save_model(tiny_model(), folder)
     (folder / "model.json").write_text(json.dumps({**description, "format": 99}))
     with pytest.raises(ValueError, match="format 99"):
-        load(folder)
+        load_model(folder)
 
 
 def test_public_api_is_what_the_docstring_shows():
@@ -78,8 +78,8 @@ def test_public_api_is_what_the_docstring_shows():
 
 def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypatch):
     assert scjax.load() is scjax.load()
-    _shipped.cache_clear()
-    monkeypatch.setattr("scjax.generate.model.SHIPPED", tmp_path)
+    _default_model.cache_clear()
+    monkeypatch.setattr("scjax.generate.model.DEFAULT_MODEL", tmp_path)
     with pytest.raises(ValueError, match=r"experiments\.train"):
         scjax.sample(jax.random.key(0))
 
@@ -88,27 +88,32 @@ def test_a_model_keeps_how_it_is_sampled_and_older_ones_do_as_the_release(tmp_pa
     cold = dataclasses.replace(
         tiny_model(), temperature=PerType(agents=0.5, lanes=0.25), energy_guidance=EnergyGuidance(rounds=3, lanes=0.01)
     )
-    folder = save(cold, tmp_path / "model")
-    assert load(folder).temperature == cold.temperature and load(folder).energy_guidance == cold.energy_guidance
+    folder = save_model(cold, tmp_path / "model")
+    assert (
+        load_model(folder).temperature == cold.temperature
+        and load_model(folder).energy_guidance == cold.energy_guidance
+    )
     description = json.loads((folder / "model.json").read_text())
-    del description["temperature"], description["steering"]
+    del description["temperature"], description["energy_guidance"]
     (folder / "model.json").write_text(json.dumps(description))
-    assert load(folder).temperature == PerType(agents=1.0, lanes=0.75) and load(folder).energy_guidance is None
+    assert (
+        load_model(folder).temperature == PerType(agents=1.0, lanes=0.75) and load_model(folder).energy_guidance is None
+    )
 
 
 def test_weights_in_several_files_of_half_precision(tmp_path):
     model = tiny_model()
-    folder = save(model, tmp_path / "model", dtype="float16", largest=0.16)
+    folder = save_model(model, tmp_path / "model", dtype="float16", largest=0.16)
     files = sorted(folder.glob("weights*.safetensors"))
     assert len(files) > 1 and all(file.stat().st_size < 200_000 for file in files)
-    back = load(folder)
-    for one, two in zip(jax.tree.leaves(back.denoiser), jax.tree.leaves(model.denoiser), strict=True):
+    back = load_model(folder)
+    for one, two in zip(jax.tree.leaves(back.denoiser.params), jax.tree.leaves(model.denoiser.params), strict=True):
         assert one.dtype == np.float32
         np.testing.assert_allclose(one, two, rtol=1e-3, atol=1e-4)
     assert np.array_equal(back.counts, model.counts)  # probabilities are too small for half precision
     with pytest.raises(ValueError, match="more than a file"):
-        save(model, tmp_path / "other", largest=1e-5)
+        save_model(model, tmp_path / "other", largest=1e-5)
     assert not (tmp_path / "other").exists()
     files[0].unlink()
     with pytest.raises(ValueError, match=f"{files[0].name} is missing"):
-        load(folder)
+        load_model(folder)

@@ -120,7 +120,7 @@ def test_counts_follow_the_prompt(model):
     for name, number in (("lanes", 7), ("agents", 3)):
         params[name]["kernel"] = np.zeros_like(params[name]["kernel"])
         params[name]["bias"] = np.where(np.arange(len(params[name]["bias"])) == number, 50.0, 0.0).astype(np.float32)
-    counting = dataclasses.replace(model, count_predictor=params, count_predictor_config=config)
+    counting = model.with_component("count_predictor", config, params)
     made = draw(counting, Condition(prompt="a road"))
     assert (made.num_lanes, made.num_agents) == (7, 3)
     made = draw(counting, Condition(prompt="a road", num_agents=5))  # what is given wins
@@ -137,7 +137,7 @@ def test_sharp_counts_keep_to_the_likely_numbers(model):
     drawn = {}
     for sharpness in (1.0, 100.0):
         sharp = dataclasses.replace(config, sharpness=sharpness)
-        counting = dataclasses.replace(model, count_predictor=params, count_predictor_config=sharp)
+        counting = model.with_component("count_predictor", sharp, params)
         told = with_counts(jax.random.key(0), encode_prompts([Condition(prompt="a road")] * 30, model), model=counting)
         drawn[sharpness] = {cond.num_lanes for cond in told}
     assert drawn == {1.0: {2, 3}, 100.0: {2}}

@@ -18,7 +18,7 @@ from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import features_of
-from scjax.generate.model import SHIPPED
+from scjax.generate.model import DEFAULT_MODEL
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.model import denoiser
 from scjax.scene import Crop, stack
@@ -33,20 +33,20 @@ def model():
 
 
 def test_files_stay_small():
-    sizes = [path.stat().st_size / 1e6 for path in SHIPPED.iterdir()]
+    sizes = [path.stat().st_size / 1e6 for path in DEFAULT_MODEL.iterdir()]
     assert max(sizes) <= 16 and sum(sizes) <= 60
 
 
 def test_every_part_is_there_and_finite(model):
-    for part in (model.autoencoder, model.denoiser, model.count_predictor):
-        assert part is not None and all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(part))
+    for name in ("autoencoder", "denoiser", "count_predictor"):
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.components[name].params))
     assert model.counts is not None and model.text_encoder
 
 
 def test_it_knows_the_synthetic_world_alone_and_says_so(model):
     assert set(model.domains) <= {domain.name for domain in DOMAINS}
     assert model.notes["data"] == "the synthetic world of scjax, nothing else"
-    assert (SHIPPED / "README.md").is_file()
+    assert (DEFAULT_MODEL / "README.md").is_file()
 
 
 def test_the_demo_needs_no_encoder(model):
@@ -56,12 +56,12 @@ def test_the_demo_needs_no_encoder(model):
 
 def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
     """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
-    coder, config = autoencoder(model.autoencoder_config), model.denoiser_config
+    coder, config = autoencoder(model.autoencoder.config), model.denoiser.config
     tiles = records.source(make_records(tmp_path), "train")
     scenes = [arrange(records.sample_scene(records.decode(tile), Crop.CENTERED))[0] for tile in tiles]
     scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
     tokens = model.codec.normalize(stack(scenes, (16, 28)))
-    clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder)
+    clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder.params)
 
     # Every scene at every time, in one batch.
     times = np.array([0, 2, 10, 30, 60, 99])
@@ -88,7 +88,7 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
                          for time in times])  # fmt: skip
 
     for exact, rounded in zip(
-        *(estimates(compute, model.denoiser) for compute in ("float32", "bfloat16")), strict=True
+        *(estimates(compute, model.denoiser.params) for compute in ("float32", "bfloat16")), strict=True
     ):
         error = np.sqrt(squares(jax.tree.map(np.subtract, exact, rounded)) / squares(exact))
         assert (error > 0).all() and (error < 0.02).all(), error

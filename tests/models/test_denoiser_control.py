@@ -14,7 +14,6 @@ from scjax.diffusion.guidance import guided, join
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.samplers.loop import sample
 from scjax.diffusion.schedule import cosine_schedule, respaced
-from scjax.generate.model import _denoiser_config, _described
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
@@ -169,5 +168,5 @@ def test_no_cache_is_a_dropped_condition():
 def test_configs_are_written_and_read(name):
     for kind in CONDITIONS:
         config = _config(name, kind)
-        assert _denoiser_config(json.loads(json.dumps(_described(config)))) == config
+        assert DenoiserConfig.from_json(json.loads(json.dumps(config.to_json()))) == config
         assert hash(config) == hash(_config(name, kind))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 
 import chex
@@ -26,7 +25,7 @@ from tests.factories.worlds import make_records, tiny_model
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("image")
     make_records(folder)
-    frozen = dataclasses.replace(tiny_model(), denoiser=None, denoiser_config=None)
+    frozen = tiny_model().without("denoiser")
     scjax.save(frozen, folder / "autoencoder")
     return folder
 
@@ -74,11 +73,11 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(folder, trained):
     for later in ("checkpoints/step_2", "model"):
         shutil.rmtree(folder / "one" / later)
     train(configured(folder), folder / "one")
-    chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser, trained.denoiser)
+    chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser.params, trained.denoiser.params)
 
 
 def test_the_model_is_sampled_with_an_image(folder, trained):
-    assert trained.denoiser_config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
+    assert trained.denoiser.config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
     assert trained.notes["images"] == "scjax.camera.raycast"
     scene = validation_scenes(folder / "records", trained.codec, crop=Crop.FORWARD)[0]
     features = stand_in(scene)

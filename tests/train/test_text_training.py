@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
     embed_captions(folder / "records", Words(), progress=False)
     config = configured("denoiser", folder)
     model = dataclasses.replace(tiny_model(), domains=("city", "suburb"))
-    scjax.save(dataclasses.replace(model, denoiser=None, denoiser_config=None), folder / "autoencoder")
+    scjax.save(model.without("denoiser"), folder / "autoencoder")
     train(config, folder / "base")
     return folder
 
@@ -81,12 +81,12 @@ def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
 
 
 def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
-    base = flatten(scjax.load(folder / "base" / "model").denoiser)
-    text = flatten(text_model.denoiser)
+    base = flatten(scjax.load(folder / "base" / "model").denoiser.params)
+    text = flatten(text_model.denoiser.params)
     assert all(np.array_equal(text[path], value) for path, value in base.items())
     assert any("context" in path for path in text.keys() - base.keys())
     assert text_model.text_encoder == "words-1"
-    assert text_model.denoiser_config.cross_attention == WindowedOptions(window=4)
+    assert text_model.denoiser.config.cross_attention == WindowedOptions(window=4)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def prompt_model(folder, text_model):
 
 def test_a_prompt_decides_counts_and_scene(prompt_model):
     model = prompt_model
-    assert model.count_predictor_config is not None and model.count_predictor_config.text_width == Words.width
+    assert model.count_predictor.config.text_width == Words.width
     tokens = Words()(["a straight road"])[0].features
     scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
     scjax.validate(scene)
@@ -156,8 +156,8 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     assert tuple(shipped.prompts) == tuple(sorted(PROMPTS))
     ship(shipped, tmp_path / "again", Words())
     assert scjax.load(tmp_path / "again").notes == shipped.notes
-    exact = jax.tree.leaves((prompt_model.denoiser, prompt_model.count_predictor))
-    for a, b in zip(jax.tree.leaves((shipped.denoiser, shipped.count_predictor)), exact, strict=True):
+    exact = jax.tree.leaves((prompt_model.denoiser.params, prompt_model.count_predictor.params))
+    for a, b in zip(jax.tree.leaves((shipped.denoiser.params, shipped.count_predictor.params)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
 
 
@@ -194,7 +194,7 @@ def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path)
 
 
 def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
-    without = dataclasses.replace(prompt_model, count_predictor=None, count_predictor_config=None)
+    without = prompt_model.without("count_predictor")
     assert counted(without, prompt_model).count_predictor is prompt_model.count_predictor
     with pytest.raises(ValueError, match="do not fit"):
         counted(without, dataclasses.replace(prompt_model, text_encoder="another"))

@@ -45,9 +45,8 @@ def denoising_losses(
     Raises:
       ValueError: a scene has more elements than the largest bucket of ``scjax.sample``.
     """
-    config, coder_config = model.denoiser_config, model.autoencoder_config
-    assert config is not None and coder_config is not None
-    run = _program(model.codec, coder_config, config)
+    config, params = model.denoiser.config, (model.autoencoder.params, model.denoiser.params)
+    run = _program(model.codec, model.autoencoder.config, config)
     # Of all at once, so that texts are padded to one length and one program serves.
     features, _ = features_of(conditions, config.condition)
     groups: dict[tuple[int, int], list[int]] = {}
@@ -61,7 +60,7 @@ def denoising_losses(
             batch = stack([arrange(scenes[row])[0] for row in rows], bucket)
             keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
             mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
-            losses = run(model.autoencoder, model.denoiser, model.latents.mean, model.latents.std, batch, mine, keys)
+            losses = run(*params, model.latents.mean, model.latents.std, batch, mine, keys)
             found[part] = np.asarray(losses)[: len(part)]
     return found
 

@@ -210,8 +210,7 @@ def _result(
     lanes, agents = (
         float(np.mean([getattr(scene, name) for scene in requests.references])) for name in ("num_lanes", "num_agents")
     )
-    context, config = slots or requests.context, model.denoiser_config
-    assert config is not None
+    context, config = slots or requests.context, model.denoiser.config
     flops = {
         f"flops{name}": denoiser_forward(config, lanes, agents, context, cached=cached)  # pyright: ignore
         for name, cached in (("", False), ("_cached", True))
@@ -225,7 +224,7 @@ def _result(
 
 
 def _size(model: scjax.Model) -> int:
-    return sum(np.size(leaf) for leaf in jax.tree.leaves(model.denoiser))
+    return sum(np.size(leaf) for leaf in jax.tree.leaves(model.denoiser.params))
 
 
 def _step_seconds(folder: Path) -> float:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from scjax.nn.cpu.precision import Compute, operands
-from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions, CrossGlobalOptions, GatedOptions
+from scjax.nn.cross_attention import (
+    ContextSpec,
+    CrossAttentionOptions,
+    CrossGlobalOptions,
+    GatedOptions,
+    from_name,
+    to_config,
+)
 
 Prediction = Literal["noise", "velocity", "flow"]
 """What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
@@ -118,6 +125,21 @@ class DenoiserConfig:
         if self.prediction not in get_args(Prediction):
             raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
         operands(self.compute)  # which raises
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields as plain values; those of ``cross_attention`` with the mechanism's name."""
+        return {**dataclasses.asdict(self), "cross_attention": to_config(self.cross_attention)}
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any]) -> DenoiserConfig:
+        """Inverse of ``to_json``."""
+        condition = fields["condition"]
+        if condition is not None:
+            condition_type: Any = ImageCondition if "channels" in condition else TextCondition
+            condition = condition_type(
+                **{name: tuple(value) if isinstance(value, list) else value for name, value in condition.items()}
+            )
+        return cls(**{**fields, "condition": condition, "cross_attention": from_name(**fields["cross_attention"])})
 
     @property
     def null_label(self) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 
 from scjax.data.build import load_manifest
 from scjax.data.loader import training_batches, validation_scenes
-from scjax.generate.model import Model
+from scjax.generate.model import Component, Model
 from scjax.generate.sample import reconstruct
 from scjax.metrics.reconstruction import reconstruction
 from scjax.models import codec as presets
@@ -37,7 +37,7 @@ def build(config) -> Stage:
     optimizer = make_optimizer(config, packing)
     manifest = load_manifest(config.records)
     validation = validation_scenes(config.records, codec)
-    base = model_at(config.start).autoencoder if config.start else {}
+    base = model_at(config.start).autoencoder.params if config.start else {}
 
     def init(key: jax.Array) -> TrainState:
         return initial(started(network.init(key), base), packing, optimizer)
@@ -49,9 +49,8 @@ def build(config) -> Stage:
 
     def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
         return Model(
+            components={"autoencoder": Component(model, packing.unpack(jax.device_get(state.ema)))},
             codec=codec,
-            autoencoder=packing.unpack(jax.device_get(state.ema)),
-            autoencoder_config=model,
             latents=latents or LatentStatistics.identity(),
             domains=tuple(manifest["domains"]),
             notes=notes or {},

@@ -10,7 +10,7 @@ import numpy as np
 
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, batch_of, validation_scenes
-from scjax.generate.model import Model, load
+from scjax.generate.model import Model, load_model
 from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
 from scjax.train.flat_params import FlatParams
@@ -21,7 +21,7 @@ from scjax.train.step import Stage, TrainState, initial, make_optimizer, trainin
 
 def build(config) -> Stage:
     """The stage's functions from its resolved config; the trained network joins the model of ``config.denoiser``."""
-    base = load(config.denoiser)
+    base = load_model(config.denoiser)
     texts = TextStore(config.records, "train")
     if base.text_encoder != texts.encoder:
         raise ValueError(
@@ -65,7 +65,7 @@ def build(config) -> Stage:
     def export(state: TrainState, resolved: dict) -> Model:
         notes = {**base.notes, "count_predictor": {"steps": int(state.step), "config": resolved}}
         params = packing.unpack(jax.device_get(state.ema))
-        return dataclasses.replace(base, count_predictor=params, count_predictor_config=model, notes=notes)
+        return dataclasses.replace(base.with_component("count_predictor", model, params), notes=notes)
 
     step = training_step(
         objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size

@@ -20,7 +20,7 @@ from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.compiled import decode
 from scjax.generate.conditions import Condition
-from scjax.generate.model import Model, load
+from scjax.generate.model import Model, load_model
 from scjax.generate.sample import sample_many
 from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
@@ -46,21 +46,21 @@ _VALIDATION_DRAWS = 4  # times and noises a validation scene
 
 def build(config) -> Stage:
     """The stage's functions from its resolved config."""
-    frozen = load(config.autoencoder)
-    codec, coder = frozen.codec, autoencoder(frozen.autoencoder_config)
+    frozen = load_model(config.autoencoder)
+    codec, coder = frozen.codec, autoencoder(frozen.autoencoder.config)
     manifest = load_manifest(config.records)
     fields = config.model.to_dict()
     texts, images = _texts(config), config.condition == "image"
     fields |= {
         "condition": ImageCondition(len(CLASSES), GRID, patch=1) if images else texts and TextCondition(texts.width),
         "cross_attention": _control(config),
-        "lane_latent": frozen.autoencoder_config.lane_latent,
-        "agent_latent": frozen.autoencoder_config.agent_latent,
+        "lane_latent": frozen.autoencoder.config.lane_latent,
+        "agent_latent": frozen.autoencoder.config.agent_latent,
         "domains": max(len(manifest["domains"]), 1),
     }
     model = DenoiserConfig(**fields)
     network = denoiser(model)
-    base = _base(config, frozen.autoencoder, manifest["domains"])
+    base = _base(config, frozen.autoencoder.params, manifest["domains"])
     shapes = jax.eval_shape(network.init, jax.random.key(0))
     kept = frozenset(flatten(base)) if config.freeze else frozenset()
     if model.relative_geometry:  # what reads the autoencoder's latents is fitted once
@@ -73,7 +73,7 @@ def build(config) -> Stage:
     validation = validation_examples(config, codec)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
-    coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder)
+    coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder.params)
 
     def init(key: jax.Array) -> TrainState:
         return initial(started(network.init(key), base), packing, optimizer)
@@ -133,7 +133,7 @@ def build(config) -> Stage:
 
     def as_model(state: TrainState, notes: dict | None = None) -> Model:
         return dataclasses.replace(
-            frozen, denoiser=packing.unpack(jax.device_get(state.ema)), denoiser_config=model,
+            frozen.with_component("denoiser", model, packing.unpack(jax.device_get(state.ema))),
             domains=tuple(manifest["domains"]), counts=_counts(manifest, model),
             text_encoder="" if texts is None else texts.encoder, notes=notes or {},
         )  # fmt: skip
