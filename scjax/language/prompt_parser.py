@@ -1,6 +1,7 @@
-"""What a prompt asks for, read by rule: the counterpart of ``text.write``, for prompts in anybody's words.
+"""Prompt parser: reads from a prompt what it asks for, by rules, and checks the facts of a scene against it.
 
-Only plain statements are read; what is not recognised is not asked for. Numbers count as said, vague words as ranges.
+The parser understands plain statements in any wording and ignores everything else. A number is exact, a vague word is
+a range.
 """
 
 from __future__ import annotations
@@ -8,15 +9,24 @@ from __future__ import annotations
 import dataclasses
 import re
 
+from scjax.language.events import RULES
 from scjax.language.facts import Facts
+from scjax.language.wording import NUMBER_WORDS
 
-_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-_NUMBER = {word: k for k, word in enumerate(_WORDS)} | {"a single": 1, "a": 1, "an": 1}
-_MOST = 60
-_VAGUE = {
-    "a couple of": (2, 3), "a few": (2, 4), "few": (2, 4), "some": (2, 6), "several": (3, 9), "multiple": (2, 12),
-    "many": (6, _MOST), "numerous": (6, _MOST), "heavy": (8, _MOST),
-}  # fmt: skip
+_MAX_COUNT = 60
+_NUMBERS = {word: k for k, word in enumerate(NUMBER_WORDS)} | {"a single": 1, "a": 1, "an": 1}
+_VAGUE_COUNTS = {
+    "a couple of": (2, 3),
+    "a few": (2, 4),
+    "few": (2, 4),
+    "some": (2, 6),
+    "several": (3, 9),
+    "multiple": (2, 12),
+    "many": (6, _MAX_COUNT),
+    "numerous": (6, _MAX_COUNT),
+    "heavy": (8, _MAX_COUNT),
+}
+_COUNT_TOLERANCE = 0.2  # of an exact number of vehicles, at least 1
 _ADJECTIVES = r"(?:other |more |moving |oncoming |parked |stopped )*"
 _LAYOUTS = (
     ("roundabout", r"roundabout|traffic circle|rotary"),
@@ -27,21 +37,14 @@ _LAYOUTS = (
     ("straight", r"straight (?:\w+[- ]?\w* )?(?:road|street|stretch|lanes?)|road that runs straight"),
     ("curve", r"curved|in a bend|curving|bending|\bbend\b|\bcurve\b"),
 )
-_EVENTS = (
-    ("wrong-way driver", r"wrong[- ]way|wrong (?:side|direction)|against (?:the )?traffic"),
-    ("jaywalker", r"jaywalk|away from any crosswalk"),
-    ("stopped vehicle in lane", r"(?:stopped|broken[- ]down|stalled) (?:vehicle|car)?.*lane|blocking a lane"),
-    ("double parking", r"double[- ]park"),
-    ("emergency corridor", r"emergency (?:corridor|lane)|making way for an emergency"),
-    ("cut-in", r"cut(?:s|ting)?[- ]in|cut-in"),
-)
 _SIGNALS = (
     ("red", r"\bred (?:traffic )?(?:light|signal)"),
     ("green", r"\bgreen (?:traffic )?(?:light|signal|path)|lanes green"),
     ("yellow", r"\b(?:yellow|amber) (?:traffic )?(?:light|signal)"),
 )
-_DENIED = r"\b(?:no|not|without|never|nobody|nothing)(?: an?| any| the)?(?: \w+)? $"
-_RELATION = (
+_NEGATION = r"\b(?:no|not|without|never|nobody|nothing)(?: an?| any| the)?(?: \w+)? $"
+# A count with a relation ("two vehicles ahead") is no total.
+_NO_RELATION = (
     r"(?! (?:ahead|behind|in |on the (?:left|crossing|opposite)|oncoming|approaching|following|turning|parked|"
     r"crossing|from|beside|to the|off|lane))"
 )
@@ -49,12 +52,14 @@ _RELATION = (
 
 @dataclasses.dataclass(frozen=True)
 class PromptSpec:
-    """What a prompt says; None and empty: nothing.
+    """What a prompt asks for; None and empty mean that it does not say.
 
     Attributes:
-      layout: one of ``Facts.layout``. signal: colour of the ego's light. events: rare events.
-      vehicles, pedestrians, cyclists: fewest and most that fit the words; the ego is no vehicle of these.
-      exact: whether the number of vehicles was said as a number.
+      layout: a value of ``Facts.layout``.
+      vehicles, pedestrians, cyclists: smallest and largest count that fit the words; the ego does not count.
+      exact: whether the prompt gives the number of vehicles as a number.
+      signal: color of the ego's traffic light.
+      events: rare events.
     """
 
     layout: str | None = None
@@ -67,65 +72,66 @@ class PromptSpec:
 
 
 def parse_prompt(text: str) -> PromptSpec:
-    """What ``text`` asks for."""
-    plain = " ".join(text.lower().replace("–", "-").split())
-    vehicles, exact = _amount(plain, r"(?:vehicles?|cars?)")
+    """What the prompt ``text`` asks for."""
+    text = " ".join(text.lower().replace("–", "-").split())
+    vehicles, exact = _parse_count(text, r"(?:vehicles?|cars?)")
     return PromptSpec(
-        layout=next((name for name, pattern in _LAYOUTS if re.search(pattern, plain)), None),
-        vehicles=vehicles, exact=exact,
-        pedestrians=_amount(plain, r"(?:pedestrians?|people|persons?)")[0],
-        cyclists=_amount(plain, r"(?:cyclists?|bicycles?|bikes?)")[0],
-        signal=next((name for name, pattern in _SIGNALS if _wanted(pattern, plain)), None),
-        events=tuple(name for name, pattern in _EVENTS if _wanted(pattern, plain)),
-    )  # fmt: skip
+        layout=next((name for name, pattern in _LAYOUTS if re.search(pattern, text)), None),
+        vehicles=vehicles,
+        exact=exact,
+        pedestrians=_parse_count(text, r"(?:pedestrians?|people|persons?)")[0],
+        cyclists=_parse_count(text, r"(?:cyclists?|bicycles?|bikes?)")[0],
+        signal=next((name for name, pattern in _SIGNALS if _affirms(text, pattern)), None),
+        events=tuple(rule.event for rule in RULES if _affirms(text, rule.prompt_pattern)),
+    )
 
 
-def check(asked: PromptSpec, facts: Facts) -> dict[str, bool]:
-    """Attribute -> whether a scene shows it, for every attribute that was asked for.
+def check(spec: PromptSpec, facts: Facts) -> dict[str, bool]:
+    """Whether a scene shows what a prompt asks for, per attribute in ``spec``.
 
-    Vehicles in a number may be off by one or by a fifth; intersections count by their kind, whatever else there is.
+    An exact number of vehicles may be off by one or by a fifth. An intersection may be any of the scene.
     """
+    results: dict[str, bool] = {}
+    if spec.layout in ("four-way", "T", "complex", "roundabout"):
+        results["intersection"] = spec.layout in (facts.layout, facts.intersection)
+    elif spec.layout in ("straight", "curve"):
+        is_road = facts.intersection is None and facts.layout != "roundabout"
+        # A gentle curve passes for straight and for curved.
+        is_gentle = (facts.curve or "").startswith("gently")
+        is_curved = facts.curve in ("left", "right", "winding")
+        results["curved or straight"] = is_road and (is_gentle or is_curved == (spec.layout == "curve"))
+    elif spec.layout is not None:
+        results["layout"] = facts.layout == spec.layout
     traffic = facts.traffic
-    found: dict[str, bool] = {}
-    if asked.layout in ("four-way", "T", "complex", "roundabout"):
-        found["intersection"] = asked.layout in (facts.layout, facts.intersection)
-    elif asked.layout in ("straight", "curve"):
-        # A gentle bend is called either.
-        gentle = (facts.curve or "").startswith("gently")
-        bent = facts.curve in ("left", "right", "winding")
-        plain = facts.intersection is None and facts.layout != "roundabout"
-        found["curved or straight"] = plain and (gentle or bent == (asked.layout == "curve"))
-    elif asked.layout is not None:
-        found["layout"] = facts.layout == asked.layout
-    if asked.vehicles is not None:
-        low, high = asked.vehicles
-        slack = max(1, round(0.2 * high)) if asked.exact else 0
-        name = "vehicles, number" if asked.exact else "vehicles, vague"
-        found[name] = low - slack <= traffic.vehicles <= high + slack
-    if asked.pedestrians is not None:
-        found["pedestrians"] = (traffic.pedestrians > 0) == (asked.pedestrians[1] > 0)
-    if asked.cyclists is not None:
-        found["cyclists"] = (traffic.cyclists > 0) == (asked.cyclists[1] > 0)
-    if asked.signal is not None:
-        found["signal"] = facts.signals == asked.signal
-    return found | {f"event: {event}": event in facts.events for event in asked.events}
+    if spec.vehicles is not None:
+        low, high = spec.vehicles
+        tolerance = max(1, round(_COUNT_TOLERANCE * high)) if spec.exact else 0
+        name = "vehicles, number" if spec.exact else "vehicles, vague"
+        results[name] = low - tolerance <= traffic.vehicles <= high + tolerance
+    if spec.pedestrians is not None:
+        results["pedestrians"] = (traffic.pedestrians > 0) == (spec.pedestrians[1] > 0)
+    if spec.cyclists is not None:
+        results["cyclists"] = (traffic.cyclists > 0) == (spec.cyclists[1] > 0)
+    if spec.signal is not None:
+        results["signal"] = facts.signals == spec.signal
+    return results | {f"event: {event}": event in facts.events for event in spec.events}
 
 
-def _wanted(pattern: str, text: str) -> bool:
-    """Whether the text says ``pattern`` without denying it, as in "no" or "without any" before it."""
-    return any(not re.search(_DENIED, text[: found.start()]) for found in re.finditer(pattern, text))
+def _affirms(text: str, pattern: str) -> bool:
+    """Whether the text contains ``pattern`` without a negation ("no", "without any") before it."""
+    return any(not re.search(_NEGATION, text[: match.start()]) for match in re.finditer(pattern, text))
 
 
-def _amount(text: str, nouns: str) -> tuple[tuple[int, int] | None, bool]:
-    """Range that the text gives for something, and whether as a number; those "ahead", "parked", ... are no total."""
-    words = "|".join(sorted(map(re.escape, [*_NUMBER, *_VAGUE]), key=len, reverse=True))
-    match = re.search(rf"\b({words}|\d+) {_ADJECTIVES}{nouns}\b{_RELATION}", text)
+def _parse_count(text: str, nouns: str) -> tuple[tuple[int, int] | None, bool]:
+    """Range of a total that the text gives for ``nouns``, None without one, and whether it is an exact number."""
+    words = "|".join(sorted(map(re.escape, [*_NUMBERS, *_VAGUE_COUNTS]), key=len, reverse=True))
+    match = re.search(rf"\b({words}|\d+) {_ADJECTIVES}{nouns}\b{_NO_RELATION}", text)
     if match is None:
         return None, False
-    said = match.group(1)
-    if said in _VAGUE:
-        return _VAGUE[said], False
-    if said in ("a", "an"):
-        return (1, _MOST), False
-    number = int(said) if said.isdigit() else _NUMBER[said]
-    return (number, number), said != "no"
+    word = match.group(1)
+    if word in _VAGUE_COUNTS:
+        return _VAGUE_COUNTS[word], False
+    if word in ("a", "an"):
+        return (1, _MAX_COUNT), False
+    number = int(word) if word.isdigit() else _NUMBERS[word]
+    return (number, number), word != "no"

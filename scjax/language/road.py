@@ -1,4 +1,4 @@
-"""The lanes of one scene as the captioner sees them: chains merged, finely resampled, with headings and turns."""
+"""The lanes of one scene as the language rules see them: chains merged, finely resampled, with headings and turns."""
 
 from __future__ import annotations
 
@@ -11,106 +11,115 @@ from jaxtyping import Float64, Int
 from scjax.scene import Link, Scene, Signal, unpadded
 from scjax.scene.lane_chains import compact
 
-POINTS = 81
-_ENDS = 0.1  # share of a lane over which its direction at an end is taken
+POINTS = 81  # per lane
+_MIN_LENGTH = 1e-3  # m, shorter lanes are left out
+_END_SHARE = 0.1  # of a lane, over which the turn at an end is measured
 
 
-def wrapped(angle):
-    """Into -pi .. pi [rad]."""
+def wrap_to_pi(angle):
+    """Angle in the range -pi .. pi [rad]; numpy counterpart of ``scjax.scene.geometry.wrap_angle``."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 @dataclasses.dataclass(frozen=True)
 class Road:
-    """Lanes in driving direction, frame of the ego (x forward, y left), metres and radians.
+    """Lanes in driving direction, in the frame of the ego (x forward, y left) [m, rad].
 
     Attributes:
-      line: equally spaced in xy arc length.
-      z: NaN where unknown.
-      successors, predecessors: of each lane.
-      signal: ``Signal`` of each lane; recorded: whether the scene has any.
+      points: centerlines, with points at equal distances along the lane.
+      z: heights; NaN where unknown.
+      successors, predecessors: indices of the lanes after and before each lane.
+      signals: ``Signal`` of each lane.
     """
 
-    line: Float64[np.ndarray, "lanes points 2"]
+    points: Float64[np.ndarray, "lanes points 2"]
     z: Float64[np.ndarray, "lanes points"]
     successors: list[list[int]]
     predecessors: list[list[int]]
-    signal: Int[np.ndarray, " lanes"]
+    signals: Int[np.ndarray, " lanes"]
 
     def __len__(self) -> int:
-        return len(self.line)
+        return len(self.points)
 
     @functools.cached_property
-    def chord(self) -> Float64[np.ndarray, "lanes segments"]:
+    def headings(self) -> Float64[np.ndarray, "lanes segments"]:
         """Heading of every segment [rad]."""
-        step = np.diff(self.line, axis=1)
+        step = np.diff(self.points, axis=1)
         return np.arctan2(step[..., 1], step[..., 0])
 
     @functools.cached_property
     def length(self) -> Float64[np.ndarray, " lanes"]:
-        """xy arc length [m]."""
-        return np.linalg.norm(np.diff(self.line, axis=1), axis=-1).sum(-1)
+        """Length in the plane [m]."""
+        return np.linalg.norm(np.diff(self.points, axis=1), axis=-1).sum(-1)
 
     @functools.cached_property
-    def bend(self) -> Float64[np.ndarray, "lanes joints"]:
-        """Signed turn from each segment to the next [rad], left positive."""
-        return wrapped(np.diff(self.chord, axis=1))
+    def bends(self) -> Float64[np.ndarray, "lanes bends"]:
+        """Signed turn from each segment to the next [rad], positive to the left."""
+        return wrap_to_pi(np.diff(self.headings, axis=1))
 
     @functools.cached_property
     def turn(self) -> Float64[np.ndarray, " lanes"]:
         """Signed turn over the whole lane [rad]."""
-        return self.bend.sum(-1)
+        return self.bends.sum(-1)
 
     @property
     def end_heading(self) -> Float64[np.ndarray, " lanes"]:
-        """Of the last segment [rad]."""
-        return self.chord[:, -1]
+        """Heading of the last segment [rad]."""
+        return self.headings[:, -1]
 
     @functools.cached_property
-    def turn_at_ends(self) -> Float64[np.ndarray, "lanes 2"]:
+    def end_turns(self) -> Float64[np.ndarray, "lanes 2"]:
         """Absolute turn over the first and over the last tenth of each lane [rad]."""
-        part = max(1, round(_ENDS * self.bend.shape[1]))
-        return np.abs(np.stack([self.bend[:, :part].sum(-1), self.bend[:, -part:].sum(-1)], -1))
+        count = max(1, round(_END_SHARE * self.bends.shape[1]))
+        return np.abs(np.stack([self.bends[:, :count].sum(-1), self.bends[:, -count:].sum(-1)], -1))
 
-    def neighbours(self, lane: int) -> set[int]:
-        """Lanes before and after."""
-        return {*self.successors[lane], *self.predecessors[lane]}
-
-    def connected(self, lane: int) -> set[int]:
-        """Lanes that can be reached from ``lane``, driving either way."""
-        found, open_ = {lane}, [lane]
-        while open_:
-            fresh = self.neighbours(open_.pop()) - found
-            found |= fresh
-            open_ += fresh
-        return found
+    def connected_lanes(self, lane: int) -> set[int]:
+        """Lanes that can be reached from ``lane`` along successors and predecessors, itself included."""
+        connected, frontier = {lane}, [lane]
+        while frontier:
+            last = frontier.pop()
+            new = {*self.successors[last], *self.predecessors[last]} - connected
+            connected |= new
+            frontier += new
+        return connected
 
 
-def road_of(scene: Scene) -> Road:
-    """The road of one scene; lanes without any length are left out."""
+def road_from_scene(scene: Scene) -> Road:
+    """The road of one scene; lanes without length are left out."""
     scene = unpadded(scene.to_numpy())
     points = np.asarray(scene.lanes, np.float64)
     points[..., 2] = np.where(np.asarray(scene.lane_known)[:, None, 2], points[..., 2], np.nan)
-    joins = {(int(i), int(j)) for i, j in np.argwhere(scene.links == Link.PREDECESSOR)}
-    chains, edges = compact(len(points), joins)
+    links = {(int(i), int(j)) for i, j in np.argwhere(scene.links == Link.PREDECESSOR)}
+    chains, edges = compact(len(points), links)
     lines = [np.concatenate([points[chain[0]], *(points[lane][1:] for lane in chain[1:])]) for chain in chains]
-    kept = [row for row, line in enumerate(lines) if np.hypot(*np.diff(line[:, :2], axis=0).T).sum() > 1e-3]
-    rows = {row: number for number, row in enumerate(kept)}
-    pairs = sorted({(rows[int(i)], rows[int(j)]) for i, j in edges if int(i) in rows and int(j) in rows})
-    fine = np.stack([_resampled(lines[row]) for row in kept]) if kept else np.zeros((0, POINTS, 3))
-    signals = [scene.signals[list(chains[row])] for row in kept]
-    lit = [next((int(s) for s in states if s != Signal.UNKNOWN), int(Signal.UNKNOWN)) for states in signals]
+    rows = [row for row, line in enumerate(lines) if np.hypot(*np.diff(line[:, :2], axis=0).T).sum() > _MIN_LENGTH]
+    lane_of_row = {row: lane for lane, row in enumerate(rows)}
+    pairs = sorted(
+        {
+            (lane_of_row[int(i)], lane_of_row[int(j)])
+            for i, j in edges
+            if int(i) in lane_of_row and int(j) in lane_of_row
+        }
+    )
+    centerlines = np.stack([_resample(lines[row]) for row in rows]) if rows else np.zeros((0, POINTS, 3))
     return Road(
-        line=fine[..., :2], z=fine[..., 2],
-        successors=[[j for i, j in pairs if i == lane] for lane in range(len(kept))],
-        predecessors=[[i for i, j in pairs if j == lane] for lane in range(len(kept))],
-        signal=np.array(lit, int),
-    )  # fmt: skip
+        points=centerlines[..., :2],
+        z=centerlines[..., 2],
+        successors=[[j for i, j in pairs if i == lane] for lane in range(len(rows))],
+        predecessors=[[i for i, j in pairs if j == lane] for lane in range(len(rows))],
+        signals=np.array([_first_signal(np.asarray(scene.signals)[list(chains[row])]) for row in rows], int),
+    )
 
 
-def _resampled(line: np.ndarray) -> np.ndarray:
+def _first_signal(states: np.ndarray) -> int:
+    """The first known ``Signal`` of the lanes of a chain."""
+    return next((int(state) for state in states if state != Signal.UNKNOWN), int(Signal.UNKNOWN))
+
+
+def _resample(line: np.ndarray) -> np.ndarray:
+    """``POINTS`` points [x, y, z] at equal distances in the plane."""
     step = np.hypot(*np.diff(line[:, :2], axis=0).T)
     line = line[np.concatenate([[True], step > 1e-9])]
     arc = np.concatenate([[0], np.cumsum(step[step > 1e-9])])
-    at = np.linspace(0, arc[-1], POINTS)
-    return np.stack([np.interp(at, arc, line[:, k]) for k in range(3)], -1)
+    positions = np.linspace(0, arc[-1], POINTS)
+    return np.stack([np.interp(positions, arc, line[:, k]) for k in range(3)], -1)

@@ -1,4 +1,4 @@
-"""Approaches of intersections that allow one turn only, beside an approach that goes straight on."""
+"""Dedicated turn lanes: approaches of intersections that allow one turn only, next to a through lane."""
 
 from __future__ import annotations
 
@@ -7,96 +7,112 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from scjax.language.intersections import Intersection
-from scjax.language.road import Road, wrapped
+from scjax.language.road import Road, wrap_to_pi
 
-Turn = Literal["left", "right"]
+TurnDirection = Literal["left", "right"]
 Movement = Literal["left", "straight", "right"]
 
-_TURN = np.deg2rad(40.0)
-_BESIDE = (2.0, 8.0)  # metres between a turn lane and its neighbour that goes straight on
-_LEVEL = 16.0  # metres by which their ends may be apart along the road
+_MIN_TURN = np.deg2rad(40.0)
+_NEIGHBOR_DISTANCE = (2.0, 8.0)  # m to the side, between a turn lane and the through lane
+_MAX_ALONG = 16.0  # m along the road, between the ends of the two lanes
 _PARALLEL = 0.3  # rad
-_TWIN = 1.0  # metres to an opposite lane: a centre turn lane, which is no approach
-_OF_EGO = (0.5, 16.0)  # rad off the ego's heading, metres to its side
+_OPPOSITE_DISTANCE = 1.0  # m to an opposite lane: the two are one center turn lane
+_EGO_ANGLE = 0.5  # rad between the ego's approach and its heading
+_EGO_LATERAL = 16.0  # m to the side of the ego
+_EGO_BEHIND = -5.0  # m, approaches further behind are not the ego's
 
 
 class TurnLane(NamedTuple):
-    """A lane that may only turn; ``ego``: it belongs to the ego's approach, ``holds_ego``: the ego drives in it."""
+    """A lane for one turn only.
 
-    turn: Turn
+    Attributes:
+      turn: direction of the turn. lane: index of the lane.
+      on_ego_approach: whether it belongs to the ego's approach. has_ego: whether the ego drives in it.
+    """
+
+    turn: TurnDirection
     lane: int
-    ego: bool
-    holds_ego: bool
+    on_ego_approach: bool
+    has_ego: bool
 
 
 class _Approach(NamedTuple):
+    """A lane that leads into an intersection: where it enters [m], heading there [rad], movements that it allows."""
+
     lane: int
-    place: np.ndarray
+    position: np.ndarray
     heading: float
     movements: frozenset[Movement]
 
 
-def find_turn_lanes(road: Road, intersections: list[Intersection], ego: int | None) -> list[TurnLane]:
+def find_turn_lanes(road: Road, intersections: list[Intersection], ego_lane: int | None) -> list[TurnLane]:
     """Dedicated turn lanes of all intersections."""
-    found = {}
-    for item in intersections:
-        approaches = _approaches(road, item)
+    turn_lanes = {}
+    for intersection in intersections:
+        approaches = _approaches(road, intersection)
         for approach in approaches:
-            turn: Turn | None = None
-            if approach.movements == {"left"}:
-                turn = "left"
-            elif approach.movements == {"right"}:
-                turn = "right"
-            if turn is None or _has_twin(road, approach):
+            turn = _only_turn(approach)
+            if turn is None or _is_center_turn_lane(road, approach):
                 continue
-            if any(_beside(approach, other, turn) for other in approaches):
-                of_ego = (
-                    abs(wrapped(approach.heading)) < _OF_EGO[0]
-                    and abs(approach.place[1]) < _OF_EGO[1]
-                    and approach.place[0] > -5
+            if any(_is_through_neighbor(approach, other, turn) for other in approaches):
+                on_ego_approach = (
+                    abs(wrap_to_pi(approach.heading)) < _EGO_ANGLE
+                    and abs(approach.position[1]) < _EGO_LATERAL
+                    and approach.position[0] > _EGO_BEHIND
                 )
-                found[approach.lane] = TurnLane(turn, approach.lane, bool(of_ego), approach.lane == ego)
-    return list(found.values())
+                lane = approach.lane
+                turn_lanes[lane] = TurnLane(turn, lane, bool(on_ego_approach), lane == ego_lane)
+    return list(turn_lanes.values())
 
 
-def movement(turn: float, least: float = _TURN) -> Movement:
-    """left, straight or right, by the signed turn of a lane [rad]; less than ``least`` is straight."""
-    if abs(turn) <= least:
+def movement(turn: float, min_turn: float = _MIN_TURN) -> Movement:
+    """Movement along a lane with signed turn ``turn`` [rad]; up to ``min_turn`` it is straight."""
+    if abs(turn) <= min_turn:
         return "straight"
     return "left" if turn > 0 else "right"
 
 
-def _approaches(road: Road, item: Intersection) -> list[_Approach]:
-    """Lanes that lead into members, and members that begin outside the disc (approach and turn as one lane)."""
-    members, found = set(item.members), []
+def _only_turn(approach: _Approach) -> TurnDirection | None:
+    if approach.movements == {"left"}:
+        return "left"
+    return "right" if approach.movements == {"right"} else None
+
+
+def _approaches(road: Road, intersection: Intersection) -> list[_Approach]:
+    """Lanes that lead into members, and members that start outside the disc (approach and turn in one lane)."""
+    members, approaches = set(intersection.members), []
     for lane in range(len(road)):
         if lane in members:
-            inside = np.flatnonzero(np.linalg.norm(road.line[lane] - item.centre, axis=-1) < item.radius)
+            distance = np.linalg.norm(road.points[lane] - intersection.center, axis=-1)
+            inside = np.flatnonzero(distance < intersection.radius)
             if not len(inside) or not inside[0]:
                 continue
-            enter = int(min(inside[0], road.chord.shape[1] - 2))
-            moves: frozenset[Movement] = frozenset([movement(float(road.bend[lane, enter:].sum()))])
-            found.append(_Approach(lane, road.line[lane, enter], float(road.chord[lane, enter]), moves))
+            entry = int(min(inside[0], road.headings.shape[1] - 2))
+            turns: frozenset[Movement] = frozenset([movement(float(road.bends[lane, entry:].sum()))])
+            position, heading = road.points[lane, entry], float(road.headings[lane, entry])
+            approaches.append(_Approach(lane, position, heading, turns))
         else:
-            moves = frozenset(movement(float(road.turn[after])) for after in road.successors[lane] if after in members)
-            if moves:
-                found.append(_Approach(lane, road.line[lane, -1], float(road.end_heading[lane]), moves))
-    return found
+            turns = frozenset(movement(float(road.turn[k])) for k in road.successors[lane] if k in members)
+            if turns:
+                approaches.append(_Approach(lane, road.points[lane, -1], float(road.end_heading[lane]), turns))
+    return approaches
 
 
-def _beside(approach: _Approach, other: _Approach, turn: str) -> bool:
-    if "straight" not in other.movements or abs(wrapped(other.heading - approach.heading)) > _PARALLEL:
+def _is_through_neighbor(approach: _Approach, other: _Approach, turn: TurnDirection) -> bool:
+    """Whether ``other`` goes straight on and runs on the inner side of the turn lane ``approach``."""
+    if "straight" not in other.movements or abs(wrap_to_pi(other.heading - approach.heading)) > _PARALLEL:
         return False
     cos, sin = np.cos(approach.heading), np.sin(approach.heading)
-    dx, dy = other.place - approach.place
+    dx, dy = other.position - approach.position
     along, left = cos * dx + sin * dy, cos * dy - sin * dx
-    side = -left if turn == "left" else left  # the lane that goes on lies to the right of a left-turn lane
-    return bool(abs(along) < _LEVEL and _BESIDE[0] <= side <= _BESIDE[1])
+    side = -left if turn == "left" else left  # the through lane is to the right of a left-turn lane
+    return bool(abs(along) < _MAX_ALONG and _NEIGHBOR_DISTANCE[0] <= side <= _NEIGHBOR_DISTANCE[1])
 
 
-def _has_twin(road: Road, approach: _Approach) -> bool:
-    near = np.linalg.norm(road.line - approach.place, axis=-1)
-    point = near.argmin(1)
-    heading = road.chord[np.arange(len(road)), np.minimum(point, road.chord.shape[1] - 1)]
-    opposite = np.abs(wrapped(heading - approach.heading)) > np.pi - _PARALLEL
-    return bool((opposite & (near.min(1) < _TWIN)).any())
+def _is_center_turn_lane(road: Road, approach: _Approach) -> bool:
+    """Whether an opposite lane lies on the approach."""
+    distances = np.linalg.norm(road.points - approach.position, axis=-1)
+    point = distances.argmin(1)
+    heading = road.headings[np.arange(len(road)), np.minimum(point, road.headings.shape[1] - 1)]
+    is_opposite = np.abs(wrap_to_pi(heading - approach.heading)) > np.pi - _PARALLEL
+    return bool((is_opposite & (distances.min(1) < _OPPOSITE_DISTANCE)).any())

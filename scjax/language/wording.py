@@ -1,4 +1,4 @@
-"""Words for facts: every function offers several ways of saying one thing, of which the caller draws one."""
+"""Phrases for facts: each function knows several phrases for one fact and picks one at random."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from scjax.language.events import RULES
 from scjax.language.facts import Facts
 
-_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _PLURALS = {"person": "people"}
 
 LAYOUTS: dict[str, tuple[str, ...]] = {
@@ -21,7 +22,8 @@ LAYOUTS: dict[str, tuple[str, ...]] = {
     "roundabout": ("a roundabout", "a traffic circle"),
     "parking area": ("a parking area", "the aisles of a parking lot"),
     "intersection at the edge": (
-        "a road with an intersection at the edge of view", "a road that nears an intersection",
+        "a road with an intersection at the edge of view",
+        "a road that nears an intersection",
     ),
     "side road": ("a road with a side road", "a road from which a smaller road branches off"),
     "several side streets": ("a road with several side streets", "a road with a number of side streets"),
@@ -31,34 +33,34 @@ LAYOUTS: dict[str, tuple[str, ...]] = {
     "merge": ("a merge of two roads", "a road into which another merges"),
     "junction at the edge": ("a road with a junction at the edge of view", "a road with a junction further off"),
     "no road": ("an open area without marked lanes", "an area without lanes"),
-}  # fmt: skip
+}
 
 
 def number_word(count: int) -> str:
-    """As a word up to twelve."""
-    return _NUMBERS[count] if count < len(_NUMBERS) else str(count)
+    """The number as a word up to twelve, in digits above."""
+    return NUMBER_WORDS[count] if count < len(NUMBER_WORDS) else str(count)
 
 
 def count_phrase(count: int, noun: str, rng: np.random.Generator) -> str:
-    """``count`` things: as a number, or as vaguely as people speak, half of the time each."""
-    many = _PLURALS.get(noun, f"{noun}s")
+    """``count`` things, as a number or in vague words ("several"), each with probability 1/2."""
+    plural = _PLURALS.get(noun, f"{noun}s")
     if count == 0:
-        return f"no {many}"
+        return f"no {plural}"
     if count == 1:
         return pick_phrase(rng, f"one {noun}", f"a single {noun}")
     if rng.random() < 0.5:
-        return f"{number_word(count)} {many}"
+        return f"{number_word(count)} {plural}"
     if count <= 3:
-        return pick_phrase(rng, f"a few {many}", f"a couple of {many}" if count == 2 else f"some {many}")
+        return pick_phrase(rng, f"a few {plural}", f"a couple of {plural}" if count == 2 else f"some {plural}")
     return (
-        pick_phrase(rng, f"several {many}", f"multiple {many}")
+        pick_phrase(rng, f"several {plural}", f"multiple {plural}")
         if count <= 7
-        else pick_phrase(rng, f"many {many}", f"{many} in numbers")
+        else pick_phrase(rng, f"many {plural}", f"{plural} in numbers")
     )
 
 
 def lane_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
-    """Lanes of the ego's road, to follow a noun ("with ..."); None off the road."""
+    """Lanes of the ego's road, as an attribute of a noun ("with ..."); None off the road."""
     same, opposite = facts.lanes_same, facts.lanes_opposite
     if not same:
         return None
@@ -73,8 +75,10 @@ def lane_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
     if min(same, opposite) >= 2:
         exact = f"with {number_word(same)} lanes in each direction" if same == opposite else None
         vague = "with multiple lanes in each direction"
-        return pick_phrase(rng, exact, vague) if exact else pick_phrase(rng, vague, _both(same, opposite))
-    return _both(same, opposite)
+        return (
+            pick_phrase(rng, exact, vague) if exact else pick_phrase(rng, vague, _lanes_per_direction(same, opposite))
+        )
+    return _lanes_per_direction(same, opposite)
 
 
 def road_phrase(facts: Facts, rng: np.random.Generator) -> str:
@@ -95,8 +99,8 @@ def curve_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
         return None
     if facts.curve == "winding":
         return "winding"
-    gently, _, side = (facts.curve or "").rpartition(" ")
-    return pick_phrase(rng, f"curving {gently} to the {side}", f"bending {gently} {side}").replace("  ", " ")
+    degree, _, side = (facts.curve or "").rpartition(" ")
+    return pick_phrase(rng, f"curving {degree} to the {side}", f"bending {degree} {side}").replace("  ", " ")
 
 
 def intersection_sentence(facts: Facts, rng: np.random.Generator) -> str | None:
@@ -108,10 +112,10 @@ def intersection_sentence(facts: Facts, rng: np.random.Generator) -> str | None:
         return pick_phrase(
             rng, "The ego vehicle is inside the intersection.", "The ego vehicle stands in the intersection."
         )
-    where = {"ahead": "ahead", "behind": "behind the ego vehicle"}.get(side, f"to the {side}")
+    direction = {"ahead": "ahead", "behind": "behind the ego vehicle"}.get(side, f"to the {side}")
     if distance and rng.random() < 0.5:
-        return f"The intersection is about {distance} m {where}."
-    return f"The intersection is {where}."
+        return f"The intersection is about {distance} m {direction}."
+    return f"The intersection is {direction}."
 
 
 def turn_lane_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
@@ -133,29 +137,30 @@ def signal_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
 
 
 def absence_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
-    """What a plain road lacks, as a noun phrase; None where there is a joint of any kind."""
+    """What a plain road lacks, as a noun phrase; None where the road has a junction, a fork or a merge."""
     if facts.layout not in ("straight", "curve", "winding"):
         return None
-    things = ["intersections", "merges", "splits"]
-    kept = [thing for thing in things if rng.random() < 0.7] or things[:1]
-    return f"no {join_phrases(kept, 'or')}"
+    nouns = ["intersections", "merges", "splits"]
+    chosen = [noun for noun in nouns if rng.random() < 0.7] or nouns[:1]
+    return f"no {join_phrases(chosen, 'or')}"
 
 
 def motion_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
     """How the ego moves, as a predicate; None where its speed is unknown."""
-    ways = {
-        "stopped": ("is stopped", "stands still"), "slow": ("is moving slowly", "crawls along"),
+    phrases = {
+        "stopped": ("is stopped", "stands still"),
+        "slow": ("is moving slowly", "crawls along"),
         "moderate": ("is moving at moderate speed", "drives at a moderate speed"),
         "fast": ("is moving fast", "drives fast"),
-    }  # fmt: skip
-    found = ways.get(facts.traffic.ego_motion or "")
-    return pick_phrase(rng, *found) if found else None
+    }
+    choices = phrases.get(facts.traffic.ego_motion or "")
+    return pick_phrase(rng, *choices) if choices else None
 
 
 def relation_phrases(facts: Facts, rng: np.random.Generator) -> list[str]:
     """Vehicles by their relation to the ego, as noun phrases."""
     traffic = facts.traffic
-    said = (
+    relations = (
         (traffic.ahead, ("ahead in the ego lane", "in front of the ego vehicle")),
         (traffic.behind, ("behind the ego vehicle", "following the ego vehicle")),
         (traffic.left_lane, ("in the lane to the left", "in the left neighbouring lane")),
@@ -165,11 +170,13 @@ def relation_phrases(facts: Facts, rng: np.random.Generator) -> list[str]:
         (traffic.turning, ("turning", "in a turn")),
         (traffic.parked, ("parked beside the road", "parked off the lanes")),
     )
-    return [f"{count_phrase(count, 'vehicle', rng)} {pick_phrase(rng, *ways)}" for count, ways in said if count]
+    return [
+        f"{count_phrase(count, 'vehicle', rng)} {pick_phrase(rng, *phrases)}" for count, phrases in relations if count
+    ]
 
 
 def pedestrian_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
-    """Pedestrians and where they are, as a noun phrase; None without any."""
+    """Pedestrians and their common position, as a noun phrase; None without pedestrians."""
     traffic = facts.traffic
     if not traffic.pedestrians:
         return None
@@ -185,30 +192,23 @@ def pedestrian_phrase(facts: Facts, rng: np.random.Generator) -> str | None:
 
 
 def event_phrases(facts: Facts, rng: np.random.Generator) -> list[str]:
-    """Rare events as noun phrases, never left out: they are what a scene is picked for."""
-    ways = {
-        "wrong-way driver": ("a wrong-way driver", "a vehicle driving the wrong way", "a vehicle on the wrong side"),
-        "jaywalker": ("a jaywalker crossing the road", "a pedestrian crossing the road away from any crosswalk"),
-        "stopped vehicle in lane": ("a vehicle stopped in its lane", "a broken-down vehicle blocking a lane"),
-        "double parking": ("a double-parked vehicle", "a vehicle double parked beside the kerb"),
-        "emergency corridor": ("an emergency corridor", "vehicles making way for an emergency vehicle"),
-        "cut-in": ("a vehicle cutting in", "a vehicle that cuts into the next lane"),
-    }  # fmt: skip
-    return [pick_phrase(rng, *ways[event]) for event in facts.events]
+    """Rare events as noun phrases."""
+    phrases = {rule.event: rule.phrases for rule in RULES}
+    return [pick_phrase(rng, *phrases[event]) for event in facts.events]
 
 
 def pick_phrase(rng: np.random.Generator, *choices: str) -> str:
-    """One of several ways of saying something."""
+    """One of ``choices``, drawn from ``rng``."""
     return choices[int(rng.integers(len(choices)))]
 
 
 def join_phrases(parts: Sequence[str], last: str = "and") -> str:
-    """An enumeration."""
+    """``parts`` as an enumeration: "a, b and c"."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
 
 
-def _both(same: int, opposite: int) -> str:
-    def said(count: int) -> str:
+def _lanes_per_direction(same: int, opposite: int) -> str:
+    def phrase(count: int) -> str:
         return f"{number_word(count)} lane{'s' if count > 1 else ''}"
 
-    return f"with {said(same)} in the ego's direction and {said(opposite)} in the other"
+    return f"with {phrase(same)} in the ego's direction and {phrase(opposite)} in the other"

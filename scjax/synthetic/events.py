@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import get_args
 
 import numpy as np
 
-from scjax.language.events import Event
 from scjax.scene import AgentType
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
@@ -15,7 +13,6 @@ from scjax.synthetic.network import Network
 from scjax.synthetic.tracks import Tracks
 from scjax.synthetic.traffic import Fleet
 
-EVENTS: tuple[Event, ...] = get_args(Event)
 _STANDS = 1e-3  # pace of a vehicle that will not move
 _JAM = 9  # vehicles of a lane in a jam
 _CLEAR = 22.0  # metres of road before a stopped vehicle, and from a junction
@@ -26,12 +23,12 @@ _MIDDLE = 75.0  # metres from the origin within which events happen
 class Staged:
     """An event to be: its kind, the lane where it happens and the place along it [m]."""
 
-    kind: Event
+    kind: str
     lane: int
     at: float
 
 
-def stage(kind: Event, net: Network, tracks: Tracks, rng: np.random.Generator) -> Staged | None:
+def stage(kind: str, net: Network, tracks: Tracks, rng: np.random.Generator) -> Staged | None:
     """A place for an event of ``kind``; None where the network has none."""
     options = [
         k
@@ -81,7 +78,7 @@ def _joined(
 
 def happen(
     staged: Staged, net: Network, tracks: Tracks, scene: Actors, rng: np.random.Generator
-) -> tuple[Actors, int, Event] | None:
+) -> tuple[Actors, int, str] | None:
     """A moment's scene with the event, the agent that it is about, and what it has become; None without room for it."""
     if staged.kind in ("stopped vehicle in lane", "double parking"):
         place, _ = tracks.place(np.array([staged.lane]), np.array([staged.at]))
@@ -119,7 +116,7 @@ def happen(
     return scene, len(scene) - 1, staged.kind
 
 
-def shows(kind: Event, net: Network, scene: Actors, about: int, ego: int) -> bool:
+def shows(kind: str, net: Network, scene: Actors, about: int, ego: int) -> bool:
     """Whether the surroundings of ``ego`` show all of an event: a corridor needs traffic on both its sides."""
     if kind != "emergency corridor":
         return True
@@ -156,7 +153,7 @@ def _parked_beside(scene: Actors, who: int, rng: np.random.Generator) -> Actors:
     return scene if (actors.overlapping(together)[:, 1] == len(scene)).any() else together
 
 
-def _suits(kind: Event, net: Network, k: int) -> bool:
+def _suits(kind: str, net: Network, k: int) -> bool:
     lane = net.lanes[k]
     if lane.height != 0.0:
         return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.language.road import wrapped
+from scjax.language.road import wrap_to_pi
 from scjax.synthetic.curves import turn as turn_curve
 from scjax.synthetic.network import Arm, Junction, Lane, Network, Turn
 
@@ -49,7 +49,7 @@ def connect(net: Network, junction: Junction, rng: np.random.Generator) -> None:
 def _exits(arms: list[Arm], a: int) -> dict[Turn, list[int]]:
     """The other arms that can be left by, by the turn to them; at most one lies straight ahead."""
     heading = arms[a].angle + np.pi
-    change = {b: wrapped(arm.angle - heading) for b, arm in enumerate(arms) if b != a and arm.outbound}
+    change = {b: wrap_to_pi(arm.angle - heading) for b, arm in enumerate(arms) if b != a and arm.outbound}
     found: dict[Turn, list[int]] = {"left": [], "through": [], "right": []}
     ahead = min(change, key=lambda b: abs(change[b]), default=None)
     for b, angle in change.items():

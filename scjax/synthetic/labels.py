@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scjax.language.road import wrapped
+from scjax.language.road import wrap_to_pi
 from scjax.scene import TILE_SIZE, Signal
 from scjax.synthetic.world import Ego, World
 
@@ -104,7 +104,7 @@ def _road_ahead(world: World, ego: Ego) -> np.ndarray | None:
         return None
     places = np.linspace(at - _ALONG, at + _ALONG, 13)
     _, headings = tracks.place(np.full(13, lane), places)
-    return headings[0] + np.concatenate([[0.0], np.cumsum(wrapped(np.diff(headings)))])
+    return headings[0] + np.concatenate([[0.0], np.cumsum(wrap_to_pi(np.diff(headings)))])
 
 
 def _signal(world: World, ego: Ego) -> str | None:

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from scjax.language.road import wrapped
+from scjax.language.road import wrap_to_pi
 from scjax.scene import Signal
 from scjax.synthetic.network import Junction, Network
 
@@ -23,7 +23,7 @@ def plan_phases(net: Network, junction: Junction) -> list[frozenset[int]]:
     phases = []
     while left_over:
         a = left_over.pop(0)
-        apart = {b: abs(wrapped(junction.arms[a].angle - junction.arms[b].angle)) for b in left_over}
+        apart = {b: abs(wrap_to_pi(junction.arms[a].angle - junction.arms[b].angle)) for b in left_over}
         b = max(apart, key=lambda k: apart[k], default=None)
         pair = [a]
         if b is not None and apart[b] > _OPPOSITE:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import collections
 import dataclasses
 import hashlib
-from typing import cast
 
 import numpy as np
 
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.readers.base import BuildOptions, Loaded, Scanned
 from scjax.data.tiles import pose_of
-from scjax.language.events import Event
+from scjax.language.events import EVENTS
 from scjax.synthetic import domains
-from scjax.synthetic.events import EVENTS
 from scjax.synthetic.labels import Label, label
 from scjax.synthetic.world import VERSION, make_world, object_of, raw_scene
 
@@ -66,7 +64,7 @@ class Worlds:
         """Makes the world; the options do not matter to it."""
         del options, dense
         seed, k = (int(part) for part in item.file.split("/"))
-        world = make_world(seed, k, cast(tuple[Event, ...], self.events))
+        world = make_world(seed, k, self.events)
         raw = raw_scene(world)
         graph = build_graph(raw)
         index = index_segments(graph)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scjax.data.readers.scene_json import RawLane, RawScene
+from scjax.language.events import EVENTS
 from scjax.scene import AgentType, Signal
 from scjax.synthetic import actors, bystanders, domains, events
 from scjax.synthetic.actors import Actors
@@ -38,7 +39,7 @@ class Ego:
 
     moment: int
     agent: int
-    event: events.Event | None = None
+    event: str | None = None
     about: int = -1
 
 
@@ -58,7 +59,7 @@ class World:
     egos: tuple[Ego, ...]
 
 
-def make_world(seed: int, k: int, kinds: Sequence[events.Event] = ()) -> World:
+def make_world(seed: int, k: int, kinds: Sequence[str] = ()) -> World:
     """World ``k`` of ``seed``.
 
     Args:
@@ -77,7 +78,7 @@ def make_world(seed: int, k: int, kinds: Sequence[events.Event] = ()) -> World:
     shown = bool(timings) and rng.random() < 0.8  # at times the lights are not recorded
     staged = None
     if rng.random() < (1.0 if kinds else domains.EVENTS):
-        chosen = kinds or events.EVENTS
+        chosen = kinds or EVENTS
         staged = events.stage(chosen[int(rng.integers(len(chosen)))], net, tracks, rng)
     fleet = fill(tracks, domain.density(net, tracks, rng), lambda n: actors.vehicle_sizes(n, rng), rng)
     if staged is not None:
@@ -128,7 +129,7 @@ def _clear(scene: Actors) -> Actors:
     return scene.select(np.setdiff1d(np.arange(len(scene)), pairs[:, 1]))
 
 
-def _egos(scene: Actors, net: Network, moment: int, about: int, event: events.Event | None, rng) -> list[Ego]:
+def _egos(scene: Actors, net: Network, moment: int, about: int, event: str | None, rng) -> list[Ego]:
     """Vehicles on lanes near the middle, by chance; first of all those that see the event."""
     drives = (scene.types == AgentType.VEHICLE) & (scene.lane >= 0) & (np.hypot(*scene.places.T) < _VIEW)
     rows = np.flatnonzero(drives & (scene.level == 0))

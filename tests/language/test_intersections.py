@@ -1,0 +1,49 @@
+"""Roundabouts and intersections of lanes drawn by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scjax.language.facts import extract_facts
+from scjax.language.intersections import find_intersections, has_roundabout
+from scjax.language.road import Road, road_from_scene
+from scjax.scene import empty
+from tests.factories.hand_drawn_scene import SceneBuilder
+
+
+def ring_road(quarters: list[np.ndarray]) -> Road:
+    """A closed line in four lanes, each linked to the next."""
+    builder = SceneBuilder(speed=6.0)
+    lanes = [builder.add_lane(*quarter) for quarter in quarters]
+    builder.link(*[(lanes[k], lanes[(k + 1) % 4]) for k in range(4)])
+    return road_from_scene(builder.scene())
+
+
+@pytest.mark.parametrize("corners", [7, 20])
+@pytest.mark.parametrize("flip", [1, -1])
+def test_has_roundabout_with_few_points_either_direction(corners, flip):
+    angles = [np.deg2rad(np.linspace(90 * k, 90 * k + 90, corners)) for k in range(4)]
+    assert has_roundabout(ring_road([14 * np.stack([np.cos(turn), flip * np.sin(turn)], -1) for turn in angles]))
+
+
+def test_has_roundabout_rejects_block_with_round_corners():
+    angle = np.deg2rad(np.linspace(0, 90, 8))
+    corner = np.concatenate([[[9, -5]], 5 * np.stack([np.cos(angle), np.sin(angle)], -1) + [4, 4]])
+    quarters = []
+    for k in range(4):
+        turn = np.deg2rad(90 * k)
+        quarters.append(corner @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]))
+    assert all(np.allclose(quarters[k][-1], quarters[(k + 1) % 4][0], atol=1.01) for k in range(4))
+    assert not has_roundabout(ring_road(quarters))
+
+
+def test_find_intersections_is_empty_for_a_tangle_of_lanes():
+    """Untrained models draw such scenes; comparing all their crossings took minutes and gigabytes."""
+    scene = empty(1, 60).replace(
+        lanes=np.random.default_rng(0).normal(0, 12, (60, 20, 3)).astype(np.float32),
+        lane_mask=np.ones(60, bool),
+        agent_mask=np.ones(1, bool),
+    )
+    assert find_intersections(road_from_scene(scene))[0] == []
+    assert extract_facts(scene).layout not in ("four-way", "T", "complex")
