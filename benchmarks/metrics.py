@@ -68,10 +68,14 @@ def main(arguments: list[str] | None = None) -> None:
         **{
             f"{mode}/{name}": value
             for mode in metrics.MODES
-            for name, value in metrics.distribution_values(ours.cluster_sums.total, theirs.cluster_sums.total, mode).items()
+            for name, value in metrics.distribution_values(
+                ours.cluster_sums.total, theirs.cluster_sums.total, mode
+            ).items()
         },
-        **metrics.scene_values(ours.cluster_sums.total), **metrics.match_values(ours.cluster_sums.total),
-        **metrics.precision_values(ours), **metrics.control_values(ours, theirs),
+        **metrics.scene_values(ours.cluster_sums.total),
+        **metrics.match_values(ours.cluster_sums.total),
+        **metrics.precision_values(ours),
+        **metrics.control_values(ours, theirs),
     }
     summarised = time.perf_counter() - begin
     begin = time.perf_counter()
@@ -81,9 +85,15 @@ def main(arguments: list[str] | None = None) -> None:
     bootstrap = time.perf_counter() - begin
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     row = {
-        "scenes": scenes, "workers": args.workers, "seconds": took + summarised, "measured s": took,
-        "summarised s": summarised, "ms a pair of scenes": 1000 * took * args.workers / scenes,
-        "bootstrap of one table s": bootstrap, "peak GB": peak_memory_gb(), "peak GB of a worker": children,
+        "scenes": scenes,
+        "workers": args.workers,
+        "seconds": took + summarised,
+        "measured s": took,
+        "summarised s": summarised,
+        "ms a pair of scenes": 1000 * took * args.workers / scenes,
+        "bootstrap of one table s": bootstrap,
+        "peak GB": peak_memory_gb(),
+        "peak GB of a worker": children,
         "values": len(values),
     }
     print(json.dumps({**row, "machine": machine()}, indent=1))

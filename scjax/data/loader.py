@@ -11,7 +11,7 @@ import concurrent.futures
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import grain
 import numpy as np
@@ -23,13 +23,13 @@ from scjax.data import token_order as ordering
 from scjax.data.caption_features import TextStore
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
-from scjax.scene.pytree import pytree
+from scjax.scene.pytree import Record, pytree
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
 
 
 @pytree
-class Example:
+class Example(Record):
     """One training example, or a batch of them.
 
     Attributes:
@@ -45,10 +45,6 @@ class Example:
     image: Float[AnyArray, "*b classes rows columns"] | None = None
     depth: Float[AnyArray, "*b rows columns"] | None = None
     has_image: Bool[AnyArray, "*b"] | None = None
-
-    if TYPE_CHECKING:
-
-        def replace(self, **changes: Any) -> Example: ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

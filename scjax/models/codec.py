@@ -7,7 +7,7 @@ real 64 m tiles. Every value maps linearly, v' = 2 (v - min) / (max - min) - 1; 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Crop, Link, Scene, Signal
-from scjax.scene.pytree import pytree
+from scjax.scene.pytree import Record, pytree
 
 Range = tuple[float, float]
 LaneClasses = Literal["signal", "lights", "none"]
@@ -23,7 +23,7 @@ _LIGHT_OF_SIGNAL = {Signal.GO: 1, Signal.STOP: 2}  # lane classes of the officia
 
 
 @pytree
-class NormalizedScene:
+class NormalizedScene(Record):
     """A scene, or a batch, in unit coordinates and in a preset's types; fields and masks as in ``Scene``.
 
     Attributes:
@@ -47,10 +47,6 @@ class NormalizedScene:
     links: Int[AnyArray, "*b lanes lanes"]
     crop: Int[AnyArray, "*b"]
     domain: Int[AnyArray, "*b"]
-
-    if TYPE_CHECKING:
-
-        def replace(self, **changes: Any) -> NormalizedScene: ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 
-from scjax.scene.pytree import pytree
+from scjax.scene.pytree import Record, pytree
 
 
 @pytree
-class PerType:
+class PerType(Record):
     """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
 
     agents: Any
     lanes: Any
-
-    if TYPE_CHECKING:
-
-        def replace(self, **changes: Any) -> PerType: ...
 
 
 def generated_mask(masks: PerType, given: PerType | None) -> PerType:

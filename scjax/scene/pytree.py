@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar, dataclass_transform
+import dataclasses
+from typing import Any, Self, TypeVar, dataclass_transform
 
 import chex
 
 T = TypeVar("T")
 
 
+class Record:
+    """Base of the records that callers copy with changes."""
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with these fields changed."""
+        return dataclasses.replace(self, **changes)  # pyright: ignore[reportArgumentType]
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def pytree(cls: type[T]) -> type[T]:
-    """``chex.dataclass``, frozen, in a form that type checkers understand. Adds ``replace(**changes)``."""
-    made: Any = chex.dataclass(cls, frozen=True, mappable_dataclass=False)
-    return made
+    """``chex.dataclass``, frozen, in a form that type checkers understand. Its leaves are in the order of their names."""
+    decorated: Any = chex.dataclass(cls, frozen=True, mappable_dataclass=False)
+    return decorated

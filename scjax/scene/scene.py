@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.scene.pytree import pytree
+from scjax.scene.pytree import Record, pytree
 
 AnyArray = Array | np.ndarray  # on a device or on the host
 
@@ -63,7 +62,7 @@ class Crop(enum.IntEnum):
 
 
 @pytree
-class Scene:
+class Scene(Record):
     """A scene, or a batch of scenes with leading axes ``*b``.
 
     Attributes:
@@ -91,10 +90,6 @@ class Scene:
     links: Int[AnyArray, "*b lanes lanes"]
     crop: Int[AnyArray, "*b"]
     domain: Int[AnyArray, "*b"]
-
-    if TYPE_CHECKING:
-
-        def replace(self, **changes: Any) -> Scene: ...
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from scjax.models.codec import SceneCodec
 from scjax.nn.cpu.backend import scenes_per_step
 from scjax.nn.functional import Params
 from scjax.nn.sharding import AXIS, scene_mesh
-from scjax.scene.pytree import pytree
+from scjax.scene.pytree import Record, pytree
 from scjax.train.ema import update_ema
 from scjax.train.flat_params import FlatParams, Vectors, trained
 from scjax.train.muon import muon
@@ -29,17 +29,13 @@ Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, ja
 
 
 @pytree
-class TrainState:
+class TrainState(Record):
     """Step counter, parameters and their moving average as vectors (``FlatParams``), and the optimiser's moments."""
 
     step: jax.Array
     params: Vectors
     ema: Vectors
     optimizer: Any
-
-    if TYPE_CHECKING:
-
-        def replace(self, **changes: Any) -> TrainState: ...
 
 
 class Stage(NamedTuple):
