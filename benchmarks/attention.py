@@ -31,7 +31,7 @@ from tqdm import tqdm
 
 from benchmarks.attention_points import DENSE, VARIANTS, Point
 from benchmarks.workload import table
-from scjax.data.shards import write_text
+from scjax.scene.files import write_text
 from scjax.viz.grid import save
 
 KEYS = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384)

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.workload import machine, peak_memory_gb
 from scjax.data import records
-from scjax.data.build import build
+from scjax.data.build import build_records
 from scjax.evaluate.population import PART, Population, measured
 from scjax.evaluate.sources import Npz
 from scjax.metrics import measure as metrics
@@ -33,13 +33,13 @@ from scjax.synthetic.source import Worlds
 def write_tiles(folder: Path, out: Path, seed: int, count: int) -> None:
     """A population in npz files: records in turn, each from a pose of its own nearby."""
     out.mkdir()
-    source = records.source(folder, "train")
+    source = records.open_records(folder, "train")
     for start in range(0, count, PART):
         made = []
         for k in range(start, min(start + PART, count)):
             rng = np.random.default_rng([seed, k])
             dx, dy = rng.uniform(-2, 2, 2)
-            record = records.decode(source[k % len(source)])
+            record = records.decode_record(source[k % len(source)])
             made.append(records.sample_scene(record, Crop.CENTERED, dx, dy, rng.uniform(-0.15, 0.15)))
         save_npz(stack(made), out / f"{start:06d}.npz")
 
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
     scenes = 500 if args.smoke else args.scenes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        build(Worlds(0, 8 if args.smoke else 200), folder / "records", workers=args.workers)
+        build_records(Worlds(0, 8 if args.smoke else 200), folder / "records", workers=args.workers)
         for seed, kind in enumerate(("generated", "reference")):
             write_tiles(folder / "records", folder / kind, 1 + seed, scenes)
         generated, reference = (Npz(str(folder / kind)) for kind in ("generated", "reference"))

@@ -13,8 +13,9 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.workload import machine
-from scjax.data.readers.base import BuildOptions
-from scjax.data.records import make_record, sample_scene, simplified
+from scjax.data.build_options import BuildOptions
+from scjax.data.local_map import simplify_graph
+from scjax.data.records import make_record, sample_scene
 from scjax.language.agreement import label_agreement
 from scjax.language.facts import extract_facts
 from scjax.synthetic.source import Worlds
@@ -31,9 +32,9 @@ def main(arguments: list[str] | None = None) -> None:
     for name in tqdm(source.names(), "worlds", disable=None):
         start = time.perf_counter()
         loaded = source.load(source.scan(name), BuildOptions(), dense=False)
-        lanes = simplified(loaded.graph)
+        lanes = simplify_graph(loaded.graph)
         scenes = [
-            sample_scene(make_record(loaded.raw, lanes, loaded.index, pose, 0)[0], off_road=loaded.keep_parked)
+            sample_scene(make_record(loaded.log, lanes, loaded.index, pose, 0)[0], off_road=loaded.keep_parked)
             for pose in loaded.poses
         ]
         seconds += time.perf_counter() - start

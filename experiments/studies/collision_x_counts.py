@@ -21,12 +21,12 @@ import scjax
 from experiments.package_model import counted
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import Prompted, held_back_prompts, sampled
-from scjax.data.shards import write_text
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check
 from scjax.metrics.realism import scene_realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
+from scjax.scene.files import write_text
 
 COLUMNS = {
     "overlap": "scenes with overlapping vehicles",

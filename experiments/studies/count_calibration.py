@@ -26,11 +26,11 @@ import scjax
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import a_prompt, held_back
 from scjax.data import records
-from scjax.data.shards import write_text
 from scjax.generate.encode import text_features
 from scjax.models.counts.predictor import count_predictor
 from scjax.models.denoiser.config import TextCondition
 from scjax.nn.startup import start_jax
+from scjax.scene.files import write_text
 from scjax.viz.grid import save
 
 LEVELS = (0.5, 0.8, 0.9)
@@ -74,8 +74,8 @@ def measure(
     captions, store = held_back(folder, model)
     rng = np.random.default_rng(seed)
     tokens = [a_prompt(store, caption, row, rng)[1] for row, caption in enumerate(captions)]
-    tiles = records.source(folder, "val")
-    scenes = [model.codec.select(records.sample_scene(records.decode(tiles[k]))) for k in range(len(captions))]
+    tiles = records.open_records(folder, "val")
+    scenes = [model.codec.select(records.sample_scene(records.decode_record(tiles[k]))) for k in range(len(captions))]
     true = {
         "lanes": np.minimum([int(scene.num_lanes) for scene in scenes], config.max_lanes),
         "agents": np.minimum([int(scene.num_agents) for scene in scenes], config.max_agents),

@@ -31,7 +31,6 @@ from experiments.studies.arguments import parser_of
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
-from scjax.data.shards import write_text
 from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.evaluate.retrieval import tf_idf
@@ -43,6 +42,7 @@ from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.realism import realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
+from scjax.scene.files import write_text
 
 Scores = dict[str, tuple[int, int]]
 SOUND = {
@@ -195,7 +195,7 @@ def held_back_prompts(
       ValueError: as ``held_back``, or no caption names an event.
     """
     captions, store = held_back(folder, model)
-    rng, tiles = np.random.default_rng(seed), records.source(folder, "val")
+    rng, tiles = np.random.default_rng(seed), records.open_records(folder, "val")
     left, events = samples, Counter()
     for row in map(int, rng.permutation(len(captions))):
         if not left:
@@ -206,7 +206,7 @@ def held_back_prompts(
             continue
         events.update(asked.events)
         left -= 1
-        scene = model.codec.select(records.sample_scene(records.decode(tiles[row])))
+        scene = model.codec.select(records.sample_scene(records.decode_record(tiles[row])))
         told = scjax.Condition(tokens=tokens)
         yield Prompted(text, asked, told, scene, captions[row].facts)
     if each is not None and not events:

@@ -30,7 +30,6 @@ import scjax
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import a_prompt, held_back
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse
-from scjax.data.shards import write_text
 from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
 from scjax.evaluate.generated import counts_of, weights_hash
@@ -46,6 +45,7 @@ from scjax.metrics.pooling import Values
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
+from scjax.scene.files import write_text
 
 FORMAT = 2  # of a row's file; to be raised when what it holds changes
 STEPS = (4, 6, 10, 16, 25, 50, 100)

@@ -132,8 +132,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _build(args: argparse.Namespace) -> int:
-    from scjax.data.build import build
-    from scjax.data.readers.base import BuildOptions, PoseOptions
+    from scjax.data.build import build_records
+    from scjax.data.build_options import BuildOptions, PoseOptions
 
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
@@ -151,7 +151,7 @@ def _build(args: argparse.Namespace) -> int:
             recorder_stride=args.train_recorder_stride, other_stride=args.train_other_stride,
         ),
     )  # fmt: skip
-    manifest = build(
+    manifest = build_records(
         args.source, args.out, options, workers=args.workers, limit=args.limit, resume=not args.no_resume,
         strict=args.strict,
     )  # fmt: skip
@@ -167,14 +167,14 @@ def _build(args: argparse.Namespace) -> int:
 
 
 def _synthetic(args: argparse.Namespace) -> int:
-    from scjax.data.build import build
-    from scjax.data.readers.base import BuildOptions
+    from scjax.data.build import build_records
+    from scjax.data.build_options import BuildOptions
     from scjax.synthetic.source import Worlds
 
     if args.workers < 0:
         raise ValueError(f"--workers is {args.workers}: it must be 0 or more")
     options = BuildOptions(split_percent=args.split_percent, files_per_shard=64)
-    manifest = build(
+    manifest = build_records(
         Worlds(args.seed, args.worlds, args.ordinary, tuple(args.events)), args.out, options, workers=args.workers
     )
     for split, entry in manifest["splits"].items():

@@ -1,4 +1,4 @@
-"""Agent values as recorded -> values a network can use: unknown or impossible ones filled, flagged and counted."""
+"""Agent values as recorded -> values a network can use: unknown or impossible ones are filled and counted."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from scjax.scene import AgentType
 
 MAX_SPEED = 35.0  # m/s; faster ones are tracking errors
 MAX_SIZE = 100.0  # m
-# Mean length, width, height in metres of each class on real tiles (WOMD; static objects: cones and barriers).
+# Mean length, width, height of each class on real tiles [m] (WOMD; static objects: cones and barriers).
 CLASS_SIZES = {
     AgentType.VEHICLE: (4.87, 2.15, 1.80),
     AgentType.PEDESTRIAN: (0.92, 0.85, 1.71),
     AgentType.CYCLIST: (1.83, 0.85, 1.79),
     AgentType.STATIC: (0.60, 0.60, 1.00),
 }
-_SIZES = np.array([CLASS_SIZES[kind] for kind in AgentType])
+_SIZES = np.array([CLASS_SIZES[agent_type] for agent_type in AgentType])
 
 
-def clean(
+def clean_agents(
     states: Float64[np.ndarray, "agents 9"], types: Int[np.ndarray, " agents"]
 ) -> tuple[Float64[np.ndarray, "agents 9"], Bool[np.ndarray, "agents 9"], dict[str, int]]:
     """States without NaN, impossible sizes and speeds above 35 m/s; which values are known; how many were changed.
@@ -30,8 +30,8 @@ def clean(
     """
     known = np.isfinite(states)
     sizes = states[:, 6:9]
-    solid = np.nan_to_num(sizes)
-    wrong = known[:, 6:9] & ~((solid > 0) & (solid <= MAX_SIZE))
+    finite = np.nan_to_num(sizes)
+    wrong = known[:, 6:9] & ~((finite > 0) & (finite <= MAX_SIZE))
     known[:, 6:9] &= ~wrong
     out = np.where(known, states, 0.0)
     out[:, 6:9] = np.where(known[:, 6:9], sizes, _SIZES[types])

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from scjax.data import records
 from scjax.data.build import load_manifest
-from scjax.data.workers import Mapper
+from scjax.data.workers import WorkerPool
 from scjax.language.captioner import STYLES, write_caption
 from scjax.language.facts import Facts, extract_facts
 
@@ -66,7 +66,7 @@ def add_captions(
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         line = functools.partial(_line, folder, split, manifest["hash"], paraphrases, drop, seed)
         rows, name = range(entry["records"]), f"captions of {split}"
-        with gzip.open(temporary, "wt", encoding="utf-8") as file, Mapper(workers, at_once=32) as run:
+        with gzip.open(temporary, "wt", encoding="utf-8") as file, WorkerPool(workers, chunk_size=32) as run:
             file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}) + "\n")
             for told in tqdm(run(line, rows), name, total=len(rows), unit="tile", disable=not progress):
                 file.write(told)
@@ -77,7 +77,7 @@ def add_captions(
 
 def _line(folder: Path, split: str, known: str, paraphrases: int, drop: float, seed: int, row: int) -> str:
     """What is stored of a record."""
-    facts = extract_facts(records.sample_scene(records.decode(_tiles(folder, split, known)[row])))
+    facts = extract_facts(records.sample_scene(records.decode_record(_tiles(folder, split, known)[row])))
     numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
         style: [write_caption(facts, int(numbers[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
@@ -89,7 +89,7 @@ def _line(folder: Path, split: str, known: str, paraphrases: int, drop: float, s
 @functools.lru_cache(1)
 def _tiles(folder: Path, split: str, known: str):
     """Opened once; ``known``, the hash of the records, tells those of a folder that was built anew."""
-    return records.source(folder, split)
+    return records.open_records(folder, split)
 
 
 def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:

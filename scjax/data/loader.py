@@ -198,7 +198,7 @@ def training_batches(
             f"images show what lies ahead, but of layouts {config.crops} the forward one, the last, never occurs: "
             "give it a frequency, as in (0, 0, 1)"
         )
-    held = records.source(folder, "train")
+    held = records.open_records(folder, "train")
     if texts is not None and len(texts) != len(held):
         raise ValueError(f"{folder}: {len(texts)} captions for {len(held)} records: caption and embed them again")
     source = grain.MapDataset.source(_Numbered(held))
@@ -210,7 +210,7 @@ def training_batches(
         crop = Crop(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
-        scene = records.sample_scene(records.decode(data), crop, dx, dy, turn)
+        scene = records.sample_scene(records.decode_record(data), crop, dx, dy, turn)
         scene = clip_counts(codec.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
         if images:
@@ -244,8 +244,8 @@ def validation_scenes(
 ) -> list[Scene]:  # fmt: skip
     """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order."""
     scenes = []
-    for data in records.source(folder, split):
-        scene = codec.select(records.sample_scene(records.decode(data), crop, 0.0, 0.0, 0.0))
+    for data in records.open_records(folder, split):
+        scene = codec.select(records.sample_scene(records.decode_record(data), crop, 0.0, 0.0, 0.0))
         scenes.append(ordering.arrange(clip_counts(scene, bucket))[0])
     return scenes
 

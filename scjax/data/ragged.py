@@ -16,7 +16,7 @@ MIN_PIECE = 0.5  # metres; shorter pieces of a lane say nothing (eval rule, step
 
 
 @dataclasses.dataclass(frozen=True)
-class Pieces:
+class ClippedPolylines:
     """Parts of polylines inside a window, in the order of the polylines and along each.
 
     Attributes:
@@ -44,14 +44,14 @@ def arc_lengths(points: Float[np.ndarray, "points 3"], offsets: Int[np.ndarray, 
     return total - np.repeat(total[offsets[:-1]], np.diff(offsets))
 
 
-def clip(
+def clip_polylines(
     points: Float[np.ndarray, "points 3"],
     offsets: Int[np.ndarray, " offsets"],
     window: tuple[float, float, float, float],
     *,
     cut: bool = False,
     min_length: float = MIN_PIECE,
-) -> Pieces:
+) -> ClippedPolylines:
     """Exact clipping of every segment to the closed window (x_min, x_max, y_min, y_max).
 
     A polyline that leaves and returns gives several pieces; a piece shorter than ``min_length`` is dropped unless it is
@@ -181,7 +181,7 @@ def _long_parts(segments: np.ndarray, part: np.ndarray, run: np.ndarray, min_len
     return keep.repeat(tail - head + 1)
 
 
-def _assemble(segments, source, part, run, run_start, run_end) -> Pieces:
+def _assemble(segments, source, part, run, run_start, run_end) -> ClippedPolylines:
     head, tail = _extent(part)
     pieces = len(head)
     at = np.arange(len(source)) + part.cumsum()  # where the end of each segment goes
@@ -195,7 +195,7 @@ def _assemble(segments, source, part, run, run_start, run_end) -> Pieces:
     same[1:-1] = run[1:] == run[:-1]
     span = np.empty((pieces, 2))
     span[:, 0], span[:, 1] = segments[6, head], segments[7, tail]
-    return Pieces(
+    return ClippedPolylines(
         points=table[:, :3],
         offsets=offsets,
         source=source[head],
@@ -207,7 +207,7 @@ def _assemble(segments, source, part, run, run_start, run_end) -> Pieces:
     )
 
 
-def resample(pieces: Pieces, count: int) -> Float64[np.ndarray, "pieces count 3"]:
+def resample_polylines(pieces: ClippedPolylines, count: int) -> Float64[np.ndarray, "pieces count 3"]:
     """Every piece as ``count`` points equally spaced in xy arc length (z linear in the same parameter)."""
     total = len(pieces.source)
     if not total:
@@ -233,7 +233,7 @@ def _fractions(count: int) -> np.ndarray:
     return np.linspace(0.0, 1.0, count)[None]
 
 
-def simplify(
+def simplify_polylines(
     points: Float64[np.ndarray, "points 3"], offsets: Int[np.ndarray, " offsets"], tolerance: float
 ) -> tuple[Float64[np.ndarray, "kept 3"], Int[np.ndarray, " offsets"]]:
     """Fewer points, such that no point at any arc-length fraction of a chord moves by more than ``tolerance`` metres.
@@ -271,7 +271,7 @@ def simplify(
     return points[keep], np.concatenate([[0], np.cumsum(keep)])[offsets]
 
 
-def nearest_first(lanes: Float[np.ndarray, "pieces count 3"]) -> Int[np.ndarray, " pieces"]:
+def order_by_distance(lanes: Float[np.ndarray, "pieces count 3"]) -> Int[np.ndarray, " pieces"]:
     """Order of resampled lanes by the distance of their nearest point to the origin (stable)."""
     squared = lanes[..., 0] * lanes[..., 0] + lanes[..., 1] * lanes[..., 1]
     distance = np.sqrt(squared.min(-1)) if len(lanes) else np.zeros(0)
@@ -279,16 +279,18 @@ def nearest_first(lanes: Float[np.ndarray, "pieces count 3"]) -> Int[np.ndarray,
     return np.argsort(np.round(distance, 9), kind="stable")
 
 
-def piece_edges(pieces: Pieces, edges: Int[np.ndarray, "edges 2"], count: int) -> Int[np.ndarray, "piece_edges 2"]:
+def piece_successors(
+    pieces: ClippedPolylines, successors: Int[np.ndarray, "edges 2"], count: int
+) -> Int[np.ndarray, "piece_edges 2"]:
     """Which piece follows which: where the true end of i and the true start of j are both there, and along cuts.
 
     Args:
-      edges: (i, j) of the ``count`` polylines the pieces were cut from.
+      successors: (i, j) of the ``count`` polylines the pieces were cut from.
     """
     last, first = np.full(count, -1), np.full(count, -1)
     last[pieces.source[pieces.has_end]] = pieces.has_end.nonzero()[0]
     first[pieces.source[pieces.has_start]] = pieces.has_start.nonzero()[0]
-    before, after = last[edges[:, 0]], first[edges[:, 1]]
+    before, after = last[successors[:, 0]], first[successors[:, 1]]
     both = (before >= 0) & (after >= 0)
     chained = pieces.follows.nonzero()[0]
     return np.array([np.append(before[both], chained - 1), np.append(after[both], chained)]).T

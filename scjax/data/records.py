@@ -1,7 +1,6 @@
-"""Training records: all that lies within 80 m of one ego pose, as safetensors bytes in ArrayRecord shards.
+"""Training records: the local map within 80 m of one ego pose, as safetensors bytes in ArrayRecord shards.
 
-A record is cut once and cropped on every access, so one record yields any window, layout and pose jitter. Lanes are
-simplified to 0.1 mm first: cropping costs by the point, and nobody sees 0.2 mm.
+A record is cut once and cropped on every access, so one record yields any crop and pose jitter.
 """
 
 from __future__ import annotations
@@ -17,88 +16,93 @@ import numpy as np
 import safetensors.numpy
 from array_record.python import array_record_data_source, array_record_module  # pyright: ignore
 
-from scjax.data import ragged
-from scjax.data.agents import clean
-from scjax.data.crop import WINDOWS, Context, crop_scene, neighbour_pieces
+from scjax.data.crop import WINDOWS, crop_scene
 from scjax.data.lane_graph import LaneGraph, SegmentIndex
-from scjax.data.readers.scene_json import RawScene
-from scjax.data.tiles import Pose, agents_at, to_pose_frame
-from scjax.scene import Crop, Scene
+from scjax.data.local_map import RADIUS, LocalMap, cut_local_map
+from scjax.data.tiles import Pose
+from scjax.scene import Crop, Log, Scene
 
 RECORD_FORMAT = 1
-RADIUS = 80.0  # metres; the far corners of the forward window are 71.6 m away
-SIMPLIFY = 1e-4  # metres
 _KNOWN_BITS = 1 << np.arange(9, dtype=np.uint16)
+_BOOLEANS = ("off_road", "lane_z_known")  # stored as uint8
+_STORED_NAMES = {  # field -> name in a record; all others are stored under their own
+    "successors": "edges",
+    "neighbors": "beside",
+    "overlap_spans": "spans",
+    "object_index": "object",
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A context and where it comes from; ``domain`` is an index into the manifest's list of data sets."""
+    """A local map and where it comes from.
 
-    context: Context
+    Attributes:
+      domain: index into the manifest's list of data sets.
+      cluster: location; see ``LogMetadata.location_cluster``.
+      scene_id: name of the log.
+      step, object_index: the ego's pose, as in ``Pose``.
+      is_recorder: whether the ego is the recording car.
+    """
+
+    local_map: LocalMap
     domain: int
     cluster: str
     scene_id: str
     step: int
-    object: int
+    object_index: int
     is_recorder: bool
 
 
-def simplified(graph: LaneGraph) -> LaneGraph:
-    """``graph`` with fewer points, none of which moves by more than 0.1 mm: what ``make_record`` wants.
-
-    Spans keep their meaning: arc lengths change by far less than their resolution.
-    """
-    points, offsets = ragged.simplify(graph.points, graph.offsets, SIMPLIFY)
-    return dataclasses.replace(graph, points=points, offsets=offsets)
-
-
 def make_record(
-    raw: RawScene, graph: LaneGraph, index: SegmentIndex, pose: Pose, domain: int
+    log: Log, graph: LaneGraph, index: SegmentIndex, pose: Pose, domain: int
 ) -> tuple[Record, dict[str, int]]:
-    """The record around ``pose`` and the counts of cleaned agent values (``agents.clean``).
+    """The record around ``pose``, and the counts of cleaned agent values.
 
     Args:
-      graph: simplified lanes of ``raw``; index: the search structure of the unsimplified ones.
+      graph: simplified lanes of ``log`` (``simplify_graph``).
+      index: search structure of the lanes before they were simplified.
+      domain: index of the log's data set in the manifest's list.
     """
-    pieces = ragged.clip(to_pose_frame(graph.points, pose), graph.offsets, (-RADIUS, RADIUS, -RADIUS, RADIUS))
-    beside, spans = neighbour_pieces(pieces, graph.beside, graph.spans, graph.num_lanes, overlap=0.0)
-    found = agents_at(raw, index, pose, RADIUS)
-    states, known, counts = clean(found.states, found.types)
-    context = Context(
-        points=np.nan_to_num(pieces.points, nan=0.0).astype(np.float32),
-        offsets=pieces.offsets.astype(np.int32),
-        lane_z_known=~np.isnan(pieces.points[pieces.offsets[:-1], 2]),
-        edges=ragged.piece_edges(pieces, graph.edges, graph.num_lanes).astype(np.int16),
-        beside=beside.astype(np.int16),
-        spans=spans.astype(np.float32),
-        signals=graph.signals[pieces.source, pose.step].astype(np.uint8),
-        agents=states.astype(np.float32),
-        agent_types=found.types.astype(np.uint8),
-        agent_known=known,
-        off_road=found.off_road,
-    )
-    record = Record(context, domain, raw.cluster, raw.scene_id, pose.step, pose.object, pose.is_recorder)
-    return record, counts
+    local_map, counts = cut_local_map(log, graph, index, pose)
+    metadata = log.metadata
+    origin = (domain, metadata.location_cluster, metadata.scene_id, pose.step, pose.object_index, pose.is_recorder)
+    return Record(local_map, *origin), counts
 
 
-def encode(record: Record) -> bytes:
+def encode_record(record: Record) -> bytes:
     """``record`` as safetensors bytes."""
-    arrays = {field.name: getattr(record.context, field.name) for field in dataclasses.fields(Context)}
+    arrays = {_stored_name(field.name): getattr(record.local_map, field.name) for field in dataclasses.fields(LocalMap)}
     arrays["agent_known"] = (arrays["agent_known"] @ _KNOWN_BITS).astype(np.uint16)
-    for name in ("off_road", "lane_z_known"):
+    for name in _BOOLEANS:
         arrays[name] = arrays[name].astype(np.uint8)
-    origin = {f.name: getattr(record, f.name) for f in dataclasses.fields(Record) if f.name != "context"}
+    names = [field.name for field in dataclasses.fields(Record) if field.name != "local_map"]
+    origin = {_stored_name(name): getattr(record, name) for name in names}
     # One key, since safetensors writes several in random order and equal records shall be equal bytes.
     metadata = {"record": json.dumps({"format": RECORD_FORMAT, **origin})}
     return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata)
 
 
-_DTYPES = {"F32": np.float32, "F64": np.float64, "I64": np.int64, "I32": np.int32, "I16": np.int16, "U16": np.uint16,
-           "U8": np.uint8}  # fmt: skip
+def _stored_name(field: str) -> str:
+    return _STORED_NAMES.get(field, field)
 
 
-def decode(data: bytes) -> Record:
+def _field_name(stored: str) -> str:
+    return next((field for field, name in _STORED_NAMES.items() if name == stored), stored)
+
+
+_DTYPES = {
+    "F32": np.float32,
+    "F64": np.float64,
+    "I64": np.int64,
+    "I32": np.int32,
+    "I16": np.int16,
+    "U16": np.uint16,
+    "U8": np.uint8,
+}
+
+
+def decode_record(data: bytes) -> Record:
     """The record in safetensors bytes, its arrays read-only views of ``data``.
 
     Raises:
@@ -112,9 +116,10 @@ def decode(data: bytes) -> Record:
         if version == RECORD_FORMAT:
             arrays = {name: _view(data, 8 + size, entry) for name, entry in header.items()}
             arrays["agent_known"] = (arrays["agent_known"][:, None] & _KNOWN_BITS) != 0
-            for name in ("off_road", "lane_z_known"):
+            for name in _BOOLEANS:
                 arrays[name] = arrays[name].view(bool)
-            return Record(Context(**arrays), **origin)
+            local_map = LocalMap(**{_field_name(name): array for name, array in arrays.items()})
+            return Record(local_map, **{_field_name(name): value for name, value in origin.items()})
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"data: {len(data)} bytes, but no scene record ({error}): build the records again") from error
     raise ValueError(f"data: record format {version}, not {RECORD_FORMAT}: build the records again")
@@ -135,9 +140,9 @@ def sample_scene(
     *,
     off_road: bool = False,
 ) -> Scene:
-    """The unpadded NumPy scene of ``record`` in ``crop``, from a pose moved by dx, dy [m] and dyaw [rad].
+    """The unpadded NumPy scene of ``record`` in ``crop``, at a pose moved by dx, dy [m] and dyaw [rad].
 
-    At zero offset and CENTRED this is the evaluation tile. See ``crop.crop`` for the rules.
+    At zero offset and CENTERED this is the evaluation tile. See ``crop_scene`` for the rules.
 
     Raises:
       ValueError: if the moved window reaches beyond the 80 m that a record holds.
@@ -149,7 +154,7 @@ def sample_scene(
             f"dx, dy = {dx:.1f}, {dy:.1f} m: the {crop.name} window then reaches {reach:.1f} m from the recorded "
             f"pose, but records end at {RADIUS:.0f} m: choose smaller offsets"
         )
-    return crop_scene(record.context, crop, dx=dx, dy=dy, dyaw=dyaw, domain=record.domain, off_road=off_road)
+    return crop_scene(record.local_map, crop, dx=dx, dy=dy, dyaw=dyaw, domain=record.domain, off_road=off_road)
 
 
 def write_shard(path: Path, records: Iterable[bytes]) -> int:
@@ -186,8 +191,8 @@ def shard_paths(folder: str | Path, split: str) -> list[Path]:
     return paths
 
 
-def source(folder: str | Path, split: str) -> Any:
-    """The encoded records (bytes, for ``decode``) of a split, in file order: len(), [index] and iteration.
+def open_records(folder: str | Path, split: str) -> Any:
+    """The encoded records (bytes, for ``decode_record``) of a split, in file order: len(), [index] and iteration.
 
     Raises:
       ValueError: as ``shard_paths``.

@@ -1,4 +1,4 @@
-"""Work shared by processes, with results in order."""
+"""A pool of worker processes whose results come in order."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 
-class Mapper:
-    """``with Mapper(workers) as run: run(function, tasks)`` yields results in order, in processes or in this one.
+class WorkerPool:
+    """``with WorkerPool(workers) as run: run(function, tasks)`` yields the results in order.
 
     Args:
-      workers: number of processes; 0: this one does the work.
-      at_once: tasks that a process takes at a time.
+      workers: number of processes; 0: this process does the work.
+      chunk_size: tasks that a process takes at a time.
     """
 
-    def __init__(self, workers: int, at_once: int = 1):
+    def __init__(self, workers: int, chunk_size: int = 1):
         context = multiprocessing.get_context("spawn")
-        self._pool = concurrent.futures.ProcessPoolExecutor(workers, context, _leave_with_parent) if workers else None
-        self._at_once = at_once
+        self._pool = concurrent.futures.ProcessPoolExecutor(workers, context, _exit_with_parent) if workers else None
+        self._chunk_size = chunk_size
 
     def __enter__(self) -> Callable[..., Iterator[Any]]:
         return self._run if self._pool else map
@@ -32,11 +32,11 @@ class Mapper:
 
     def _run(self, function: Callable[..., Any], *tasks: Any) -> Iterator[Any]:
         assert self._pool is not None
-        return self._pool.map(function, *tasks, chunksize=self._at_once)
+        return self._pool.map(function, *tasks, chunksize=self._chunk_size)
 
 
-def _leave_with_parent() -> None:
-    """Ends this worker when the main process is gone: idle workers of a killed build would wait for ever."""
+def _exit_with_parent() -> None:
+    """Ends this worker when its parent is gone: idle workers of a killed build would wait forever."""
 
     def watch() -> None:
         parent = multiprocessing.parent_process()

@@ -66,7 +66,7 @@ class Records:
     def _data(self):
         from scjax.data import records
 
-        return records.source(self.folder, self.split)
+        return records.open_records(self.folder, self.split)
 
     @property
     def clusters(self) -> list[str]:
@@ -76,7 +76,7 @@ class Records:
     def _clusters(self) -> list[str]:
         from scjax.data import records
 
-        return [f"{one.domain}/{one.cluster}" for one in map(records.decode, self._data)]
+        return [f"{one.domain}/{one.cluster}" for one in map(records.decode_record, self._data)]
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
         return [self.read_moved(int(row)) for row in rows]
@@ -86,7 +86,7 @@ class Records:
         from scjax.data import records
         from scjax.data.loader import clip_counts
 
-        record = records.decode(self._data[row])
+        record = records.decode_record(self._data[row])
         return clip_counts(records.sample_scene(record, Crop.CENTERED, dx, dy, turn), BUCKET)
 
     def __getstate__(self):

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.scene import Link, Scene, Signal, unpadded
-from scjax.scene.lane_chains import compact
+from scjax.scene.lane_chains import merge_degree2_chains
 
 POINTS = 81  # per lane
 _MIN_LENGTH = 1e-3  # m, shorter lanes are left out
@@ -90,7 +90,7 @@ def road_from_scene(scene: Scene) -> Road:
     points = np.asarray(scene.lanes, np.float64)
     points[..., 2] = np.where(np.asarray(scene.lane_known)[:, None, 2], points[..., 2], np.nan)
     links = {(int(i), int(j)) for i, j in np.argwhere(scene.links == Link.PREDECESSOR)}
-    chains, edges = compact(len(points), links)
+    chains, edges = merge_degree2_chains(len(points), links)
     lines = [np.concatenate([points[chain[0]], *(points[lane][1:] for lane in chain[1:])]) for chain in chains]
     rows = [row for row, line in enumerate(lines) if np.hypot(*np.diff(line[:, :2], axis=0).T).sum() > _MIN_LENGTH]
     lane_of_row = {row: lane for lane, row in enumerate(rows)}

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from scjax.metrics.lines import polyline_lengths, resample_polylines
 from scjax.scene import POINTS_PER_LANE, Link, Scene
-from scjax.scene.lane_chains import compact
+from scjax.scene.lane_chains import merge_degree2_chains
 
 Mode = Literal["compat", "strict"]
 
@@ -35,7 +35,7 @@ def compact_lanes(scene: Scene) -> Lanes:
     mask = np.asarray(scene.lane_mask)
     points = np.asarray(scene.lanes, np.float64)[mask][..., :2]
     connections = np.argwhere(np.asarray(scene.links)[np.ix_(mask, mask)] == Link.PREDECESSOR)
-    chains, edges = compact(len(points), {(int(i), int(j)) for i, j in connections})
+    chains, edges = merge_degree2_chains(len(points), {(int(i), int(j)) for i, j in connections})
     if len(chains) == len(points):
         return Lanes(points, connections)
     merge_stats = [

@@ -1,5 +1,8 @@
 """The scene types, their frames, files and repairs; imports nothing else of scjax."""
 
+from scjax.scene.log import NO_EGO, OTHER_OBJECT, Log, LogMetadata, validate_log
+from scjax.scene.log_io import load_log, save_log
+from scjax.scene.map_lane import LaneNeighbor, MapLane
 from scjax.scene.scene import (
     INVERSE_LINK,
     MAX_AGENTS,
@@ -25,19 +28,28 @@ __all__ = [
     "INVERSE_LINK",
     "MAX_AGENTS",
     "MAX_LANES",
+    "NO_EGO",
+    "OTHER_OBJECT",
     "POINTS_PER_LANE",
     "STATE_COLUMNS",
     "TILE_SIZE",
     "AgentType",
     "AnyArray",
     "Crop",
+    "LaneNeighbor",
     "Link",
+    "Log",
+    "LogMetadata",
+    "MapLane",
     "Scene",
     "Signal",
     "empty",
+    "load_log",
     "pad",
     "permute",
+    "save_log",
     "stack",
     "unpadded",
     "validate",
+    "validate_log",
 ]

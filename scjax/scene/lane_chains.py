@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 
-def compact(count: int, joins: set[tuple[int, int]]) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
+def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
     """Chains of lanes that only follow each other, and the joins between the chains.
 
     j is merged into i when j is the only successor of i and i the only predecessor of j. Chains are ordered by their

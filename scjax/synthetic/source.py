@@ -8,8 +8,9 @@ import hashlib
 
 import numpy as np
 
+from scjax.data.build_options import BuildOptions, PosedLog
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.readers.base import BuildOptions, Loaded, Scanned
+from scjax.data.readers.base import LogInfo
 from scjax.data.tiles import pose_of
 from scjax.language.events import EVENTS
 from scjax.synthetic import domains
@@ -52,15 +53,15 @@ class Worlds:
         """``seed/k`` of every world."""
         return [f"{self.seed}/{k:07d}" for k in range(self.count)]
 
-    def scan(self, name: str) -> Scanned:
+    def scan(self, name: str) -> LogInfo:
         """Domain of the world, without making it."""
         seed, k = (int(part) for part in name.split("/"))
         domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
         options = " ".join([f"{self.ordinary:g} {_SAME_EVENT}", *self.events])
         digest = hashlib.sha256(f"synthetic world {VERSION} {name} {options}".encode()).hexdigest()
-        return Scanned(name, digest, domain, name)
+        return LogInfo(name, digest, domain, name)
 
-    def load(self, item: Scanned, options: BuildOptions, dense: bool) -> Loaded:
+    def load(self, item: LogInfo, options: BuildOptions, dense: bool) -> PosedLog:
         """Makes the world; the options do not matter to it."""
         del options, dense
         seed, k = (int(part) for part in item.file.split("/"))
@@ -73,7 +74,7 @@ class Worlds:
         kept = np.flatnonzero((chance < self.ordinary) | _rare(labels, chance))
         egos = [world.egos[k] for k in kept]
         poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego in egos]
-        return Loaded(raw, graph, index, poses, len(poses), [labels[k].to_json() for k in kept], keep_parked=True)
+        return PosedLog(raw, graph, index, poses, len(poses), [labels[k].to_json() for k in kept], keep_parked=True)
 
 
 def _rare(labels: list[Label], chance: np.ndarray) -> np.ndarray:

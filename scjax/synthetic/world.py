@@ -1,6 +1,6 @@
 """A synthetic world: a map, traffic at some moments, the places worth cutting scenes at, and what they are labelled.
 
-World k of a seed depends on the two numbers alone. Its scenes go the way of recorded ones: ``RawScene`` -> records.
+World k of a seed depends on the two numbers alone. Its scenes go the way of recorded ones: ``Log`` -> records.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scjax.data.readers.scene_json import RawLane, RawScene
 from scjax.language.events import EVENTS
-from scjax.scene import AgentType, Signal
+from scjax.scene import AgentType, LaneNeighbor, Log, LogMetadata, MapLane, Signal
 from scjax.synthetic import actors, bystanders, domains, events
 from scjax.synthetic.actors import Actors
 from scjax.synthetic.ground import Ground
@@ -171,7 +170,7 @@ def _spread(found: list[Ego], moments: list[Actors]) -> list[Ego]:
     return kept
 
 
-def raw_scene(world: World) -> RawScene:
+def raw_scene(world: World) -> Log:
     """The world as a recording whose steps are its moments; objects of different moments are different objects."""
     flip = -1.0 if world.mirrored else 1.0
     counts = [len(moment) for moment in world.moments]
@@ -186,19 +185,29 @@ def raw_scene(world: World) -> RawScene:
     heading = flip * everyone.headings
     velocity = everyone.speeds[:, None] * np.stack([np.cos(heading), np.sin(heading)], -1)
     lit = np.flatnonzero((np.stack(world.lights) != Signal.UNKNOWN).any(0))
-    return RawScene(
-        path=f"synthetic world {world.name}",
-        sha256=hashlib.sha256(f"{VERSION} {world.name}".encode()).hexdigest(),
-        domain=world.domain, scene_id=world.name, cluster=world.name, variant="synthetic", topology_given=True,
-        timestamps=_WARM_UP + APART * np.arange(steps), recorder=-1, lanes=_raw_lanes(world, flip),
-        types=everyone.types.astype(int), valid=valid,
+    return Log(
+        timestamps=_WARM_UP + APART * np.arange(steps),
+        object_ids=tuple(map(str, range(total))),
+        object_types=everyone.types.astype(int),
+        valid=valid,
         positions=np.where(valid[..., None], position[:, None], 0.0),
         headings=np.where(valid, heading[:, None], 0.0),
         velocities=np.where(valid[..., None], velocity[:, None], 0.0),
         sizes=everyone.sizes,
-        signal_lanes=tuple(str(lane) for lane in lit),
-        signals=np.stack(world.lights, 1)[lit].astype(np.int8),
-    )  # fmt: skip
+        signal_lane_ids=tuple(str(lane) for lane in lit),
+        signal_states=np.stack(world.lights, 1)[lit].astype(np.int8),
+        signal_positions=np.full((len(lit), 3), np.nan),
+        lanes=_raw_lanes(world, flip),
+        has_topology=True,
+        metadata=LogMetadata(
+            domain=world.domain,
+            scene_id=world.name,
+            location_cluster=world.name,
+            variant="synthetic",
+            source_file=f"synthetic world {world.name}",
+            source_sha256=hashlib.sha256(f"{VERSION} {world.name}".encode()).hexdigest(),
+        ),
+    )
 
 
 def object_of(world: World, moment: int, agent: int) -> int:
@@ -206,7 +215,7 @@ def object_of(world: World, moment: int, agent: int) -> int:
     return sum(len(world.moments[m]) for m in range(moment)) + agent
 
 
-def _raw_lanes(world: World, flip: float) -> tuple[RawLane, ...]:
+def _raw_lanes(world: World, flip: float) -> tuple[MapLane, ...]:
     lanes = world.net.lanes
     before: list[list[str]] = [[] for _ in lanes]
     for k, lane in enumerate(lanes):
@@ -216,8 +225,8 @@ def _raw_lanes(world: World, flip: float) -> tuple[RawLane, ...]:
     for k, lane in enumerate(lanes):
         z = world.ground.height(lane.points) + lane.height
         points = np.column_stack([lane.points * np.array([1.0, flip]), z])
-        sides = [() if other is None else ((str(other), None, None, None, None),) for other in (lane.left, lane.right)]
+        sides = [() if other is None else (LaneNeighbor(str(other)),) for other in (lane.left, lane.right)]
         left, right = sides if flip > 0 else sides[::-1]
         after = tuple(str(j) for j in lane.successors)
-        found.append(RawLane(str(k), lane.subtype, points, tuple(before[k]), after, left, right))
+        found.append(MapLane(str(k), lane.subtype, points, tuple(before[k]), after, left, right))
     return tuple(found)

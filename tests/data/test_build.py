@@ -3,13 +3,13 @@ import json
 import numpy as np
 import pytest
 
-from scjax.data import build as building
-from scjax.data import records, shards
+from scjax.data import build_shards, records
 from scjax.data.__main__ import main
-from scjax.data.build import build, load_manifest, split_of
-from scjax.data.readers.base import BuildOptions, PoseOptions
+from scjax.data.build import build_records, load_manifest, split_of
+from scjax.data.build_options import BuildOptions, PoseOptions
+from scjax.data.build_shards import build_shard
 from scjax.scene import validate
-from tests.factories import raw_scenes
+from tests.factories import scene_files
 
 OPTIONS = BuildOptions(split_percent=30.0, files_per_shard=2)
 TRAIN = [f"town {k}" for k in range(20) if split_of("womd", f"town {k}", 30.0) == "train"]
@@ -21,9 +21,9 @@ def source(tmp_path):
     """Five training files, two of one town, and one validation file; pictures and peers to be left out."""
     folder = tmp_path / "scenes"
     for number, cluster in enumerate([*TRAIN[:4], TRAIN[0], VAL[0]]):
-        raw_scenes.write(folder / "womd", raw_scenes.content(f"scene {number}", cluster))
-    raw_scenes.write(folder / "peer_outputs", raw_scenes.content("generated"))
-    raw_scenes.write(folder / "images_boxes_only", raw_scenes.content("picture"))
+        scene_files.write_scene_file(folder / "womd", scene_files.scene_content(f"scene {number}", cluster))
+    scene_files.write_scene_file(folder / "peer_outputs", scene_files.scene_content("generated"))
+    scene_files.write_scene_file(folder / "images_boxes_only", scene_files.scene_content("picture"))
     return folder
 
 
@@ -33,14 +33,14 @@ def stamps(folder):
 
 def test_build_and_read_back(source, tmp_path):
     out = tmp_path / "records"
-    manifest = build(source, out, OPTIONS)
+    manifest = build_records(source, out, OPTIONS)
     assert manifest == load_manifest(out)
     assert manifest["domains"] == ["womd"] and not manifest["skipped"]
     assert manifest["splits"]["val"]["clusters"] == [f"womd/{VAL[0]}"]
     assert len(manifest["splits"]["train"]["shards"]) == 3 and len(manifest["sources"]) == 6
     for split in ("train", "val"):
-        entry, source_ = manifest["splits"][split], records.source(out, split)
-        decoded = [records.decode(data) for data in source_]
+        entry, source_ = manifest["splits"][split], records.open_records(out, split)
+        decoded = [records.decode_record(data) for data in source_]
         assert len(decoded) == entry["records"] > 0
         assert {f"womd/{record.cluster}" for record in decoded} == set(entry["clusters"])
         scenes = [validate(records.sample_scene(record)) for record in decoded]
@@ -63,54 +63,52 @@ def test_build_and_read_back(source, tmp_path):
 
 def test_training_poses_can_equal_the_standard_ones(source, tmp_path):
     options = BuildOptions(split_percent=0.0, train_poses=PoseOptions())
-    manifest = build(source, tmp_path / "records", options)
+    manifest = build_records(source, tmp_path / "records", options)
     assert manifest["splits"]["train"]["records"] == 12 and manifest["splits"]["val"]["records"] == 0
 
 
-def test_finished_shards_are_kept(source, tmp_path, monkeypatch):
+def test_finished_shards_are_kept(source, tmp_path):
     out = tmp_path / "records"
-    first = build(source, out, OPTIONS)
+    first = build_records(source, out, OPTIONS)
     before = stamps(out)
-    assert build(source, out, OPTIONS) == first
+    assert build_records(source, out, OPTIONS) == first
     assert stamps(out) == before
 
     # A changed source file rebuilds its shard alone.
-    raw_scenes.write(source / "womd", raw_scenes.content("scene 0", TRAIN[0], dt=0.100001))
-    second = build(source, out, OPTIONS)
+    scene_files.write_scene_file(source / "womd", scene_files.scene_content("scene 0", TRAIN[0], dt=0.100001))
+    second = build_records(source, out, OPTIONS)
     changed = {name for name, stamp in stamps(out).items() if stamp != before[name]}
     assert changed == {"train-00000-of-00003.arrayrecord"} and second["hash"] != first["hash"]
 
     # So do a damaged shard and --no-resume.
     shard = out / "train-00001-of-00003.arrayrecord"
     shard.write_bytes(b"short")
-    build(source, out, OPTIONS)
+    build_records(source, out, OPTIONS)
     assert shard.stat().st_size > 5
     before = stamps(out)
-    build(source, out, OPTIONS, resume=False)
+    build_records(source, out, OPTIONS, resume=False)
     assert not set(stamps(out).items()) & set(before.items())
 
 
-def test_a_killed_build_continues(source, tmp_path, monkeypatch):
+def test_killed_build_continues(source, tmp_path):
     out, whole = tmp_path / "records", tmp_path / "whole"
-    reference = build(source, whole, OPTIONS)
-    real, calls = shards.write_shard, []
+    reference = build_records(source, whole, OPTIONS)
+    calls = []
 
-    def dies(path, data):
-        calls.append(path)
+    def killed_at_third(task):
+        calls.append(task)
         if len(calls) == 3:
-            (path.parent / f".{path.name}.1.part").write_bytes(b"half a shard")
+            (out / f".{task[2].name}.arrayrecord.1.part").write_bytes(b"half a shard")
             raise KeyboardInterrupt
-        return real(path, data)
+        return build_shard(task)
 
-    monkeypatch.setattr(shards, "write_shard", dies)
     with pytest.raises(KeyboardInterrupt):
-        build(source, out, OPTIONS)
+        build_records(source, out, OPTIONS, make_shard=killed_at_third)
     before = stamps(out)
     assert len(before) == 2
     with pytest.raises(ValueError, match="to its end"):
         load_manifest(out)
-    monkeypatch.setattr(shards, "write_shard", real)
-    assert build(source, out, OPTIONS) == reference
+    assert build_records(source, out, OPTIONS) == reference
     assert before.items() <= stamps(out).items() and not list(out.glob(".*"))
     for name in stamps(whole):
         assert (whole / name).read_bytes() == (out / name).read_bytes()
@@ -118,35 +116,37 @@ def test_a_killed_build_continues(source, tmp_path, monkeypatch):
 
 def test_shards_of_an_earlier_plan_go(source, tmp_path):
     out = tmp_path / "records"
-    build(source, out, OPTIONS)
-    manifest = build(source, out, BuildOptions(split_percent=30.0, files_per_shard=16))
+    build_records(source, out, OPTIONS)
+    manifest = build_records(source, out, BuildOptions(split_percent=30.0, files_per_shard=16))
     assert set(stamps(out)) == {name for entry in manifest["splits"].values() for name in entry["shards"]}
 
 
 def test_two_processes_give_the_same_bytes(source, tmp_path):
-    one = build(source, tmp_path / "one", OPTIONS)
-    two = build(source, tmp_path / "two", OPTIONS, workers=2)
+    one = build_records(source, tmp_path / "one", OPTIONS)
+    two = build_records(source, tmp_path / "two", OPTIONS, workers=2)
     assert one == two
     for name in stamps(tmp_path / "one"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
 def spoil(source):
-    bad = raw_scenes.content("bad nan", TRAIN[1])
+    bad = scene_files.scene_content("bad nan", TRAIN[1])
     bad["map"][0]["x"][5] = float("nan")
-    raw_scenes.write(source / "womd", bad)
-    path = raw_scenes.write(source / "womd", raw_scenes.content("bad truncated"))
+    scene_files.write_scene_file(source / "womd", bad)
+    path = scene_files.write_scene_file(source / "womd", scene_files.scene_content("bad truncated"))
     path.write_bytes(path.read_bytes()[:-20])
-    raw_scenes.write(source / "womd", raw_scenes.content("bad schema", schema="other"))
-    raw_scenes.write(source / "womd", raw_scenes.content("bad map", TRAIN[2], map=[]))
-    parked = raw_scenes.content("no poses", TRAIN[3], objects=raw_scenes.content()["objects"][2:3], sdc_index=None)
-    raw_scenes.write(source / "womd", parked)
+    scene_files.write_scene_file(source / "womd", scene_files.scene_content("bad schema", schema="other"))
+    scene_files.write_scene_file(source / "womd", scene_files.scene_content("bad map", TRAIN[2], map=[]))
+    parked = scene_files.scene_content(
+        "no poses", TRAIN[3], objects=scene_files.scene_content()["objects"][2:3], sdc_index=None
+    )
+    scene_files.write_scene_file(source / "womd", parked)
 
 
 def test_bad_files_are_listed(source, tmp_path):
-    good = build(source, tmp_path / "good", OPTIONS)
+    good = build_records(source, tmp_path / "good", OPTIONS)
     spoil(source)
-    manifest = build(source, tmp_path / "records", OPTIONS)
+    manifest = build_records(source, tmp_path / "records", OPTIONS)
     reasons = {entry["file"]: entry["reason"] for entry in manifest["skipped"]}
     assert set(reasons) == {f"womd/bad {name}.json.gz" for name in ("nan", "truncated", "schema", "map")}
     assert "NaN" in reasons["womd/bad nan.json.gz"] and "gzip" in reasons["womd/bad truncated.json.gz"]
@@ -158,7 +158,7 @@ def test_bad_files_are_listed(source, tmp_path):
 def test_strict_stops_at_the_first_bad_file(source, tmp_path):
     spoil(source)
     with pytest.raises(ValueError, match="--strict"):
-        build(source, tmp_path / "records", OPTIONS, strict=True)
+        build_records(source, tmp_path / "records", OPTIONS, strict=True)
     with pytest.raises(ValueError, match="to its end"):
         load_manifest(tmp_path / "records")
 
@@ -172,15 +172,12 @@ def test_the_split_is_by_cluster_and_stable():
     assert not any(split_of("womd", name, 0.0) == "val" for name in names)
 
 
-def test_changes_during_the_build_are_noticed(source, tmp_path, monkeypatch):
-    real = building.build_shard
+def test_build_notices_changed_files(source, tmp_path):
+    def edit_and_build(task):
+        scene_files.write_scene_file(source / "womd", scene_files.scene_content("scene 0", TRAIN[0], dt=0.2))
+        return build_shard(task)
 
-    def edited(task):
-        raw_scenes.write(source / "womd", raw_scenes.content("scene 0", TRAIN[0], dt=0.2))
-        return real(task)
-
-    monkeypatch.setattr(building, "build_shard", edited)
-    manifest = build(source, tmp_path / "records", OPTIONS)
+    manifest = build_records(source, tmp_path / "records", OPTIONS, make_shard=edit_and_build)
     assert "changed while the build ran" in manifest["skipped"][0]["reason"]
 
 
@@ -226,7 +223,7 @@ def test_exit_codes(source, tmp_path, capsys):
 
 
 def test_only_bad_files(tmp_path, capsys):
-    raw_scenes.write(tmp_path / "scenes", raw_scenes.content(schema="other"))
+    scene_files.write_scene_file(tmp_path / "scenes", scene_files.scene_content(schema="other"))
     assert main(["build", str(tmp_path / "scenes"), str(tmp_path / "out"), "--workers", "0"]) == 1
     assert "none of 1 files can be used" in capsys.readouterr().err
 
@@ -235,7 +232,7 @@ def test_interrupted(source, tmp_path, monkeypatch, capsys):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(shards, "write_shard", stop)
+    monkeypatch.setattr(build_shards, "write_shard", stop)
     assert main(["build", str(source), str(tmp_path / "out"), "--workers", "0"]) == 130
     assert "run the same command again" in capsys.readouterr().err
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.data.build import build
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import TextStore, embed_captions
 from scjax.data.captions import add_captions, captions_path, read_captions
 from scjax.data.loader import PipelineConfig, training_batches
-from scjax.data.readers.base import BuildOptions
 from scjax.models.codec import scjax
 from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
@@ -17,7 +17,7 @@ from tests.generate.test_prompts import Words
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("texts")
-    build(Worlds(3, 6), folder, BuildOptions(split_percent=30.0, files_per_shard=2))
+    build_records(Worlds(3, 6), folder, BuildOptions(split_percent=30.0, files_per_shard=2))
     add_captions(folder, paraphrases=1, progress=False)
     embed_captions(folder, Words(), progress=False)
     return folder

@@ -8,7 +8,7 @@ import pytest
 
 from scjax.data import records
 from scjax.data.__main__ import main
-from scjax.data.build import build
+from scjax.data.build import build_records
 from scjax.data.captions import read_captions, read_official
 from scjax.language.captioner import STYLES
 from scjax.language.facts import extract_facts
@@ -18,17 +18,17 @@ from scjax.synthetic.source import Worlds
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("captions")
-    build(Worlds(1, 4), made / "records")
+    build_records(Worlds(1, 4), made / "records")
     assert main(["caption", str(made / "records"), "--paraphrases", "3"]) == 0
     return made / "records"
 
 
 def test_every_record_has_its_facts_and_texts(folder):
-    tiles = records.source(folder, "train")
+    tiles = records.open_records(folder, "train")
     captions = list(read_captions(folder, "train"))
     assert len(captions) == len(tiles)
     for row in (0, len(tiles) // 2, len(tiles) - 1):
-        assert captions[row].facts == extract_facts(records.sample_scene(records.decode(tiles[row])))
+        assert captions[row].facts == extract_facts(records.sample_scene(records.decode_record(tiles[row])))
         assert all(len(captions[row].texts[style]) == 3 for style in STYLES)
     assert not list(folder.glob(".captions*"))
 
@@ -59,11 +59,11 @@ def test_all_facts_can_be_told(folder):
 def test_records_that_were_built_anew_are_read_anew(tmp_path):
     for seed in (1, 2):
         shutil.rmtree(tmp_path / "records", ignore_errors=True)
-        build(Worlds(seed, 3), tmp_path / "records")
+        build_records(Worlds(seed, 3), tmp_path / "records")
         assert main(["caption", str(tmp_path / "records"), "--workers", "0"]) == 0
-        tiles = records.source(tmp_path / "records", "train")
+        tiles = records.open_records(tmp_path / "records", "train")
         for row, caption in enumerate(read_captions(tmp_path / "records", "train")):
-            assert caption.facts == extract_facts(records.sample_scene(records.decode(tiles[row])))
+            assert caption.facts == extract_facts(records.sample_scene(records.decode_record(tiles[row])))
 
 
 def test_captions_of_other_records_are_refused(folder, tmp_path):

@@ -5,24 +5,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.data.crop import Context, crop_scene
+from scjax.data.crop import crop_scene
+from scjax.data.local_map import LocalMap
 from scjax.scene import AgentType, Crop, Link, Signal, pad, validate
 
 
-def context(lanes, edges=(), beside=(), spans=(), agents=(), types=None, off_road=None) -> Context:
+def local_map(lanes, successors=(), neighbors=(), overlap_spans=(), agents=(), types=None, off_road=None) -> LocalMap:
     """A context from lists; agents are (x, y)."""
     lanes = [np.asarray(line, float) for line in lanes]
     states = np.zeros((len(agents) + 1, 9))
     states[1:, :2] = np.reshape(agents, (-1, 2))
     states[:, 4], states[:, 6:] = 1.0, (4.0, 2.0, 1.5)
     count = len(states)
-    return Context(
+    return LocalMap(
         points=np.concatenate(lanes),
         offsets=np.concatenate([[0], np.cumsum([len(line) for line in lanes])]),
         lane_z_known=np.ones(len(lanes), bool),
-        edges=np.reshape(edges, (-1, 2)).astype(int),
-        beside=np.reshape(beside, (-1, 2)).astype(int),
-        spans=np.reshape(spans, (-1, 4)).astype(float),
+        successors=np.reshape(successors, (-1, 2)).astype(int),
+        neighbors=np.reshape(neighbors, (-1, 2)).astype(int),
+        overlap_spans=np.reshape(overlap_spans, (-1, 4)).astype(float),
         signals=np.arange(len(lanes)) % 4,
         agents=states,
         agent_types=np.zeros(count, int) if types is None else np.array([0, *types]),
@@ -41,7 +42,7 @@ def starts(scene):
 
 def test_lanes_come_nearest_first_with_their_signals():
     lanes = [straight((-40, 9), (40, 9)), straight((-9, 1), (9, 1)), straight((50, 0), (70, 0))]
-    scene = validate(crop_scene(context(lanes)))
+    scene = validate(crop_scene(local_map(lanes)))
     assert starts(scene) == [(-9, 1), (-32, 9)]
     assert scene.signals.tolist() == [Signal.GO, Signal.UNKNOWN]
     np.testing.assert_allclose(np.diff(scene.lanes[1, :, 0]), 64 / 19, rtol=1e-5)
@@ -49,7 +50,7 @@ def test_lanes_come_nearest_first_with_their_signals():
 
 def test_links_follow_true_ends():
     lanes = [straight((-9, 0), (0, 0)), straight((0, 0), (9, 3)), straight((0, 0), (40, 0)), straight((40, 0), (20, 9))]
-    scene = validate(crop_scene(context(lanes, edges=[(0, 1), (0, 2), (2, 3)])))
+    scene = validate(crop_scene(local_map(lanes, successors=[(0, 1), (0, 2), (2, 3)])))
     rank = {start: i for i, start in enumerate(map(tuple, scene.lanes[:, -1, :2].astype(float).round(3)))}
     first, fork, ahead, last = (rank[end] for end in ((0, 0), (9, 3), (32, 0), (20, 9)))
     assert scene.links[first, fork] == scene.links[first, ahead] == Link.PREDECESSOR
@@ -59,7 +60,7 @@ def test_links_follow_true_ends():
 
 def test_partition_cuts_every_lane_at_the_ego_and_chains_the_parts():
     weave = [straight((-20, 5), (10, 5)) + straight((10, 9), (-10, 9), (-10, 12), (20, 12))]
-    scene = validate(crop_scene(context(weave), Crop.PARTITIONED))
+    scene = validate(crop_scene(local_map(weave), Crop.PARTITIONED))
     assert scene.crop == Crop.PARTITIONED and len(scene.lanes) == 4
     x = scene.lanes[..., 0]
     assert ((x <= 0).all(1) | (x >= 0).all(1)).all()
@@ -72,7 +73,7 @@ def test_partition_cuts_every_lane_at_the_ego_and_chains_the_parts():
 
 def test_forward_window_starts_at_the_ego():
     lanes = [straight((-70, 0), (70, 0)), straight((-9, 5), (-1, 5))]
-    scene = validate(crop_scene(context(lanes, agents=[(-1, 0), (60, 0), (40, 0)]), Crop.FORWARD))
+    scene = validate(crop_scene(local_map(lanes, agents=[(-1, 0), (60, 0), (40, 0)]), Crop.FORWARD))
     np.testing.assert_allclose(scene.lanes[0, [0, -1], 0], [0, 64])
     assert len(scene.lanes) == 1
     np.testing.assert_allclose(scene.agents[:, 0], [0, 60, 40])  # kept in the context's order
@@ -82,13 +83,15 @@ def test_neighbours_follow_pieces():
     right = straight((-40, 0), (40, 0))
     left = straight((-40, 3), (-10, 3), (-10, 40), (10, 40), (10, 3), (40, 3))  # leaves the window and comes back
     # Side by side only up to x = -10: arc 0..30 of both.
-    scene = validate(crop_scene(context([right, left], beside=[(1, 0)], spans=[(0, 30, 0, 30)])))
+    scene = validate(crop_scene(local_map([right, left], neighbors=[(1, 0)], overlap_spans=[(0, 30, 0, 30)])))
     middle = next(i for i, lane in enumerate(scene.lanes) if np.ptp(lane[:, 1]) == 0)
     assert len(scene.lanes) == 3 and (scene.links == Link.LEFT).sum() == 1
     entering = next(i for i, lane in enumerate(scene.lanes) if i != middle and lane[0, 0] < -30)
     assert scene.links[entering, middle] == Link.LEFT and scene.links[middle, entering] == Link.RIGHT
 
-    cut = validate(crop_scene(context([right, left], beside=[(1, 0)], spans=[(0, 30, 0, 30)]), Crop.PARTITIONED))
+    cut = validate(
+        crop_scene(local_map([right, left], neighbors=[(1, 0)], overlap_spans=[(0, 30, 0, 30)]), Crop.PARTITIONED)
+    )
     before = (cut.lanes[..., 0] <= 0).all(1)
     i, j = np.argwhere(cut.links == Link.LEFT)[0]
     assert (cut.links == Link.LEFT).sum() == 1 and before[i] and before[j]
@@ -96,9 +99,9 @@ def test_neighbours_follow_pieces():
 
 def test_only_the_nearest_stay_within_the_limits():
     lanes = [straight((-9, y), (9, y)) for y in range(1, 21)]
-    edges = [(i, i + 1) for i in range(19)]
+    successors = [(i, i + 1) for i in range(19)]
     agents = [(x, 0) for x in range(1, 21)]
-    scene = validate(crop_scene(context(lanes, edges, agents=agents), max_lanes=6, max_agents=4))
+    scene = validate(crop_scene(local_map(lanes, successors, agents=agents), max_lanes=6, max_agents=4))
     assert [y for _, y in starts(scene)] == [1, 2, 3, 4, 5, 6]
     assert scene.agents[:, 0].tolist() == [0, 1, 2, 3]
     assert scene.links.shape == (6, 6)
@@ -106,19 +109,19 @@ def test_only_the_nearest_stay_within_the_limits():
 
 
 def test_parked_vehicles_are_optional():
-    ctx = context([straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)],
+    ctx = local_map([straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)],
                   off_road=[True, False])  # fmt: skip
     assert crop_scene(ctx).agent_types.tolist() == [0, AgentType.STATIC]
     assert len(crop_scene(ctx, off_road=True).agents) == 3
 
 
 def test_unknown_elevation_is_flagged():
-    ctx = dataclasses.replace(context([straight((-9, 0), (9, 0))]), lane_z_known=np.array([False]))
+    ctx = dataclasses.replace(local_map([straight((-9, 0), (9, 0))]), lane_z_known=np.array([False]))
     assert crop_scene(ctx).lane_known.tolist() == [[True, True, False]]
 
 
 def test_a_window_without_lanes_has_its_ego():
-    scene = validate(crop_scene(context([straight((50, 0), (60, 0))])))
+    scene = validate(crop_scene(local_map([straight((50, 0), (60, 0))])))
     assert scene.lanes.shape == (0, 20, 3) and scene.links.shape == (0, 0) and len(scene.agents) == 1
 
 
@@ -128,8 +131,8 @@ def test_moving_the_window_is_moving_the_world(seed, crop):
     rng = np.random.default_rng(seed)
     lanes = [np.cumsum(rng.normal(0, 6, (12, 3)) * [1, 1, 0.1], 0) + rng.uniform(-30, 30, 3) for _ in range(5)]
     agents = rng.uniform(-40, 40, (10, 2))
-    edges = rng.integers(0, 5, (4, 2))
-    ctx = context(lanes, edges, agents=agents)
+    successors = rng.integers(0, 5, (4, 2))
+    ctx = local_map(lanes, successors, agents=agents)
     dx, dy, dyaw = *rng.uniform(-5, 5, 2), rng.uniform(-3, 3)
     cos, sin = np.cos(dyaw), np.sin(dyaw)
     turn = np.array([[cos, -sin], [sin, cos]])
@@ -152,7 +155,7 @@ def test_moving_the_window_is_moving_the_world(seed, crop):
 
 @pytest.mark.parametrize("crop", list(Crop))
 def test_float32_contexts_work_too(crop):
-    ctx = context([straight((-70, 1), (70, 1))])
+    ctx = local_map([straight((-70, 1), (70, 1))])
     ctx = dataclasses.replace(ctx, points=ctx.points.astype(np.float32), offsets=ctx.offsets.astype(np.int32))
     scene = validate(crop_scene(ctx, crop))
     assert scene.lanes.dtype == np.float32 and scene.links.dtype == np.int32

@@ -7,7 +7,8 @@ import pytest
 
 from scjax.data import records
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.readers.scene_json import read_scene
+from scjax.data.local_map import simplify_graph
+from scjax.data.readers.scene_json import read_log
 from scjax.data.tiles import cut_tile, find_poses
 from scjax.scene import Link, validate
 
@@ -30,7 +31,7 @@ def check_tile(golden, tile, ours, pose):
     np.testing.assert_allclose(ours.lanes[..., :2], lanes, atol=TOLERANCE)
     np.testing.assert_allclose(ours.lanes[..., 2], rows(golden, "lanes_z", "lane_offsets", tile), atol=TOLERANCE)
     edges = rows(golden, "edges", "edge_offsets", tile)
-    assert sorted(map(tuple, edges)) == sorted(map(tuple, ours.edges))
+    assert sorted(map(tuple, edges)) == sorted(map(tuple, ours.successors))
     shown = ours.main | ours.all
     agents = rows(golden, "agents", "agent_offsets", tile)
     np.testing.assert_allclose(ours.agents.states[shown], agents, atol=TOLERANCE)
@@ -41,7 +42,7 @@ def check_tile(golden, tile, ours, pose):
     np.testing.assert_allclose(ours.agents.lane_distance[shown], distance, atol=TOLERANCE)
     found = [pose.x, pose.y, pose.yaw, pose.ground]
     np.testing.assert_allclose(found, golden["tile_pose"][tile], atol=1e-5)
-    assert (pose.step, pose.object) == (golden["tile_step"][tile], golden["tile_object"][tile])
+    assert (pose.step, pose.object_index) == (golden["tile_step"][tile], golden["tile_object"][tile])
     assert pose.is_recorder == golden["tile_is_sdc"][tile]
 
 
@@ -57,7 +58,7 @@ def off_course(points, line):
 
 def check_record(record, tile):
     """The scene of a record is the tile, up to the order of lanes that are equally near; returns grazing lanes."""
-    scene = validate(records.sample_scene(records.decode(records.encode(record))))
+    scene = validate(records.sample_scene(records.decode_record(records.encode_record(record))))
     assert len(scene.lanes) == len(tile.lanes) and len(scene.agents) == tile.main.sum()
     error = np.abs(scene.lanes[:, None, :, :2] - tile.lanes[None, ..., :2]).max((2, 3))
     match = error.argmin(1)
@@ -73,7 +74,7 @@ def check_record(record, tile):
     np.testing.assert_array_equal(known, ~np.isnan(tile.lanes[match, 0, 2]))
     np.testing.assert_allclose(scene.lanes[known][..., 2], tile.lanes[match][known][..., 2], atol=2 * TOLERANCE)
     joined = np.zeros((len(match),) * 2, bool)
-    joined[tuple(tile.edges[tile.edges[:, 0] != tile.edges[:, 1]].T)] = True
+    joined[tuple(tile.successors[tile.successors[:, 0] != tile.successors[:, 1]].T)] = True
     np.testing.assert_array_equal(scene.links == Link.PREDECESSOR, joined[np.ix_(match, match)])
     agents = np.where(scene.agent_known, tile.agents.states[tile.main], scene.agents)
     agents[:, 3] = np.minimum(agents[:, 3], 35.0)
@@ -89,20 +90,20 @@ def test_every_tile_and_its_record(golden, eval_dir, data_dir):
     assert set(counts) == set(golden["scene_id"].tolist())
     grazing = lanes = 0
     for number, scene_id in enumerate(golden["scene_id"]):
-        raw = read_scene(data_dir / "womd" / f"{scene_id}.json.gz")
-        graph = build_graph(raw)
+        log = read_log(data_dir / "womd" / f"{scene_id}.json.gz")
+        graph = build_graph(log)
         index = index_segments(graph)
-        simplified = records.simplified(graph)
+        simplified = simplify_graph(graph)
         total = dict.fromkeys(("tiles", "lanes", "edges", "agents_main", "agents_all"), 0)
-        for tile, pose in zip(np.flatnonzero(golden["tile_scene"] == number), find_poses(raw, index), strict=True):
-            ours = cut_tile(raw, graph, index, pose)
+        for tile, pose in zip(np.flatnonzero(golden["tile_scene"] == number), find_poses(log, index), strict=True):
+            ours = cut_tile(log, graph, index, pose)
             check_tile(golden, tile, ours, pose)
-            grazing += check_record(records.make_record(raw, simplified, index, pose, 0)[0], ours)
-            sizes = (1, len(ours.lanes), len(ours.edges), ours.main.sum(), ours.all.sum())
+            grazing += check_record(records.make_record(log, simplified, index, pose, 0)[0], ours)
+            sizes = (1, len(ours.lanes), len(ours.successors), ours.main.sum(), ours.all.sum())
             total = {name: total[name] + int(size) for name, size in zip(total, sizes, strict=True)}
         row = counts[scene_id]
         assert total == {name: int(row[name]) for name in total}, scene_id
-        assert row["cluster"] == raw.cluster
+        assert row["cluster"] == log.metadata.location_cluster
         lanes += total["lanes"]
     assert lanes == len(golden["lanes_xy"])
     assert grazing < 2e-3 * lanes, grazing

@@ -5,53 +5,53 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.data.lane_graph import build_graph, index_segments, lane_lengths, nearest_lane
-from scjax.data.readers.scene_json import read_scene
+from scjax.data.lane_graph import build_graph, index_segments, nearest_lane
+from scjax.data.readers.scene_json import read_log
 from scjax.scene import Signal
-from scjax.scene.lane_chains import compact
-from tests.factories import raw_scenes
+from scjax.scene.lane_chains import merge_degree2_chains
+from tests.factories import scene_files
 
 
 def graph_of(tmp_path, **changes):
-    return build_graph(read_scene(raw_scenes.write(tmp_path, raw_scenes.content(**changes))))
+    return build_graph(read_log(scene_files.write_scene_file(tmp_path, scene_files.scene_content(**changes))))
 
 
 def test_forks_stay_and_chains_merge(tmp_path):
     graph = graph_of(tmp_path)
     # 1, 2, 3, 4 and 5+6; the bike lane is gone.
     assert graph.num_lanes == 5
-    assert sorted(map(tuple, graph.edges)) == [(0, 1), (0, 2)]
-    np.testing.assert_allclose(lane_lengths(graph), [150, 150, 100, 300, 300], atol=0.1)
+    assert sorted(map(tuple, graph.successors)) == [(0, 1), (0, 2)]
+    np.testing.assert_allclose(graph.lane_lengths, [150, 150, 100, 300, 300], atol=0.1)
     merged = graph.points[graph.offsets[4] : graph.offsets[5]]
     assert len(np.unique(merged[:, 0])) == len(merged)  # the shared point is there once
 
 
 @pytest.mark.parametrize(("gap", "lanes"), [(0.04, 1), (0.06, 2)])
 def test_inferred_joins_end_at_five_centimetres(tmp_path, gap, lanes):
-    graph = graph_of(tmp_path, map=[raw_scenes.lane(1, (0, 0), (20, 0)), raw_scenes.lane(2, (20 + gap, 0), (40, 0))])
-    assert graph.num_lanes == lanes and len(graph.edges) == 0
+    graph = graph_of(tmp_path, map=[scene_files.lane(1, (0, 0), (20, 0)), scene_files.lane(2, (20 + gap, 0), (40, 0))])
+    assert graph.num_lanes == lanes and len(graph.successors) == 0
 
 
 def test_given_topology_overrides_geometry(tmp_path):
     lanes = [
-        raw_scenes.lane("a", (0, 0), (20, 0), successors=["c", "not here"], predecessors=[]),
-        raw_scenes.lane("b", (20, 0), (40, 0), successors=[], predecessors=[]),
-        raw_scenes.lane("c", (25, 0), (40, 9), successors=[], predecessors=["b"]),
+        scene_files.lane("a", (0, 0), (20, 0), successors=["c", "not here"], predecessors=[]),
+        scene_files.lane("b", (20, 0), (40, 0), successors=[], predecessors=[]),
+        scene_files.lane("c", (25, 0), (40, 9), successors=[], predecessors=["b"]),
     ]
     graph = graph_of(tmp_path, map=lanes, has={"topology": "given"})
-    assert sorted(map(tuple, graph.edges)) == [(0, 2), (1, 2)]
+    assert sorted(map(tuple, graph.successors)) == [(0, 2), (1, 2)]
 
 
 def test_duplicate_points_and_single_points_go(tmp_path):
-    double = raw_scenes.lane(1, (0, 0), (10, 0))
+    double = scene_files.lane(1, (0, 0), (10, 0))
     double |= {key: [double[key][0], *double[key]] for key in "xyz"}
-    graph = graph_of(tmp_path, map=[double, {**raw_scenes.lane(2, (0, 9), (5, 9)), "x": [1], "y": [9], "z": [0]}])
+    graph = graph_of(tmp_path, map=[double, {**scene_files.lane(2, (0, 9), (5, 9)), "x": [1], "y": [9], "z": [0]}])
     assert graph.num_lanes == 1 and len(graph.points) == 21
 
 
 def test_no_usable_lane_is_an_error(tmp_path):
     with pytest.raises(ValueError, match="no lane with two distinct points"):
-        graph_of(tmp_path, map=[raw_scenes.lane(1, (0, 0), (9, 0)) | {"subtype": "bike_lane"}])
+        graph_of(tmp_path, map=[scene_files.lane(1, (0, 0), (9, 0)) | {"subtype": "bike_lane"}])
 
 
 def test_signals_follow_merged_lanes(tmp_path):
@@ -63,35 +63,38 @@ def test_signals_follow_merged_lanes(tmp_path):
 @given(st.sets(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=16))
 @settings(max_examples=200, deadline=None)
 def test_compaction_properties(joins):
-    chains, edges = compact(8, joins)
+    chains, successors = merge_degree2_chains(8, joins)
     assert sorted(lane for chain in chains for lane in chain) == list(range(8))
     last, first = {chain[-1]: k for k, chain in enumerate(chains)}, {chain[0]: k for k, chain in enumerate(chains)}
     inner = {(a, b) for chain in chains for a, b in itertools.pairwise(chain)}
     assert inner <= joins
     # Every join is inside a chain or between an end and a start.
-    assert {(last[i], first[j]) for i, j in joins - inner} == set(map(tuple, edges))
+    assert {(last[i], first[j]) for i, j in joins - inner} == set(map(tuple, successors))
     # Nothing is left to merge, but closed rings.
-    out, into = np.bincount(edges[:, 0], minlength=len(chains)), np.bincount(edges[:, 1], minlength=len(chains))
-    assert all(i == j or out[i] != 1 or into[j] != 1 for i, j in edges)
+    out, into = (
+        np.bincount(successors[:, 0], minlength=len(chains)),
+        np.bincount(successors[:, 1], minlength=len(chains)),
+    )
+    assert all(i == j or out[i] != 1 or into[j] != 1 for i, j in successors)
 
 
 def test_rings_start_at_their_smallest_lane():
-    chains, edges = compact(4, {(3, 1), (1, 2), (2, 3)})
-    assert chains == [[0], [1, 2, 3]] and edges.tolist() == [[1, 1]]
+    chains, successors = merge_degree2_chains(4, {(3, 1), (1, 2), (2, 3)})
+    assert chains == [[0], [1, 2, 3]] and successors.tolist() == [[1, 1]]
 
 
 def test_neighbours_by_geometry(tmp_path):
     graph = graph_of(tmp_path)
     # 4 is to the left of 1 and of 2; 5+6 comes the other way; 3 turns away.
-    assert {(3, 0), (3, 1)} <= set(map(tuple, graph.beside))
-    assert not any(4 in pair for pair in graph.beside.tolist())
-    span = graph.spans[[tuple(pair) for pair in graph.beside].index((3, 1))]
+    assert {(3, 0), (3, 1)} <= set(map(tuple, graph.neighbors))
+    assert not any(4 in pair for pair in graph.neighbors.tolist())
+    span = graph.overlap_spans[[tuple(pair) for pair in graph.neighbors].index((3, 1))]
     np.testing.assert_allclose(span, [150, 300, 0, 150], atol=2.0)
 
 
 def test_recorded_neighbours_map_to_merged_lanes_and_skip_oncoming_ones(tmp_path):
     def lane(name, start, end, left=(), right=(), successors=()):
-        return raw_scenes.lane(name, start, end, left_neighbors=list(left), right_neighbors=list(right),
+        return scene_files.lane(name, start, end, left_neighbors=list(left), right_neighbors=list(right),
                                successors=list(successors), predecessors=[])  # fmt: skip
 
     lanes = [
@@ -101,8 +104,8 @@ def test_recorded_neighbours_map_to_merged_lanes_and_skip_oncoming_ones(tmp_path
         lane("d", (40, -3.5), (20, -3.5)),
     ]
     graph = graph_of(tmp_path, map=lanes, has={"topology": "given"})
-    assert graph.beside.tolist() == [[1, 0]]
-    np.testing.assert_allclose(graph.spans, [[10, 20, 25, 35]])
+    assert graph.neighbors.tolist() == [[1, 0]]
+    np.testing.assert_allclose(graph.overlap_spans, [[10, 20, 25, 35]])
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -110,7 +113,7 @@ def test_recorded_neighbours_map_to_merged_lanes_and_skip_oncoming_ones(tmp_path
 def test_nearest_lane_is_exact(tmp_path_factory, seed):
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-40, 40, (6, 2, 2))
-    lanes = [raw_scenes.lane(k, a, b, spacing=rng.choice([0.5, 7.0])) for k, (a, b) in enumerate(corners)]
+    lanes = [scene_files.lane(k, a, b, spacing=rng.choice([0.5, 7.0])) for k, (a, b) in enumerate(corners)]
     graph = graph_of(tmp_path_factory.mktemp("nearest"), map=lanes)
     places = rng.uniform(-60, 60, (20, 2))
     distance, _, z = nearest_lane(index_segments(graph), places, candidates=4)

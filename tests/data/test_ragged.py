@@ -36,7 +36,7 @@ def split(pieces):
 @settings(max_examples=150, deadline=None)
 def test_pieces_are_exactly_what_lies_inside(seed, snap):
     lines = walks(seed, snap=snap)
-    pieces = ragged.clip(*joined(lines), WINDOW, min_length=0.0)
+    pieces = ragged.clip_polylines(*joined(lines), WINDOW, min_length=0.0)
     assert (np.abs(pieces.points[:, :2]) <= 32).all()
     box = shapely.box(-32, -32, 32, 32)
     for index, line in enumerate(lines):
@@ -54,9 +54,9 @@ def test_pieces_are_exactly_what_lies_inside(seed, snap):
 @settings(max_examples=60, deadline=None)
 def test_clipping_twice_changes_nothing(seed):
     points, offsets = joined(walks(seed))
-    once = ragged.clip(points, offsets, WINDOW)
-    twice = ragged.clip(once.points, once.offsets, WINDOW)
-    np.testing.assert_allclose(ragged.resample(once, 20), ragged.resample(twice, 20), atol=1e-6)
+    once = ragged.clip_polylines(points, offsets, WINDOW)
+    twice = ragged.clip_polylines(once.points, once.offsets, WINDOW)
+    np.testing.assert_allclose(ragged.resample_polylines(once, 20), ragged.resample_polylines(twice, 20), atol=1e-6)
 
 
 @given(seeds, st.booleans())
@@ -64,7 +64,7 @@ def test_clipping_twice_changes_nothing(seed):
 @settings(max_examples=150, deadline=None)
 def test_a_cut_leaves_every_piece_on_one_side(seed, snap):
     lines = walks(seed, snap=snap)
-    whole, cut = (ragged.clip(*joined(lines), WINDOW, cut=flag) for flag in (False, True))
+    whole, cut = (ragged.clip_polylines(*joined(lines), WINDOW, cut=flag) for flag in (False, True))
     for piece, follows in zip(split(cut), cut.follows, strict=True):
         assert (piece[:, 0] <= 0).all() or (piece[:, 0] >= 0).all()
         assert not follows or abs(piece[0, 0]) < ragged.MIN_PIECE
@@ -79,7 +79,7 @@ def test_a_cut_leaves_every_piece_on_one_side(seed, snap):
 
 def test_a_lane_that_returns_gives_two_pieces():
     line = np.array([[0.0, 20, 0], [0, 40, 2], [10, 40, 3], [10, 20, 5]])
-    pieces = ragged.clip(*joined([line]), WINDOW)
+    pieces = ragged.clip_polylines(*joined([line]), WINDOW)
     assert pieces.source.tolist() == [0, 0]
     assert pieces.has_start.tolist() == [True, False] and pieces.has_end.tolist() == [False, True]
     np.testing.assert_allclose(split(pieces)[0], [[0, 20, 0], [0, 32, 1.2]])
@@ -89,41 +89,41 @@ def test_a_lane_that_returns_gives_two_pieces():
 @pytest.mark.parametrize(("length", "kept"), [(0.49, 0), (0.51, 1)])
 def test_short_pieces_go(length, kept):
     line = np.array([[32.0 - length, 0, 0], [40, 0, 0]])
-    assert len(ragged.clip(*joined([line]), WINDOW).source) == kept
+    assert len(ragged.clip_polylines(*joined([line]), WINDOW).source) == kept
 
 
 def test_a_short_whole_lane_stays():
-    pieces = ragged.clip(*joined([np.array([[0.0, 0, 0], [0.2, 0, 0]])]), WINDOW)
+    pieces = ragged.clip_polylines(*joined([np.array([[0.0, 0, 0], [0.2, 0, 0]])]), WINDOW)
     assert pieces.has_start.all() and pieces.has_end.all() and len(pieces.source) == 1
 
 
 def test_nothing_inside_and_a_touched_corner():
     lines = [np.array([[40.0, 0, 0], [50, 0, 0]]), np.array([[64.0, 0, 0], [0, 64, 0]])]
-    pieces = ragged.clip(*joined(lines), WINDOW, cut=True)
-    assert len(pieces.source) == 0 and ragged.resample(pieces, 20).shape == (0, 20, 3)
-    assert ragged.piece_edges(pieces, np.array([[0, 1]]), 2).shape == (0, 2)
+    pieces = ragged.clip_polylines(*joined(lines), WINDOW, cut=True)
+    assert len(pieces.source) == 0 and ragged.resample_polylines(pieces, 20).shape == (0, 20, 3)
+    assert ragged.piece_successors(pieces, np.array([[0, 1]]), 2).shape == (0, 2)
 
 
 def test_a_short_part_hands_its_links_on():
     before, line = np.array([[-20.0, 0, 0], [-0.2, 0, 0]]), np.array([[-0.2, 0, 0], [20, 0, 0]])
-    pieces = ragged.clip(*joined([before, line]), WINDOW, cut=True)
+    pieces = ragged.clip_polylines(*joined([before, line]), WINDOW, cut=True)
     assert len(pieces.source) == 2 and split(pieces)[1][0, 0] == 0.0
-    assert ragged.piece_edges(pieces, np.array([[0, 1]]), 2).tolist() == [[0, 1]]
+    assert ragged.piece_successors(pieces, np.array([[0, 1]]), 2).tolist() == [[0, 1]]
 
 
 def test_piece_edges_need_both_true_ends():
     lines = [np.array([[0.0, 0, 0], [50, 0, 0]]), np.array([[50.0, 0, 0], [50, 9, 0], [0, 9, 0]])]
-    pieces = ragged.clip(*joined(lines), WINDOW)
+    pieces = ragged.clip_polylines(*joined(lines), WINDOW)
     assert len(pieces.source) == 2
-    assert len(ragged.piece_edges(pieces, np.array([[0, 1]]), 2)) == 0
-    assert ragged.piece_edges(pieces, np.array([[1, 0]]), 2).tolist() == [[1, 0]]
+    assert len(ragged.piece_successors(pieces, np.array([[0, 1]]), 2)) == 0
+    assert ragged.piece_successors(pieces, np.array([[1, 0]]), 2).tolist() == [[1, 0]]
 
 
 @given(seeds)
 @settings(max_examples=60, deadline=None)
 def test_resampling_matches_interpolation(seed):
-    pieces = ragged.clip(*joined(walks(seed)), (-1e3, 1e3, -1e3, 1e3))
-    for piece, got in zip(split(pieces), ragged.resample(pieces, 20), strict=True):
+    pieces = ragged.clip_polylines(*joined(walks(seed)), (-1e3, 1e3, -1e3, 1e3))
+    for piece, got in zip(split(pieces), ragged.resample_polylines(pieces, 20), strict=True):
         arc = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(piece[:, :2], axis=0).T))])
         want = np.stack([np.interp(np.linspace(0, arc[-1], 20), arc, piece[:, k]) for k in range(3)], -1)
         np.testing.assert_allclose(got, want, atol=1e-6)
@@ -133,7 +133,7 @@ def test_resampling_matches_interpolation(seed):
 @settings(max_examples=60, deadline=None)
 def test_simplified_lines_stay_within_the_tolerance(seed, tolerance):
     lines = walks(seed, step=1.0)
-    points, offsets = ragged.simplify(*joined(lines), tolerance)
+    points, offsets = ragged.simplify_polylines(*joined(lines), tolerance)
     for line, thin in zip(lines, np.split(points, offsets[1:-1]), strict=True):
         np.testing.assert_array_equal(thin[[0, -1]], line[[0, -1]])
         curve = shapely.LineString(thin[:, :2])
@@ -144,5 +144,5 @@ def test_simplified_lines_stay_within_the_tolerance(seed, tolerance):
 
 def test_straight_lines_become_two_points():
     line = np.stack([np.linspace(0, 50, 101), np.linspace(3, 4, 101), np.full(101, np.nan)], -1)
-    points, offsets = ragged.simplify(*joined([line, line + 1]), 1e-4)
+    points, offsets = ragged.simplify_polylines(*joined([line, line + 1]), 1e-4)
     assert len(points) == 4 and offsets.tolist() == [0, 2, 4] and np.isnan(points[:, 2]).all()

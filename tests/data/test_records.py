@@ -4,37 +4,38 @@ import numpy as np
 import pytest
 
 from scjax.data import records
-from scjax.data.agents import clean
+from scjax.data.agents import clean_agents
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.readers.scene_json import read_scene
+from scjax.data.local_map import LocalMap, simplify_graph
+from scjax.data.readers.scene_json import read_log
 from scjax.data.tiles import find_poses
 from scjax.scene import AgentType, Crop, Link, Signal, validate
-from tests.factories import raw_scenes
+from tests.factories import scene_files
 
 
 def make(tmp_path, scene=None, pose=0):
-    raw = read_scene(raw_scenes.write(tmp_path, scene))
-    graph = build_graph(raw)
+    log = read_log(scene_files.write_scene_file(tmp_path, scene))
+    graph = build_graph(log)
     index = index_segments(graph)
-    return records.make_record(raw, records.simplified(graph), index, find_poses(raw, index)[pose], 0)
+    return records.make_record(log, simplify_graph(graph), index, find_poses(log, index)[pose], 0)
 
 
 def test_encoding_round_trips(tmp_path):
     record, _ = make(tmp_path)
-    decoded = records.decode(records.encode(record))
-    for field in dataclasses.fields(records.Context):
-        want, got = getattr(record.context, field.name), getattr(decoded.context, field.name)
+    decoded = records.decode_record(records.encode_record(record))
+    for field in dataclasses.fields(LocalMap):
+        want, got = getattr(record.local_map, field.name), getattr(decoded.local_map, field.name)
         np.testing.assert_array_equal(got, want, err_msg=field.name)
-    assert dataclasses.replace(decoded, context=record.context) == record
-    assert (record.cluster, record.scene_id, record.step, record.object, record.is_recorder) == (
+    assert dataclasses.replace(decoded, local_map=record.local_map) == record
+    assert (record.cluster, record.scene_id, record.step, record.object_index, record.is_recorder) == (
         "village", "hand-made", 0, 0, True
     )  # fmt: skip
 
 
 def test_records_hold_eighty_metres(tmp_path):
     record, _ = make(tmp_path)
-    assert np.abs(record.context.points[:, :2]).max() == pytest.approx(80.0)
-    assert len(record.context.points) < 20  # straight lanes need two points
+    assert np.abs(record.local_map.points[:, :2]).max() == pytest.approx(80.0)
+    assert len(record.local_map.points) < 20  # straight lanes need two points
 
 
 @pytest.mark.parametrize("crop", list(Crop))
@@ -66,18 +67,18 @@ def test_offsets_beyond_the_record_are_refused(tmp_path):
 
 
 def test_unknown_and_impossible_values(tmp_path):
-    scene = raw_scenes.content()
-    scene["objects"][1] |= {"length": 0.0, "height": None, "z": None, "vx": [60.0] * raw_scenes.STEPS}
+    scene = scene_files.scene_content()
+    scene["objects"][1] |= {"length": 0.0, "height": None, "z": None, "vx": [60.0] * scene_files.STEPS}
     record, counts = make(tmp_path, scene)
     assert counts == {"size": 1, "speed": 1}
-    row = int(np.flatnonzero(record.context.agents[:, 3] == 35.0)[0])
-    np.testing.assert_allclose(record.context.agents[row, [2, 6, 7, 8]], [0.0, 4.87, 2.4, 1.80], rtol=1e-6)
-    assert record.context.agent_known[row].tolist() == [True, True, False, True, True, True, False, True, False]
+    row = int(np.flatnonzero(record.local_map.agents[:, 3] == 35.0)[0])
+    np.testing.assert_allclose(record.local_map.agents[row, [2, 6, 7, 8]], [0.0, 4.87, 2.4, 1.80], rtol=1e-6)
+    assert record.local_map.agent_known[row].tolist() == [True, True, False, True, True, True, False, True, False]
 
 
 def test_clean_leaves_good_values_alone():
     states = np.array([[1, 2, 0.9, 34.9, 1, 0, 4.5, 2, 1.6]])
-    out, known, counts = clean(states, np.array([AgentType.VEHICLE]))
+    out, known, counts = clean_agents(states, np.array([AgentType.VEHICLE]))
     np.testing.assert_array_equal(out, states)
     assert known.all() and not any(counts.values())
 
@@ -85,30 +86,30 @@ def test_clean_leaves_good_values_alone():
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:40], lambda b: b[:-9], lambda b: bytes(100),
                                     lambda b: b.replace(b'\\"step\\"', b'\\"stop\\"')])  # fmt: skip
 def test_damaged_records(tmp_path, damage):
-    data = records.encode(make(tmp_path)[0])
+    data = records.encode_record(make(tmp_path)[0])
     with pytest.raises(ValueError, match="no scene record"):
-        records.decode(damage(data))
+        records.decode_record(damage(data))
 
 
 def test_other_formats_are_refused(tmp_path):
-    data = records.encode(make(tmp_path)[0]).replace(b'\\"format\\": 1', b'\\"format\\": 7')
+    data = records.encode_record(make(tmp_path)[0]).replace(b'\\"format\\": 1', b'\\"format\\": 7')
     with pytest.raises(ValueError, match="record format 7, not 1"):
-        records.decode(data)
+        records.decode_record(data)
 
 
 def test_shards(tmp_path):
-    data = records.encode(make(tmp_path)[0])
+    data = records.encode_record(make(tmp_path)[0])
     for number in range(2):
         count = records.write_shard(tmp_path / f"val-0000{number}-of-00002.arrayrecord", [data] * (3 + number))
         assert count == 3 + number
-    source = records.source(tmp_path, "val")
+    source = records.open_records(tmp_path, "val")
     assert len(source) == 7 and list(source) == [data] * 7 and source[6] == data
     assert not list(tmp_path.glob("*.part")) + list(tmp_path.glob(".*.part"))
     (tmp_path / "val-00001-of-00002.arrayrecord").unlink()
     with pytest.raises(ValueError, match="not the complete set of 2"):
-        records.source(tmp_path, "val")
+        records.open_records(tmp_path, "val")
     with pytest.raises(ValueError, match="no train shards"):
-        records.source(tmp_path, "train")
+        records.open_records(tmp_path, "train")
 
 
 def test_a_failing_shard_leaves_nothing(tmp_path):

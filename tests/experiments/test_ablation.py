@@ -27,10 +27,10 @@ from experiments.studies.ablation.report import (
 from experiments.studies.ablation.requests import padded, requests_of
 from experiments.studies.ablation.run import ablate, check_bases, run_config, runs_of
 from scjax.camera.raycast import CLASSES, GRID, stand_in
-from scjax.data.build import build
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
-from scjax.data.readers.base import BuildOptions
 from scjax.models.denoiser.config import ImageCondition
 from scjax.nn.cross_attention import OPTIONS, ContextSpec, from_name
 from scjax.nn.cross_attention.flops import control_work
@@ -44,7 +44,7 @@ from tests.generate.test_prompts import Words
 def folder(tmp_path_factory):
     """Captioned records of two held-back locations or more, and an autoencoder."""
     folder = tmp_path_factory.mktemp("ablate")
-    build(Worlds(3, 6), folder / "records", BuildOptions(split_percent=40.0))
+    build_records(Worlds(3, 6), folder / "records", BuildOptions(split_percent=40.0))
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     assert AUTOENCODER.lane_latent == DENOISER.lane_latent

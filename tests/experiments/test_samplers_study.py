@@ -12,10 +12,10 @@ import pytest
 import scjax
 from experiments.studies import samplers as sweep_samplers
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse
-from scjax.data.build import build
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
-from scjax.data.readers.base import BuildOptions
 from scjax.models.denoiser.config import TextCondition
 from scjax.synthetic.source import Worlds
 from tests.factories.worlds import tiny_model
@@ -26,7 +26,7 @@ from tests.generate.test_prompts import Words
 def folder(tmp_path_factory):
     """Captioned records, and a model that reads their words."""
     folder = tmp_path_factory.mktemp("sweep")
-    build(Worlds(3, 6), folder / "records", BuildOptions(split_percent=50.0))
+    build_records(Worlds(3, 6), folder / "records", BuildOptions(split_percent=50.0))
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)

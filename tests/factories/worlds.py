@@ -9,8 +9,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from scjax.data.build import build
-from scjax.data.readers.base import BuildOptions
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.generate.model import Component, Model
 from scjax.models import codec as codec
 from scjax.models.autoencoder import config as autoencoder_sizes
@@ -29,7 +29,7 @@ DENOISER = denoiser_sizes.tiny(lane_width=8, lane_heads=2, agent_width=8, agent_
 
 def make_records(folder: Path, worlds: int = 6) -> Path:
     """A record folder of synthetic worlds, with both splits."""
-    build(Worlds(0, worlds), folder / "records", BuildOptions(split_percent=34.0))
+    build_records(Worlds(0, worlds), folder / "records", BuildOptions(split_percent=34.0))
     return folder / "records"
 
 

@@ -57,8 +57,8 @@ def test_the_demo_needs_no_encoder(model):
 def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
     """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
     coder, config = autoencoder(model.autoencoder.config), model.denoiser.config
-    tiles = records.source(make_records(tmp_path), "train")
-    scenes = [arrange(records.sample_scene(records.decode(tile), Crop.CENTERED))[0] for tile in tiles]
+    tiles = records.open_records(make_records(tmp_path), "train")
+    scenes = [arrange(records.sample_scene(records.decode_record(tile), Crop.CENTERED))[0] for tile in tiles]
     scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
     tokens = model.codec.normalize(stack(scenes, (16, 28)))
     clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder.params)

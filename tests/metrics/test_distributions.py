@@ -10,7 +10,7 @@ from scjax.metrics.distances import frechet, histogram, jensen_shannon, mean_and
 from scjax.metrics.distributions import GRAPH, VEHICLE, add, circles_touch, scene_sums, table
 from scjax.metrics.lines import polyline_lengths, resample_polylines
 from scjax.scene import AgentType, permute
-from scjax.scene.lane_chains import compact
+from scjax.scene.lane_chains import merge_degree2_chains
 from tests.factories.traffic import agent, crossing, lane, random_traffic, scene
 
 
@@ -69,7 +69,7 @@ def test_scene_sums_ignore_cuts_of_a_lane():
     first, second = scene_sums(whole), scene_sums(cut)
     for name in set(first) - {"route_length"}:
         np.testing.assert_allclose(second[name], first[name], atol=1e-4, err_msg=name)
-    assert compact(4, {(0, 1), (1, 2), (1, 3)})[0] == [[0, 1], [2], [3]]
+    assert merge_degree2_chains(4, {(0, 1), (1, 2), (1, 3)})[0] == [[0, 1], [2], [3]]
 
 
 def test_frechet_has_its_closed_form():

@@ -5,9 +5,10 @@ import collections
 import numpy as np
 import pytest
 
+from scjax.data.build_options import BuildOptions
 from scjax.data.lane_graph import build_graph, index_segments
-from scjax.data.readers.base import BuildOptions
-from scjax.data.records import make_record, sample_scene, simplified
+from scjax.data.local_map import simplify_graph
+from scjax.data.records import make_record, sample_scene
 from scjax.data.tiles import pose_of
 from scjax.language.facts import extract_facts
 from scjax.scene import AgentType, Signal, validate
@@ -26,12 +27,12 @@ def worlds() -> list[World]:
 
 def scenes_of(world: World):
     """Every scene of a world with its ego."""
-    raw = raw_scene(world)
-    graph = build_graph(raw)
-    index, lanes = index_segments(graph), simplified(graph)
+    log = raw_scene(world)
+    graph = build_graph(log)
+    index, lanes = index_segments(graph), simplify_graph(graph)
     for ego in world.egos:
-        pose = pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent))
-        yield ego, sample_scene(make_record(raw, lanes, index, pose, 0)[0], off_road=True)
+        pose = pose_of(log, index, ego.moment, object_of(world, ego.moment, ego.agent))
+        yield ego, sample_scene(make_record(log, lanes, index, pose, 0)[0], off_road=True)
 
 
 def test_a_world_depends_on_its_numbers_alone(worlds):
@@ -97,12 +98,12 @@ def test_paths_that_cross_have_no_green_together(worlds):
 
 def test_left_hand_worlds_are_mirrored(worlds):
     world = next(world for world in worlds if world.mirrored)
-    raw = raw_scene(world)
-    np.testing.assert_allclose(raw.lanes[0].points[:, :2], world.net.lanes[0].points * [1, -1])
-    first = raw.positions[np.arange(len(world.moments[0])), 0]
+    log = raw_scene(world)
+    np.testing.assert_allclose(log.lanes[0].points[:, :2], world.net.lanes[0].points * [1, -1])
+    first = log.positions[np.arange(len(world.moments[0])), 0]
     np.testing.assert_allclose(first[:, 1], -world.moments[0].places[:, 1])
-    for lane, made in zip(raw.lanes, world.net.lanes, strict=True):
-        assert [int(name) for name, *_ in lane.left] == ([] if made.right is None else [made.right])
+    for lane, made in zip(log.lanes, world.net.lanes, strict=True):
+        assert [int(name) for name, *_ in lane.left_neighbors] == ([] if made.right is None else [made.right])
 
 
 def test_scenes_are_valid_and_known_as_they_were_made(worlds):
@@ -162,7 +163,7 @@ def test_ordinary_scenes_can_be_left_out():
     for share in (0.0, 0.4, 1.0):
         source = Worlds(7, 12, share)
         loaded = [source.load(source.scan(name), options, False) for name in source.names()]
-        kept[share] = {(k, pose.object, pose.step) for k, one in enumerate(loaded) for pose in one.poses}
+        kept[share] = {(k, pose.object_index, pose.step) for k, one in enumerate(loaded) for pose in one.poses}
         labels = [found for one in loaded for found in one.labels]
         assert len(labels) == len(kept[share]) == sum(one.num_standard for one in loaded)
         rare = sum(Label(**found).rare for found in labels)

@@ -21,11 +21,11 @@ from experiments.studies.collision_x_counts import measure as two_by_two
 from experiments.studies.prompt_adherence import held_back_prompts, markdown, measure
 from experiments.train import train
 from scjax.cli.demo import PROMPTS
-from scjax.data.build import build
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.data.loader import batch_of
-from scjax.data.readers.base import BuildOptions
 from scjax.language.prompt_parser import PromptSpec
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
@@ -41,7 +41,7 @@ from tests.generate.test_prompts import Words
 def folder(tmp_path_factory):
     """Captioned and embedded records, and models of both stages before text."""
     folder = tmp_path_factory.mktemp("text")
-    build(Worlds(3, 6), folder / "records", BuildOptions(split_percent=30.0))
+    build_records(Worlds(3, 6), folder / "records", BuildOptions(split_percent=30.0))
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     config = configured("denoiser", folder)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.data.build import build
-from scjax.data.readers.base import BuildOptions
+from scjax.data.build import build_records
+from scjax.data.build_options import BuildOptions
 from scjax.nn.functional import flatten
 from scjax.synthetic.source import Worlds
 from scjax.train.flat_params import FlatParams
@@ -51,7 +51,7 @@ def test_a_base_of_another_stage_or_size_is_refused(base):
 
 
 def test_an_autoencoder_may_begin_with_another(tmp_path):
-    build(Worlds(2, 3), tmp_path / "records", BuildOptions(split_percent=50.0))
+    build_records(Worlds(2, 3), tmp_path / "records", BuildOptions(split_percent=50.0))
     start = tiny_model()
     scjax.save(start.without("denoiser"), tmp_path / "start")
     config = get_config("autoencoder")

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from experiments.studies.ablation.judge import METRICS
 from experiments.studies.ablation.report import Spread, summary
 from experiments.studies.arguments import parser_of
-from scjax.data.shards import write_text
+from scjax.scene.files import write_text
 from scjax.viz.grid import save
 
 _SHOWN = ("prompt", "lane CCS", "agent CCS", "vehicles_on_lane", "open_connections", "vehicles_overlapping")

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from experiments.studies.ablation.entries import ENTRIES
 from experiments.studies.ablation.judge import DIGITS, HEADLINE, METRICS
 from experiments.studies.ablation.picture import draw
-from scjax.data.shards import write_text
+from scjax.scene.files import write_text
 
 Run = dict[str, Any]
 LEVEL = 0.95

@@ -59,9 +59,9 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
       ValueError: there are no such records, or most are of one location.
     """
     source, crop = Records(folder, "val"), Crop.CENTERED if kind == "text" else Crop.FORWARD
-    places, tiles = source.clusters, records.source(folder, "val")
+    places, tiles = source.clusters, records.open_records(folder, "val")
     rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
-    looked_at = [model.codec.select(records.sample_scene(records.decode(tiles[int(row)]), crop)) for row in rows]
+    looked_at = [model.codec.select(records.sample_scene(records.decode_record(tiles[int(row)]), crop)) for row in rows]
     fit = [scene.num_agents <= most[0] and scene.num_lanes <= most[1] for scene in looked_at]
     rows, scenes = rows[fit], list(itertools.compress(looked_at, fit))
     if not scenes:

@@ -21,11 +21,11 @@ from experiments.studies.ablation.judge import Sampler, sampled, values_of
 from experiments.studies.ablation.report import write
 from experiments.studies.ablation.requests import Requests, padded, requests_of
 from experiments.train import train
-from scjax.data.shards import write_text
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.sources import digest
 from scjax.metrics.measure import measure
 from scjax.models.flops import denoiser_forward
+from scjax.scene.files import write_text
 
 FORMAT = 3  # of a run's result; to be raised when what it holds changes
 CROPS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
