@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Sequence
 
 import click
 
 from scjax.cli.data import data
 from scjax.cli.demo import demo
+from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, plot
 
@@ -28,15 +30,15 @@ def cli() -> None:
     """
 
 
-for command in (demo, generate, caption, plot, data, info):
+for command in (demo, generate, evaluate, caption, plot, data, info):
     cli.add_command(command)
 
 
-def main() -> None:
-    """Entry point: errors that a user can cause are one line on stderr."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point: errors that a user can cause are one line on stderr. ``arguments``: by default ``sys.argv``."""
     warnings.showwarning = lambda message, *_: click.echo(f"scjax: warning: {message}", err=True)
     try:
-        code = cli.main(standalone_mode=False)
+        code = cli.main(arguments, standalone_mode=False)
     except click.UsageError as error:
         error.show()
         sys.exit(2)

@@ -1,1 +1,1 @@
-"""Measures any set of scenes, ours, another model's or recorded ones, beside floors and baselines (``--help``)."""
+"""Compares sets of scenes (a model's, other models', recorded ones) with reference scenes, floors and baselines."""

@@ -1,6 +1,6 @@
-"""The corruption ladder: scenes that keep a known share of their reference, between another scene (U) and a copy.
+"""The corruption ladder: scenes that keep a known share of their reference, between another scene and a copy.
 
-What control metrics say of a rung tells what they say of a model (metrics.md §4.3).
+The rungs calibrate control metrics: a model is as good as the rung with the same value (metrics.md §4.3).
 """
 
 from __future__ import annotations
@@ -9,27 +9,28 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scjax.evaluate.sources import Source, digest
+from scjax.evaluate.hashing import content_hash
+from scjax.evaluate.sources import SceneSource
 from scjax.scene import Scene, stack, unpadded
 
 LADDER = {"C1": (0.25, 0.15), "C2": (0.40, 0.30), "C3": (0.60, 0.45)}
-"""Shares of lanes and of agents that a rung keeps."""
+"""Rung -> share of lanes and of agents that it keeps."""
 
-NOISE = 1.0  # metres, of every element kept, along x and along y
+NOISE = 1.0  # metres; standard deviation of the shift of every kept element, along x and y
 
 
 class Corrupted:
-    """Scenes of ``reference`` of which only shares are kept, a little moved; the rest comes from scenes of ``other``.
+    """Scenes that keep shares of ``reference``, slightly shifted; the other elements come from scenes of ``other``.
 
-    There are as many lanes and agents as in the reference, as far as the other scene holds enough; the ego is kept.
+    The numbers of lanes and agents are those of the reference, if the other scene has enough. The ego is kept.
     """
 
-    def __init__(self, reference: Source, other: Source, lanes: float, agents: float, seed: int = 0):
+    def __init__(self, reference: SceneSource, other: SceneSource, lanes: float, agents: float, seed: int = 0):
         if len(reference.clusters) != len(other.clusters):
             raise ValueError(f"{len(reference.clusters)} references but {len(other.clusters)} other scenes")
         self.reference, self.other, self.ego = reference, other, reference.ego
         self.lanes, self.agents, self.seed = lanes, agents, seed
-        self.fingerprint = digest(
+        self.fingerprint = content_hash(
             "corrupted", reference.fingerprint, other.fingerprint, str(lanes), str(agents), str(seed)
         )
 
@@ -38,19 +39,21 @@ class Corrupted:
         return self.reference.clusters
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
-        made = []
-        for row, kept, other in zip(rows, self.reference.read(rows), self.other.read(rows), strict=True):
+        scenes = []
+        for row, reference, other in zip(rows, self.reference.read(rows), self.other.read(rows), strict=True):
             rng = np.random.default_rng([self.seed, int(row)])
-            made.append(mixed(kept, other, self.lanes, self.agents, rng))
-        return made
+            scenes.append(mix_scenes(reference, other, self.lanes, self.agents, rng))
+        return scenes
 
 
-def mixed(kept: Scene, other: Scene, lanes: float, agents: float, rng: np.random.Generator) -> Scene:
-    """One scene of both: shares of the elements of ``kept``, moved by 1 m, and then elements of ``other``."""
-    pair = stack([kept, other]).to_numpy()
-    own_lanes, more_lanes = _split(rng, len(kept.lane_mask), len(other.lane_mask), lanes)
-    own_agents, more_agents = _split(rng, max(len(kept.agent_mask) - 1, 0), max(len(other.agent_mask) - 1, 0), agents)
-    own_agents, more_agents = np.concatenate([[0], 1 + own_agents])[: len(kept.agent_mask)], 1 + more_agents
+def mix_scenes(reference: Scene, other: Scene, lanes: float, agents: float, rng: np.random.Generator) -> Scene:
+    """Mixes two scenes: shares of the elements of ``reference``, shifted by about 1 m, then elements of ``other``."""
+    pair = stack([reference, other]).to_numpy()
+    own_lanes, more_lanes = _split(rng, len(reference.lane_mask), len(other.lane_mask), lanes)
+    own_agents, more_agents = _split(
+        rng, max(len(reference.agent_mask) - 1, 0), max(len(other.agent_mask) - 1, 0), agents
+    )
+    own_agents, more_agents = np.concatenate([[0], 1 + own_agents])[: len(reference.agent_mask)], 1 + more_agents
     fields = {}
     for name, value in pair.to_dict().items():
         if name == "links":
@@ -66,10 +69,10 @@ def mixed(kept: Scene, other: Scene, lanes: float, agents: float, rng: np.random
             fields[name] = value[0]
     fields["lanes"][: len(own_lanes), :, :2] += rng.normal(0, NOISE, (len(own_lanes), 1, 2))
     fields["agents"][1 : len(own_agents), :2] += rng.normal(0, NOISE, fields["agents"][1 : len(own_agents), :2].shape)
-    return unpadded(kept.replace(**fields))
+    return unpadded(reference.replace(**fields))
 
 
 def _split(rng: np.random.Generator, own: int, other: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Random rows of the one and of the other that make up as many as the one has."""
+    """Random rows of either scene, together as many as the first has."""
     keep = round(share * own)
     return rng.permutation(own)[:keep], rng.permutation(other)[: own - keep]

@@ -1,4 +1,4 @@
-"""Scenes that a model makes for references, part by part into npz files; a run that was stopped goes on there."""
+"""Scenes that a model generates for references, stored in npz parts; an interrupted run continues there."""
 
 from __future__ import annotations
 
@@ -7,168 +7,190 @@ import hashlib
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
 from tqdm import tqdm
 
 from scjax.data.loader import clip_counts
-from scjax.evaluate.captions import caption_of
-from scjax.evaluate.sources import BUCKET, Npz, Source, digest, row_text
-from scjax.generate.best_of import make as pick
+from scjax.evaluate.hashing import content_hash, row_text
+from scjax.evaluate.requests import RequestFunction
+from scjax.evaluate.sources import LARGEST_COUNTS, NpzScenes, SceneSource
+from scjax.generate.best_of import make
 from scjax.generate.conditions import Condition
-from scjax.generate.model import Model
+from scjax.generate.model import Model, load_model
 from scjax.generate.prompts import encode_prompts
 from scjax.generate.sample import reconstruct, sample_many
-from scjax.scene import Scene, empty, stack
+from scjax.scene import Scene, stack
 from scjax.scene.io import save_npz
 from scjax.scene.per_type import PerType
 
-CANDIDATES = 8  # for each scene of a row "picked"
-PART = 250  # scenes a file
+PART_SIZE = 250  # scenes per file
 
 Shard = tuple[int, int]
-"""(i, n): every n-th part from the i-th on."""
-
-Ask = Callable[[Scene, int], Condition]
-"""(reference, its row) -> what is asked of the model."""
+"""(i, n): every n-th part, starting at the i-th."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Sampling:
-    """How scenes are drawn: seed, diffusion steps (None: all of training); guidance weight, temperature of agents and
-    of lanes, and whether samples are steered (None: as the model has it); whether the best of several candidates,
-    tidied, is taken, as ``scjax generate`` does."""
+class SamplingOptions:
+    """How a model samples.
+
+    Attributes:
+      seed: of the random keys.
+      num_steps: diffusion steps; None: the sampler's default.
+      guidance: guidance scale; None: the model's default.
+      temperature: noise scale of agents and lanes; None: the model's default.
+      energy_guidance: None: as the model does by default.
+      best_of: samples per condition, of which the best is repaired and kept.
+    """
 
     seed: int = 0
-    steps: int | None = None
+    num_steps: int | None = None
     guidance: float | None = None
     temperature: PerType | None = None
     energy_guidance: bool | None = None
-    picked: bool = False
+    best_of: int = 1
 
 
-class Pending(Exception):
-    """Other shards have not made their parts of a row yet."""
+@runtime_checkable
+class SampleFunction(Protocol):
+    """Samples one scene per condition."""
+
+    def __call__(
+        self, key: jax.Array, conditions: Sequence[Condition], *, model: Model, options: SamplingOptions
+    ) -> list[Scene]: ...
 
 
-class Made(Npz):
-    """npz files of a model's scenes, each at the location of its reference.
+def sample_scenes(
+    key: jax.Array, conditions: Sequence[Condition], *, model: Model, options: SamplingOptions
+) -> list[Scene]:
+    """One scene per condition, as ``scjax.sample`` with these options."""
+    arguments: dict[str, Any] = {
+        "steps": options.num_steps,
+        "guidance": options.guidance,
+        "temperature": options.temperature,
+        "energy_guidance": options.energy_guidance,
+    }
+    if options.best_of == 1:
+        return sample_many(key, conditions, model=model, **arguments)
+    prompts = [condition.prompt or "" for condition in conditions]
+    return make(key, prompts, encode_prompts(conditions, model), model=model, pick=options.best_of, **arguments)
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelFunctions:
+    """The functions of scjax.generate that an evaluation calls."""
+
+    load: Callable[[str], Model] = load_model
+    sample: SampleFunction = sample_scenes
+    reconstruct: Callable[[Model, Sequence[Scene]], list[Scene]] = reconstruct
+
+
+class OtherShardsPending(Exception):
+    """Other shards have not finished their parts of a method yet."""
+
+
+class GeneratedScenes(NpzScenes):
+    """npz files with the scenes of a model, each at the location of its reference.
 
     Attributes:
-      decoded_by: folder of the model whose autoencoder made them of their references; "" where they were drawn.
+      reconstructed_by: folder of the model whose autoencoder reconstructed the references; "" for samples.
     """
 
-    def __init__(self, folder: Path, clusters: Sequence[str], decoded_by: str = ""):
+    def __init__(self, folder: Path, clusters: Sequence[str], reconstructed_by: str = ""):
         super().__init__(str(folder))
-        self.decoded_by = decoded_by
+        self.reconstructed_by = reconstructed_by
         if len(clusters) != len(self.clusters):
             raise ValueError(f"{folder} holds {len(self.clusters)} scenes instead of {len(clusters)}: delete it")
         self.clusters = list(clusters)
 
 
-def sampled(
-    model: Model,
-    folder: Path,
-    reference: Source,
-    rows: Sequence[int],
-    ask: Ask,
-    how: Sampling,
-    title: str,
-    shard: Shard = (0, 1),
-) -> Made:
-    """One sample for every row of the reference, in files of a folder that is named by ``folder`` and its content."""
-    key = jax.random.key(how.seed)
+@dataclasses.dataclass(frozen=True)
+class PartFiles:
+    """Where the scenes of a method are stored.
 
-    def make(part: Sequence[int], number: int) -> list[Scene]:
-        conditions = [ask(scene, row) for scene, row in zip(reference.read(part), part, strict=True)]
-        part_key = jax.random.fold_in(key, number)
-        options: dict[str, Any] = {
-            "steps": how.steps,
-            "guidance": how.guidance,
-            "temperature": how.temperature,
-            "energy_guidance": how.energy_guidance,
-        }
-        if not how.picked:
-            return sample_many(part_key, conditions, model=model, **options)
-        prompts = [condition.prompt or "" for condition in conditions]
-        told = encode_prompts(conditions, model)
-        return pick(part_key, prompts, told, model=model, pick=CANDIDATES, **options)
+    Attributes:
+      folder: path of the method's files; a hash of the content is appended.
+      reference: the references.
+      rows: row of the reference of every scene.
+      title: of the progress bar.
+      shard: which parts this call generates.
+      part_size: scenes per file.
+    """
 
-    own = str((model.temperature, model.energy_guidance))  # not among the weights, and models differ by them alone
-    name = digest("sampled", weights_hash(model), own, reference.fingerprint, row_text(rows), title, str(how))
-    return _in_files(folder, name, rows, reference, make, title, shard)
+    folder: Path
+    reference: SceneSource
+    rows: Sequence[int]
+    title: str
+    shard: Shard = (0, 1)
+    part_size: int = PART_SIZE
+
+    def generate(self, name: str, make_part: Callable[[Sequence[int], int], list[Scene]]) -> GeneratedScenes:
+        """Generates missing parts of this shard with ``make_part(rows, part number)``.
+
+        Raises:
+          OtherShardsPending: parts of other shards are missing.
+        """
+        name = content_hash(name, str(self.part_size))
+        folder = self.folder.with_name(f"{self.folder.name}-{name}")  # other models and seeds have their own folder
+        folder.mkdir(parents=True, exist_ok=True)
+        pause = 0.5 if sys.stderr.isatty() else 30.0
+        starts = range(0, len(self.rows), self.part_size)
+        with tqdm(total=len(self.rows), desc=self.title, unit="scene", mininterval=pause) as bar:
+            for number, start in enumerate(starts):
+                rows, path = self.rows[start : start + self.part_size], folder / f"part-{number:05d}.npz"
+                if number % self.shard[1] == self.shard[0] and not path.exists():
+                    save_npz(stack(make_part(rows, number)), path)
+                bar.update(len(rows))
+        if len(list(folder.glob("part-*.npz"))) < len(starts):
+            raise OtherShardsPending
+        every = self.reference.clusters
+        return GeneratedScenes(folder, [every[int(row)] for row in self.rows])
 
 
-def decoded(
-    model: Model, folder: Path, reference: Source, rows: Sequence[int], title: str, shard: Shard = (0, 1)
-) -> Made:
-    """The autoencoder's reconstruction of every row of the reference, from its posterior mean."""
+def generate_samples(
+    model: Model, files: PartFiles, request: RequestFunction, options: SamplingOptions, sample: SampleFunction
+) -> GeneratedScenes:
+    """One sample for every row of ``files``."""
+    key = jax.random.key(options.seed)
 
-    def make(part: Sequence[int], number: int) -> list[Scene]:
-        scenes = [clip_counts(model.codec.select(scene), BUCKET) for scene in reference.read(part)]
+    def make_part(rows: Sequence[int], number: int) -> list[Scene]:
+        references = files.reference.read(rows)
+        conditions = [request(scene, row) for scene, row in zip(references, rows, strict=True)]
+        return sample(jax.random.fold_in(key, number), conditions, model=model, options=options)
+
+    # Temperature and energy guidance are no weights, but models may differ in them alone.
+    defaults = str((model.temperature, model.energy_guidance))
+    name = content_hash(
+        "samples",
+        weights_hash(model),
+        defaults,
+        files.reference.fingerprint,
+        row_text(files.rows),
+        files.title,
+        str(options),
+    )
+    return files.generate(name, make_part)
+
+
+def generate_reconstructions(
+    model: Model, files: PartFiles, reconstruct: Callable[[Model, Sequence[Scene]], list[Scene]]
+) -> GeneratedScenes:
+    """The autoencoder's reconstruction of every row of ``files``, from its posterior mean."""
+
+    def make_part(rows: Sequence[int], number: int) -> list[Scene]:
+        scenes = [clip_counts(model.codec.select(scene), LARGEST_COUNTS) for scene in files.reference.read(rows)]
         return reconstruct(model, scenes)
 
-    name = digest("decoded", weights_hash(model), reference.fingerprint, row_text(rows))
-    return _in_files(folder, name, rows, reference, make, title, shard)
-
-
-def counts_of(model: Model, scene: Scene, domain: str | None) -> Condition:
-    """A request for the numbers of lanes and agents of a scene, and its data set where the model knows that."""
-    return Condition(
-        num_lanes=max(len(scene.lane_mask), 1),
-        num_agents=max(len(scene.agent_mask), 1),
-        domain=domain if domain in model.domains else None,
-    )
-
-
-def nothing_of(model: Model, scene: Scene, domain: str | None) -> Condition:
-    """A request for anything: counts and data set are drawn from the training data's."""
-    return Condition()
-
-
-def lanes_of(model: Model, scene: Scene, domain: str | None) -> Condition:
-    """A request for traffic on a scene's own lanes, at its number of agents."""
-    bare = empty(0, 0)
-    agents = ("agents", "agent_types", "agent_mask", "agent_known")
-    known = model.codec.select(scene).replace(**{name: getattr(bare, name) for name in agents})
-    return dataclasses.replace(counts_of(model, scene, domain), num_lanes=len(known.lane_mask) or 1, known=known)
-
-
-def prompt_of(model: Model, scene: Scene, domain: str | None) -> Condition:
-    """A request by the caption of a scene; counts are the model's to find."""
-    return Condition(prompt=caption_of(scene), domain=domain if domain in model.domains else None)
+    name = content_hash("reconstructions", weights_hash(model), files.reference.fingerprint, row_text(files.rows))
+    return files.generate(name, make_part)
 
 
 def weights_hash(model: Model) -> str:
-    """Of all parameters: states which checkpoint made a table."""
-    found = hashlib.sha256()
+    """A hash of all parameters: identifies the checkpoint behind a table."""
+    digest = hashlib.sha256()
     networks = [model.components[name].params for name in ("autoencoder", "denoiser") if name in model.components]
     for leaf in jax.tree.leaves(networks):
-        found.update(np.ascontiguousarray(leaf).tobytes())
-    return found.hexdigest()[:16]
-
-
-def _in_files(
-    folder: Path,
-    name: str,
-    rows: Sequence[int],
-    reference: Source,
-    make: Callable[[Sequence[int], int], list[Scene]],
-    title: str,
-    shard: Shard,
-) -> Made:
-    folder = folder.with_name(f"{folder.name}-{name}")  # scenes of another model or seed stay where they are
-    folder.mkdir(parents=True, exist_ok=True)
-    pause = 0.5 if sys.stderr.isatty() else 30.0
-    with tqdm(total=len(rows), desc=title, unit="scene", mininterval=pause) as bar:
-        for number, start in enumerate(range(0, len(rows), PART)):
-            part, path = rows[start : start + PART], folder / f"part-{number:05d}.npz"
-            if number % shard[1] == shard[0] and not path.exists():
-                save_npz(stack(make(part, number)), path)
-            bar.update(len(part))
-    if len(list(folder.glob("part-*.npz"))) < -(-len(rows) // PART):
-        raise Pending
-    every = reference.clusters
-    return Made(folder, [every[int(row)] for row in rows])
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    return digest.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""The baseline of traffic on given lanes: vehicles at random along them, as many as there are."""
+"""The random lane-aligned baseline: as many vehicles as in the reference, at random on its lanes."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scjax.evaluate.sources import Source, digest
+from scjax.evaluate.hashing import content_hash
+from scjax.evaluate.sources import SceneSource
 from scjax.metrics.placement import random_lane_aligned, vehicle_pool
 from scjax.scene import Scene
 
-_POOL = 500  # scenes of the bank whose vehicles lend speed and size
+_POOL = 500  # scenes of the retrieval set whose vehicles give speeds and sizes
 
 
 class LaneAligned:
-    """The reference's lanes and ego with vehicles placed anew; a scene that has no lane keeps its ego only."""
+    """Lanes and ego of the reference with randomly placed vehicles; a scene without lanes keeps only its ego."""
 
-    def __init__(self, reference: Source, bank: Source, seed: int = 0):
+    def __init__(self, reference: SceneSource, retrieval_set: SceneSource, seed: int = 0):
         self.reference, self.seed, self.ego = reference, seed, True
-        number = len(bank.clusters)
+        number = len(retrieval_set.clusters)
         rows = np.random.default_rng(seed).permutation(number)[:_POOL]
-        self._vehicles = vehicle_pool(bank.read(rows.tolist()))
-        self.fingerprint = digest("lane-aligned", reference.fingerprint, bank.fingerprint, str(seed))
+        self._vehicles = vehicle_pool(retrieval_set.read(rows.tolist()))
+        self.fingerprint = content_hash("lane-aligned", reference.fingerprint, retrieval_set.fingerprint, str(seed))
 
     @property
     def clusters(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs no other, and its tables as CSV and JSON."""
+"""The report as one self-contained HTML file, and its tables as CSV and JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from scjax.evaluate.notes import PUBLISHED, PUBLISHED_NOTE
+from scjax.evaluate.table_notes import PUBLISHED, PUBLISHED_NOTE
 from scjax.evaluate.tables import Number, Section
 
 _STYLE = """
@@ -30,8 +30,15 @@ dt { color: #566273; } dd { margin: 0; }
 """
 
 
-def page(title: str, facts: Mapping[str, str], sections: Sequence[Section], pictures: Mapping[str, Path]) -> str:
-    """HTML; ``pictures``: caption -> PNG file, whose bytes are put into the page."""
+def report_html(title: str, facts: Mapping[str, str], sections: Sequence[Section], pictures: Mapping[str, Path]) -> str:
+    """The report as HTML.
+
+    Args:
+      title: of the page.
+      facts: name -> value, listed at the head.
+      sections: the tables.
+      pictures: caption -> PNG file; the page embeds its bytes.
+    """
     parts = [f"<h1>{html.escape(title)}</h1>", "<dl>"]
     parts += [f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in facts.items()]
     parts.append("</dl>")
@@ -47,8 +54,8 @@ def page(title: str, facts: Mapping[str, str], sections: Sequence[Section], pict
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(parts)}</body></html>\n"
 
 
-def to_json(facts: Mapping[str, str], sections: Sequence[Section]) -> dict[str, Any]:
-    """Plain values; unknown numbers are null."""
+def report_json(facts: Mapping[str, str], sections: Sequence[Section]) -> dict[str, Any]:
+    """The tables as plain values; unknown numbers are None."""
 
     def number(one: Number) -> dict[str, float | None]:
         return {key: value if math.isfinite(value) else None for key, value in vars(one).items()}
@@ -70,8 +77,8 @@ def to_json(facts: Mapping[str, str], sections: Sequence[Section]) -> dict[str, 
     return {"facts": dict(facts), "tables": tables}
 
 
-def to_csv(sections: Sequence[Section]) -> str:
-    """One line a number."""
+def report_csv(sections: Sequence[Section]) -> str:
+    """The tables as CSV, one line per number."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("table", "row", "metric", "value", "low", "high", "scenes", "clusters"))
@@ -85,12 +92,12 @@ def to_csv(sections: Sequence[Section]) -> str:
     return text.getvalue()
 
 
-def write(folder: Path, title: str, facts: Mapping[str, str], sections: Sequence[Section], pictures) -> None:
-    """report.html, report.json and report.csv, each under a temporary name first."""
+def write_report(folder: Path, title: str, facts: Mapping[str, str], sections: Sequence[Section], pictures) -> None:
+    """Writes report.html, report.json and report.csv, each under a temporary name first."""
     files = {
-        "report.json": json.dumps(to_json(facts, sections), indent=1, allow_nan=False) + "\n",
-        "report.csv": to_csv(sections),
-        "report.html": page(title, facts, sections, pictures),
+        "report.json": json.dumps(report_json(facts, sections), indent=1, allow_nan=False) + "\n",
+        "report.csv": report_csv(sections),
+        "report.html": report_html(title, facts, sections, pictures),
     }
     for name, content in files.items():
         temporary = folder / f".{name}.{os.getpid()}.part"
@@ -101,12 +108,12 @@ def write(folder: Path, title: str, facts: Mapping[str, str], sections: Sequence
 def _table(section: Section) -> str:
     metrics = list(dict.fromkeys(metric for row in section.rows.values() for metric in row.numbers))
     if not metrics:
-        return "<p>No row has any number.</p>"
-    head = "".join(f"<th>{html.escape(_spaced(metric))}</th>" for metric in metrics)
-    lines = [f"<div class=wide><table><thead><tr><th>row</th><th>scenes (clusters)</th>{head}</tr></thead><tbody>"]
+        return "<p>No method has any number.</p>"
+    head = "".join(f"<th>{html.escape(_with_spaces(metric))}</th>" for metric in metrics)
+    lines = [f"<div class=wide><table><thead><tr><th>method</th><th>scenes (clusters)</th>{head}</tr></thead><tbody>"]
     if section.floor:
         cells = "".join(_cell(section.floor.get(metric), None) for metric in metrics)
-        lines.append(f"<tr class=floor><td>floor: real against real</td><td></td>{cells}</tr>")
+        lines.append(f"<tr class=floor><td>floor (real against real)</td><td></td>{cells}</tr>")
     for name, row in section.rows.items():
         cells = "".join(_cell(row.numbers.get(metric), section.floor.get(metric)) for metric in metrics)
         lines.append(f"<tr><td>{html.escape(name)}</td><td>{row.scenes} ({row.clusters})</td>{cells}</tr>")
@@ -114,12 +121,12 @@ def _table(section: Section) -> str:
 
 
 def _cell(one: Number | None, floor: Number | None) -> str:
-    """Grey where the value lies within the floor's range."""
+    """One value with its interval; grey inside the range of the floor."""
     if one is None or math.isnan(one.value):
         return "<td>–</td>"
-    inside = floor is not None and floor.low <= one.value <= floor.high
+    within_floor = floor is not None and floor.low <= one.value <= floor.high
     interval = "" if math.isnan(one.low) else f"<small>[{one.low:.3g}, {one.high:.3g}]</small>"
-    return f"<td{' class=inside' if inside else ''}>{one.value:.4g}{interval}</td>"
+    return f"<td{' class=inside' if within_floor else ''}>{one.value:.4g}{interval}</td>"
 
 
 def _published() -> str:
@@ -132,5 +139,5 @@ def _published() -> str:
     return "".join(lines) + "</tbody></table></div>"
 
 
-def _spaced(name: str) -> str:
+def _with_spaces(name: str) -> str:
     return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Pictures of a report: distributions of real against generated scenes, and the best, middling and worst scenes."""
+"""Pictures of a report: distributions, methods side by side, and galleries of best, median and worst scenes."""
 
 from __future__ import annotations
 
@@ -11,22 +11,53 @@ from scjax.evaluate.population import Population
 from scjax.metrics.distributions import VEHICLE
 from scjax.metrics.scene_stats import SceneStats
 
-BETTER = {"M": 1, "connection_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
-"""Values of single scenes that galleries are sorted by, and whether more (1) or less (-1) is better."""
+RANKINGS = {"M": 1, "connection_gap_m": -1, "vehicles_on_lane": 1, "vehicle_overlap_pairs": -1}
+"""Value of single scenes that a gallery is ranked by -> 1 if higher is better, -1 if lower is better."""
 
-SPREAD = 12  # references in a picture side by side
-EACH = 4  # scenes of each kind in a gallery
+MAX_METHODS = 4  # in pictures that compare methods
 
 
-def distributions(real: SceneStats, measured: Mapping[str, SceneStats], path: Path) -> None:
-    """Histograms of the vehicles' quantities, real filled, populations as lines."""
+def draw_pictures(
+    folder: Path,
+    real: SceneStats,
+    stats: Mapping[str, SceneStats],
+    methods: Mapping[str, Population],
+    *,
+    side_by_side: int,
+    gallery: int,
+) -> dict[str, Path]:
+    """Draws all pictures of a report; caption -> file.
+
+    Args:
+      real, stats: of the references and of each method.
+      side_by_side: number of references that are shown side by side with the methods.
+      gallery: number of best, median and worst scenes in a gallery of the first method.
+    """
+    folder.mkdir(exist_ok=True)
+    pictures = {"Distributions of vehicles": folder / "distributions.png"}
+    first_stats = {name: stats[name] for name in list(stats)[:MAX_METHODS]}
+    plot_distributions(real, first_stats, pictures["Distributions of vehicles"])
+    answering = [population for population in methods.values() if population.references is not None][:MAX_METHODS]
+    if answering:
+        pictures["Side by side"] = folder / "side-by-side.png"
+        plot_side_by_side(answering, side_by_side, pictures["Side by side"])
+    name = next(iter(methods))
+    for value in RANKINGS:
+        path = folder / f"gallery-{value}.png"
+        if plot_gallery(methods[name], stats[name], value, gallery, path):
+            pictures[f"{name}: best, median and worst by {value.replace('_', ' ')}"] = path
+    return pictures
+
+
+def plot_distributions(real: SceneStats, stats: Mapping[str, SceneStats], path: Path) -> None:
+    """Histograms of the vehicles' quantities: real scenes filled, methods as lines."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     axes = figure.subplots(2, 3)
     for axis, (name, quantity) in zip(axes.flat, VEHICLE.items(), strict=True):
-        for label, one in {"real": real, **measured}.items():
+        for label, one in {"real": real, **stats}.items():
             counts = one.cluster_sums.total.get(f"strict/{name}", np.zeros(0))
             if not counts.sum():
                 continue
@@ -41,12 +72,12 @@ def distributions(real: SceneStats, measured: Mapping[str, SceneStats], path: Pa
     FigureCanvasAgg(figure).print_png(str(path))
 
 
-def side_by_side(populations: Sequence[Population], path: Path) -> None:
-    """References spread over the first population, and what every population that answers them has: unsorted."""
+def plot_side_by_side(populations: Sequence[Population], count: int, path: Path) -> None:
+    """``count`` references, evenly spaced, each beside the answers of all populations."""
     from scjax.viz import grid
 
     first, *_ = populations
-    rows = sorted({round(row) for row in np.linspace(0, len(first) - 1, min(len(first), SPREAD))})
+    rows = sorted({round(row) for row in np.linspace(0, len(first) - 1, min(len(first), count))})
     scenes, titles = [], []
     for row in rows:
         assert first.references is not None
@@ -59,26 +90,28 @@ def side_by_side(populations: Sequence[Population], path: Path) -> None:
     grid(scenes, columns=columns * (2 if columns < 5 else 1), titles=titles, path=path)
 
 
-def gallery(population: Population, measured: SceneStats, value: str, path: Path) -> bool:
-    """The best, the median and the worst scenes by a value, beside their references; False without any value."""
+def plot_gallery(population: Population, stats: SceneStats, value: str, count: int, path: Path) -> bool:
+    """The ``count`` best, median and worst scenes by a value of ``RANKINGS``, beside their references.
+
+    Returns:
+      False if no scene has the value; nothing is drawn then.
+    """
     from scjax.viz import grid
 
-    column = BETTER[value] * measured.per_scene.get(value, np.zeros(0))
-    rows = np.flatnonzero(np.isfinite(column))
+    scores = RANKINGS[value] * stats.per_scene.get(value, np.zeros(0))
+    rows = np.flatnonzero(np.isfinite(scores))
     if not len(rows):
         return False
-    order = rows[np.argsort(-column[rows], kind="stable")]
-    middle = max((len(order) - EACH) // 2, 0)
-    chosen = {"best": order[:EACH], "median": order[middle : middle + EACH], "worst": order[::-1][:EACH]}
+    order = rows[np.argsort(-scores[rows], kind="stable")]
+    middle = max((len(order) - count) // 2, 0)
+    selections = {"best": order[:count], "median": order[middle : middle + count], "worst": order[::-1][:count]}
     scenes, titles = [], []
-    for kind, few in chosen.items():
-        made = population.source.read(few.tolist())
-        for row, scene in zip(few, made, strict=True):
+    for rank, selection in selections.items():
+        for row, scene in zip(selection, population.source.read(selection.tolist()), strict=True):
             if population.references is not None:
-                (reference,) = population.references.read([int(population.rows[row])])
-                scenes.append(reference)
+                scenes += population.references.read([int(population.rows[row])])
                 titles.append(f"reference {int(population.rows[row])}")
             scenes.append(scene)
-            titles.append(f"{kind}: {BETTER[value] * column[row]:.3g}")
-    grid(scenes, columns=2 * EACH if population.references is not None else EACH, titles=titles, path=path)
+            titles.append(f"{rank}: {RANKINGS[value] * scores[row]:.3g}")
+    grid(scenes, columns=2 * count if population.references is not None else count, titles=titles, path=path)
     return True

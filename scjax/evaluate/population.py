@@ -1,7 +1,7 @@
-"""A row of the tables: scenes, the references they were made for; measured part by part, in any number of processes.
+"""Populations: the scenes of one method with their references; measured in parts, in any number of processes.
 
-Parts that are measured stay in files under a name that changes with everything they depend on: a run that was stopped
-goes on where it was, and rows that did not change are not measured again.
+Measured parts are files whose names are hashes of everything they depend on. An interrupted run continues there, and
+unchanged methods are not measured again.
 """
 
 from __future__ import annotations
@@ -9,15 +9,18 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import dataclasses
+import itertools
 import multiprocessing
 import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from tqdm import tqdm
 
-from scjax.evaluate.sources import Source, digest, row_text
+from scjax.evaluate.hashing import content_hash, row_text
+from scjax.evaluate.sources import SceneSource
 from scjax.language.agreement import fact_agreement
 from scjax.language.facts import extract_facts
 from scjax.metrics.measure import measure
@@ -26,115 +29,129 @@ from scjax.metrics.pooling import Ratios
 from scjax.metrics.scene_stats import SceneStats, merge_stats
 from scjax.scene import Scene
 
-PART = 250  # scenes
+PART_SIZE = 250  # scenes per measured part
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-FORMAT = 3  # of the measured parts; to be raised when what they hold changes
+FORMAT = 4  # of measured parts; raise it when their content changes
 
 
 @dataclasses.dataclass(frozen=True)
 class Population:
-    """Scenes under a name.
+    """The scenes of one method.
 
     Attributes:
-      references: source that conditions came from; None for scenes that stand for themselves.
-      rows: reference of every scene.
-      siblings: other samples of the same conditions, in the same order.
-      wedge: half angle [degrees] and distance ahead [m] of the camera in whose view agents are compared; None: all.
-      facts: whether captions of scene and reference are compared.
+      name: title in tables.
+      source: the scenes.
+      references: source of the conditions; None for scenes without references.
+      rows: row of the reference of every scene.
+      siblings: further samples for the same conditions, in the same order.
+      field_of_view: half angle [degrees] and distance ahead [m] of the camera in whose view agents are matched; None:
+        everywhere.
+      caption_facts: whether to compare the caption facts of scene and reference.
     """
 
     name: str
-    source: Source
-    references: Source | None = None
+    source: SceneSource
+    references: SceneSource | None = None
     rows: Sequence[int] = ()
-    siblings: tuple[Source, ...] = ()
-    wedge: tuple[float, float] | None = None
-    facts: bool = False
+    siblings: tuple[SceneSource, ...] = ()
+    field_of_view: tuple[float, float] | None = None
+    caption_facts: bool = False
 
     def __len__(self) -> int:
         return len(self.source.clusters)
 
     @property
     def fingerprint(self) -> str:
-        """Of everything that its numbers depend on, but the code."""
+        """A hash of everything that its numbers depend on, except the code."""
         references = "" if self.references is None else self.references.fingerprint
         siblings = [sibling.fingerprint for sibling in self.siblings]
-        options = (str(FORMAT), str(self.wedge), str(self.facts))
-        return digest(self.source.fingerprint, references, row_text(self.rows), *options, *siblings)
+        options = (str(FORMAT), str(self.field_of_view), str(self.caption_facts))
+        return content_hash(self.source.fingerprint, references, row_text(self.rows), *options, *siblings)
 
     def clusters(self, start: int, stop: int) -> list[str]:
-        """Location of scenes: that of their references, where there are any."""
+        """Locations of scenes start..stop: those of their references, if there are any."""
         if self.references is None:
             return self.source.clusters[start:stop]
         every = self.references.clusters
         return [every[int(row)] for row in self.rows[start:stop]]
 
 
-def measured(
-    populations: Sequence[Population], folder: Path, *, workers: int = 1, shard: tuple[int, int] = (0, 1)
+def measure_populations(
+    populations: Sequence[Population],
+    folder: Path,
+    *,
+    workers: int = 1,
+    shard: tuple[int, int] = (0, 1),
+    part_size: int = PART_SIZE,
 ) -> list[SceneStats] | None:
-    """All populations, or None where other shards have not done their parts yet.
+    """Statistics of all populations; None while parts of other shards are missing.
 
     Args:
-      folder: of the measured parts.
-      workers: processes here; 0 measures in this one.
-      shard: (i, n): this call measures every n-th part, from the i-th on.
+      folder: for measured parts.
+      workers: number of processes; 0: this one.
+      shard: (i, n): measure every n-th part, starting at the i-th.
+      part_size: scenes per part.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parts = [(population, start) for population in populations for start in range(0, len(population), PART)]
-    todo = [(p, start) for k, (p, start) in enumerate(parts) if k % shard[1] == shard[0]]
-    todo = [(p, start) for p, start in todo if not _path(folder, p, start).exists()]
+    parts = [_parts(population, folder, part_size) for population in populations]
+    own = [part for k, part in enumerate(itertools.chain(*parts)) if k % shard[1] == shard[0]]
+    missing = [part for part in own if not part.path.exists()]
     pause = 0.5 if sys.stderr.isatty() else 30.0
     with (
-        tqdm(total=len(todo), desc="measuring", unit=f"x{PART} scenes", mininterval=pause) as bar,
+        tqdm(total=len(missing), desc="measuring", unit=f"x{part_size} scenes", mininterval=pause) as bar,
         _pool(workers) as pool,
     ):
-        jobs = [(folder, p, start) for p, start in todo]
-        for _ in pool.map(_measure_part, *zip(*jobs, strict=True)) if pool and jobs else _here(jobs):
+        for _ in (pool.map if pool else map)(_measure_part, missing):
             bar.update()
-    if not all(_path(folder, p, start).exists() for p, start in parts):
+    if not all(part.path.exists() for part in itertools.chain(*parts)):
         return None
+    return [merge_stats([SceneStats.load(part.path) for part in of_population]) for of_population in parts]
+
+
+class _Part(NamedTuple):
+    """Scenes start..stop of a population, and the file of their statistics."""
+
+    population: Population
+    start: int
+    stop: int
+    path: Path
+
+
+def _parts(population: Population, folder: Path, size: int) -> list[_Part]:
+    name = content_hash(population.fingerprint, str(size))
     return [
-        merge_stats([SceneStats.load(_path(folder, p, start)) for start in range(0, len(p), PART)]) for p in populations
+        _Part(population, start, min(start + size, len(population)), folder / f"{name}-{start // size:05d}.npz")
+        for start in range(0, len(population), size)
     ]
 
 
-def _measure_part(folder: Path, population: Population, start: int) -> None:
-    stop = min(start + PART, len(population))
+def _measure_part(part: _Part) -> None:
+    population, start, stop, path = part
     rows, references = range(start, stop), None
     if population.references is not None:
         references = population.references.read([int(row) for row in population.rows[start:stop]])
     siblings = None
     if population.siblings:
         siblings = list(zip(*(source.read(rows) for source in population.siblings), strict=True))
-    found = measure(
+    stats = measure(
         population.source.read(rows),
         population.clusters(start, stop),
         references,
         siblings=siblings,
         ego=population.source.ego,
-        region=None if population.wedge is None else field_of_view(*population.wedge),
-        extra_ratios=_facts if population.facts else None,
+        region=None if population.field_of_view is None else field_of_view(*population.field_of_view),
+        extra_ratios=_fact_ratios if population.caption_facts else None,
     )
-    found.save(_path(folder, population, start))
+    stats.save(path)
 
 
-def _facts(scene: Scene, reference: Scene | None) -> Ratios:
+def _fact_ratios(scene: Scene, reference: Scene | None) -> Ratios:
     return {} if reference is None else fact_agreement(extract_facts(reference), extract_facts(scene))
 
 
-def _path(folder: Path, population: Population, start: int) -> Path:
-    return folder / f"{population.fingerprint}-{start // PART:05d}.npz"
-
-
-def _here(jobs: Sequence[tuple[Path, Population, int]]) -> Iterator[None]:
-    for job in jobs:
-        yield _measure_part(*job)
-
-
 @contextlib.contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Processes started within use one thread for linear algebra: on small arrays more only wait for each other."""
+def single_threaded_children() -> Iterator[None]:
+    """Child processes started inside use one thread for linear algebra: more are slower on small arrays."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -150,5 +167,5 @@ def _pool(workers: int) -> Iterator[concurrent.futures.Executor | None]:
         yield None
         return
     context = multiprocessing.get_context("spawn")
-    with one_thread_each(), concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with single_threaded_children(), concurrent.futures.ProcessPoolExecutor(workers, mp_context=context) as pool:
         yield pool

@@ -1,6 +1,6 @@
-"""Baselines that find a recorded scene instead of making one: by chance, by counts, by caption, by both.
+"""Retrieval baselines: a recorded scene for each reference, by chance, counts, caption or both.
 
-A scene of the reference's own location is never found. A model has to beat these rows on control, and to come near
+Scenes of the reference's own location are excluded. A model should exceed these baselines in control and come near
 their realism (baselines.md).
 """
 
@@ -16,21 +16,21 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from tqdm import tqdm
 
-from scjax.evaluate.captions import caption_of
-from scjax.evaluate.sources import Source
+from scjax.evaluate.requests import caption_of
+from scjax.evaluate.sources import SceneSource
 
-DRAWN_FROM = 5  # scenes of the nearest counts, of which "other scene, same counts" is drawn
-_CANDIDATES = 50  # scenes of the nearest counts, among which the caption decides
+RANDOM_AMONG = 5  # "other scene, same counts" is one of so many scenes with the nearest counts
+_CAPTION_AMONG = 50  # "nearest caption + counts" is among so many scenes with the nearest counts
 
 
 @dataclasses.dataclass(frozen=True)
 class Index:
-    """What retrieval knows of the scenes of a source.
+    """Counts, locations and captions of the scenes of a source.
 
     Attributes:
-      counts: lanes and agents of each, the ego left out.
-      clusters: location of each.
-      captions: of each; empty where not asked for.
+      counts: number of lanes and of agents without the ego, per scene.
+      clusters: location per scene.
+      captions: caption per scene; empty if not needed.
     """
 
     counts: Int[np.ndarray, "scenes 2"]
@@ -38,8 +38,8 @@ class Index:
     captions: list[str]
 
     @classmethod
-    def of(cls, source: Source, *, captions: bool, title: str = "index") -> Index:
-        """Reads every scene once."""
+    def of(cls, source: SceneSource, *, captions: bool, title: str = "index") -> Index:
+        """The index of a source; reads every scene once."""
         counts, texts = [], []
         for row in tqdm(range(len(source.clusters)), title, unit="scene", mininterval=1.0):
             (scene,) = source.read([row])
@@ -49,66 +49,72 @@ class Index:
         return cls(np.array(counts, int).reshape(-1, 2), np.array(source.clusters, str), texts)
 
 
-Rule = Callable[[Any, Bool[np.ndarray, " bank"], int, np.random.Generator], int]
-"""(what the rule knows, scenes it may find, reference, draws) -> row of the bank."""
+Rule = Callable[[Any, Bool[np.ndarray, " candidates"], int, np.random.Generator], int]
+"""(distances, candidates that are allowed, row of the query, random generator) -> row of the candidates."""
 
 
 def retrieve(
-    rule: str, wanted: Index, bank: Index, *, seed: int = 0, progress: bool = True
-) -> Int[np.ndarray, " wanted"]:
-    """The bank's scene for every reference.
+    rule: str, queries: Index, candidates: Index, *, seed: int = 0, progress: bool = True
+) -> Int[np.ndarray, " queries"]:
+    """The row of the candidate that a rule retrieves for every query.
 
     Args:
       rule: one of ``RULES``.
-      seed: of draws and of ties.
+      queries: index of the references.
+      candidates: index of the retrieval set.
+      seed: of random choices and ties.
+      progress: whether to show a progress bar.
 
     Raises:
-      ValueError: an unknown rule, one that needs captions without any, or a bank that holds one location only.
+      ValueError: an unknown rule, missing captions, or candidates of one location only.
     """
     if rule not in RULES:
         raise ValueError(f"unknown baseline {rule!r}: choose among {', '.join(RULES)}")
     find = RULES[rule]
-    known = _Known(wanted, bank) if "caption" not in rule else _Captioned(wanted, bank)
-    rng, found = np.random.default_rng(seed), []
-    for row in tqdm(range(len(wanted.clusters)), rule, unit="scene", mininterval=1.0, disable=not progress):
-        allowed = bank.clusters != wanted.clusters[row]
+    distances = (
+        _CountDistances(queries, candidates) if "caption" not in rule else _CaptionDistances(queries, candidates)
+    )
+    rng, rows = np.random.default_rng(seed), []
+    for row in tqdm(range(len(queries.clusters)), rule, unit="scene", mininterval=1.0, disable=not progress):
+        allowed = candidates.clusters != queries.clusters[row]
         if not allowed.any():
             raise ValueError(
-                f"every scene of the bank lies at {wanted.clusters[row]}, as a reference does: name a larger bank"
+                f"every scene of the retrieval set lies at {queries.clusters[row]}, as a reference does: "
+                "name a larger retrieval set"
             )
-        found.append(find(known, allowed, row, rng))
-    return np.array(found, int)
+        rows.append(find(distances, allowed, row, rng))
+    return np.array(rows, int)
 
 
-class _Known:
-    """Distances of counts: |lanes| + |agents|."""
+class _CountDistances:
+    """Distances of counts: |difference of lanes| + |difference of agents|."""
 
-    def __init__(self, wanted: Index, bank: Index):
-        self.wanted, self.bank = wanted, bank
+    def __init__(self, queries: Index, candidates: Index):
+        self.queries, self.candidates = queries, candidates
 
-    def apart(self, row: int) -> Int[np.ndarray, " bank"]:
-        return np.abs(self.bank.counts - self.wanted.counts[row]).sum(1)
-
-
-class _Captioned(_Known):
-    """Similarity of captions, too: cosine of tf-idf over words and pairs of words."""
-
-    def __init__(self, wanted: Index, bank: Index):
-        super().__init__(wanted, bank)
-        if not wanted.captions or not bank.captions:
-            raise ValueError("this baseline finds captions: index both sources with captions=True")
-        self._bank, self._wanted = tf_idf(bank.captions, wanted.captions)
-
-    def alike(self, row: int) -> Float[np.ndarray, " bank"]:
-        return (self._bank @ self._wanted[[row]].T).toarray()[:, 0]
+    def count_distance(self, row: int) -> Int[np.ndarray, " candidates"]:
+        return np.abs(self.candidates.counts - self.queries.counts[row]).sum(1)
 
 
-def tf_idf(bank: Sequence[str], texts: Sequence[str]) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Unit vectors of words and pairs of words, weighed by log((1 + n) / (1 + documents)) + 1 over the bank."""
+class _CaptionDistances(_CountDistances):
+    """Adds the similarity of captions: cosine of tf-idf over words and pairs of words."""
+
+    def __init__(self, queries: Index, candidates: Index):
+        super().__init__(queries, candidates)
+        if not queries.captions or not candidates.captions:
+            raise ValueError("this baseline compares captions: index both sources with captions=True")
+        self._candidates, self._queries = tf_idf(candidates.captions, queries.captions)
+
+    def similarity(self, row: int) -> Float[np.ndarray, " candidates"]:
+        return (self._candidates @ self._queries[[row]].T).toarray()[:, 0]
+
+
+def tf_idf(corpus: Sequence[str], texts: Sequence[str]) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """tf-idf unit vectors over words and pairs of words; weights log((1 + n) / (1 + documents)) + 1 from ``corpus``."""
     vocabulary: dict[str, int] = {}
-    counted = _terms(bank, vocabulary, grow=True)
+    counted = _terms(corpus, vocabulary, grow=True)
     documents = np.bincount(counted.indices, minlength=len(vocabulary))
-    weight = np.log((1 + len(bank)) / (1 + documents)) + 1
+    weight = np.log((1 + len(corpus)) / (1 + documents)) + 1
     return _unit(counted, weight), _unit(_terms(texts, vocabulary, grow=False), weight)
 
 
@@ -133,29 +139,29 @@ def _unit(matrix: sparse.csr_matrix, weight: np.ndarray) -> sparse.csr_matrix:
     return sparse.csr_matrix(sparse.diags(1 / np.where(norm > 0, norm, 1.0)) @ weighed)
 
 
-def _chance(known: _Known, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
+def _chance(distances: _CountDistances, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
     return int(rng.choice(np.flatnonzero(allowed)))
 
 
-def _counts(known: _Known, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
-    return _nearest(known.apart(row), allowed, 1, rng)[0]
+def _counts(distances: _CountDistances, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
+    return _nearest(distances.count_distance(row), allowed, 1, rng)[0]
 
 
-def _other(known: _Known, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
-    return int(rng.choice(_nearest(known.apart(row), allowed, DRAWN_FROM, rng)))
+def _other(distances: _CountDistances, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
+    return int(rng.choice(_nearest(distances.count_distance(row), allowed, RANDOM_AMONG, rng)))
 
 
-def _caption(known: _Captioned, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
-    return _nearest(-known.alike(row), allowed, 1, rng)[0]
+def _caption(distances: _CaptionDistances, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
+    return _nearest(-distances.similarity(row), allowed, 1, rng)[0]
 
 
-def _both(known: _Captioned, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
-    near = _nearest(known.apart(row), allowed, _CANDIDATES, rng)
-    return near[int(np.argmax(known.alike(row)[near]))]
+def _both(distances: _CaptionDistances, allowed: np.ndarray, row: int, rng: np.random.Generator) -> int:
+    near = _nearest(distances.count_distance(row), allowed, _CAPTION_AMONG, rng)
+    return near[int(np.argmax(distances.similarity(row)[near]))]
 
 
 def _nearest(distance: np.ndarray, allowed: np.ndarray, count: int, rng: np.random.Generator) -> list[int]:
-    """Rows of the least distances; equal ones in random order."""
+    """Rows with the smallest distances; ties in random order."""
     rows = np.flatnonzero(allowed)
     return rows[np.lexsort((rng.random(len(rows)), distance[rows]))[:count]].tolist()
 
@@ -167,5 +173,6 @@ RULES: dict[str, Rule] = {
     "nearest caption + counts": _both,
     "other scene, same counts": _other,
 }
-"""chance: any scene. count-matched: the nearest counts. nearest caption: the most alike. nearest caption + counts: the
-most alike among the 50 of the nearest counts. other scene, same counts: one of the 5 of the nearest counts (U)."""
+"""chance: any scene. count-matched: nearest counts. nearest caption: most similar caption. nearest caption + counts: most
+similar caption among the 50 scenes with the nearest counts. other scene, same counts: one of the 5 with the nearest
+counts, at random."""

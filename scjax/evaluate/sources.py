@@ -1,14 +1,13 @@
-"""Where scenes come from: records, npz files, evaluation tiles, or rows of another source; read in parts, in any order.
+"""Sources of scenes: records, npz files, evaluation tiles, or rows of another source; any row can be read on its own.
 
-A source is a small picklable object, so that any process can read any part of it, and no set of scenes has to be in
-memory. ``open_source`` makes one from a text: "records:runs/records#val", "npz:runs/samples", "tiles:peer.npz#all".
+A source is a small picklable object: any process reads any part of it, and no set of scenes is in memory as a whole.
+``open_source`` makes one from text: "records:runs/records#val", "npz:runs/samples", "tiles:peer.npz#all".
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,21 +15,23 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from scjax.evaluate.eval_tiles import EvaluationTiles
+from scjax.evaluate.hashing import content_hash, row_text
 from scjax.metrics.cluster_sums import group_of
-from scjax.scene import Crop, Link, Scene, empty, unpadded
+from scjax.scene import Crop, Scene, unpadded
 from scjax.scene.io import load_npz
 
-BUCKET = (61, 100)  # agents and lanes of a scene at most; crops hold the nearest first
+LARGEST_COUNTS = (61, 100)  # agents and lanes of a scene at most; crops list the nearest first
 
 
 @runtime_checkable
-class Source(Protocol):
+class SceneSource(Protocol):
     """Scenes by row.
 
     Attributes:
-      clusters: the location of every scene; scenes of one cluster are never compared as if they were independent.
+      clusters: location of every scene; scenes of one cluster are not independent.
       ego: whether agent 0 of every scene is the ego.
-      fingerprint: changes with the content.
+      fingerprint: a hash of the content.
     """
 
     @property
@@ -47,8 +48,8 @@ class Source(Protocol):
         ...
 
 
-class Records:
-    """Centred tiles of a split of training records."""
+class RecordScenes:
+    """Centered tiles of one split of training records."""
 
     ego = True
 
@@ -60,7 +61,7 @@ class Records:
         self.folder, self.split = folder, split
         manifest = load_manifest(folder)
         self.domains: list[str] = manifest["domains"]
-        self.fingerprint = digest("records", manifest["hash"], split)
+        self.fingerprint = content_hash("records", manifest["hash"], split)
 
     @functools.cached_property
     def _data(self):
@@ -76,25 +77,25 @@ class Records:
     def _clusters(self) -> list[str]:
         from scjax.data import records
 
-        return [f"{one.domain}/{one.cluster}" for one in map(records.decode_record, self._data)]
+        return [f"{record.domain}/{record.cluster}" for record in map(records.decode_record, self._data)]
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
         return [self.read_moved(int(row)) for row in rows]
 
     def read_moved(self, row: int, dx: float = 0.0, dy: float = 0.0, turn: float = 0.0) -> Scene:
-        """One scene from a pose moved by dx, dy [m] and turn [rad]."""
+        """One scene in the frame of an ego pose moved by dx, dy [m] and turn [rad]."""
         from scjax.data import records
         from scjax.data.loader import clip_counts
 
         record = records.decode_record(self._data[row])
-        return clip_counts(records.sample_scene(record, Crop.CENTERED, dx, dy, turn), BUCKET)
+        return clip_counts(records.sample_scene(record, Crop.CENTERED, dx, dy, turn), LARGEST_COUNTS)
 
     def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name != "_data"}  # open files stay here
+        return {name: value for name, value in vars(self).items() if name != "_data"}  # open files are not pickled
 
 
-class Npz:
-    """Scenes of scjax.scene.io.save_npz: one file, or all of a folder by name, each a scene or a batch."""
+class NpzScenes:
+    """npz files of scjax.scene.io.save_npz: one file, or all of a folder in order of names; each a scene or a batch."""
 
     def __init__(self, path: str, ego: bool = True):
         place = Path(path)
@@ -104,49 +105,20 @@ class Npz:
         self.ego = ego
         self._rows = [(number, row) for number, file in enumerate(self.files) for row in _rows(file)]
         self.clusters = [group_of(k) for k in range(len(self._rows))]
-        self.fingerprint = digest("npz", *(hashlib.sha256(file.read_bytes()).hexdigest() for file in self.files))
+        self.fingerprint = content_hash("npz", *(hashlib.sha256(file.read_bytes()).hexdigest() for file in self.files))
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
-        chosen = [self._rows[int(k)] for k in rows]
-        held = {number: load_npz(self.files[number]) for number in dict.fromkeys(number for number, _ in chosen)}
-        return [unpadded(held[number] if row is None else held[number][row]) for number, row in chosen]
+        places = [self._rows[int(k)] for k in rows]
+        files = {number: load_npz(self.files[number]) for number in dict.fromkeys(number for number, _ in places)}
+        return [unpadded(files[number] if row is None else files[number][row]) for number, row in places]
 
 
-class EvaluationTiles:
-    """Tiles of the ragged format of the project's evaluation sets; ``variant`` of the agents: main or all."""
+class ChosenRows:
+    """Rows of another source, in any order, with repetitions."""
 
-    def __init__(self, path: str, variant: str = "main"):
-        self.path, self.variant = Path(path), variant
-        if not self.path.is_file():
-            raise ValueError(f"tiles:{path}: there is no such file")
-        if variant not in ("main", "all"):
-            raise ValueError(f"tiles:{path}#{variant}: write main or all behind the #")
-        try:
-            names = self._arrays["cluster_name"][self._arrays["tile_cluster"]]
-            self.ego = bool((self._arrays["tile_object"] >= 0).all())
-        except KeyError as error:
-            raise ValueError(f"tiles:{path} lacks the array {error}: it holds no evaluation tiles") from error
-        self.clusters = [str(name) for name in names]
-        self.fingerprint = digest("tiles", hashlib.sha256(self.path.read_bytes()).hexdigest(), variant)
-
-    @functools.cached_property
-    def _arrays(self) -> dict[str, np.ndarray]:
-        with self.path.open("rb") as file, np.load(file) as data:
-            return dict(data)
-
-    def read(self, rows: Sequence[int]) -> list[Scene]:
-        return [tile_scene(self._arrays, int(k), self.variant) for k in rows]
-
-    def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name != "_arrays"}
-
-
-class Chosen:
-    """Rows of another source, in any order and any number of times."""
-
-    def __init__(self, source: Source, rows: Sequence[int] | np.ndarray):
+    def __init__(self, source: SceneSource, rows: Sequence[int] | np.ndarray):
         self.source, self.rows, self.ego = source, np.asarray(rows, int), source.ego
-        self.fingerprint = digest("chosen", source.fingerprint, row_text(self.rows))
+        self.fingerprint = content_hash("chosen", source.fingerprint, row_text(self.rows))
 
     @property
     def clusters(self) -> list[str]:
@@ -157,66 +129,34 @@ class Chosen:
         return self.source.read([int(self.rows[int(k)]) for k in rows])
 
 
-def open_source(text: str) -> Source:
-    """A source from "KIND:PATH#PART"; kinds: records (part: split), npz, tiles (part: main or all).
+def open_source(text: str) -> SceneSource:
+    """A source from "FORMAT:PATH#PART".
 
-    Scenes of npz files hold the ego unless the part is "no-ego".
+    Formats: records (part: the split), npz (part "no-ego": agent 0 is no ego), tiles (part: main or all agents).
 
     Raises:
-      ValueError: another form, or no such files.
+      ValueError: the text has another form, or the files are missing.
     """
-    kind, _, rest = text.partition(":")
+    file_format, _, rest = text.partition(":")
     path, _, part = rest.partition("#")
-    if kind == "records" and path:
-        return Records(path, part or "val")
-    if kind == "npz" and path and part in ("", "no-ego"):
-        return Npz(path, ego=part != "no-ego")
-    if kind == "tiles" and path:
+    if file_format == "records" and path:
+        return RecordScenes(path, part or "val")
+    if file_format == "npz" and path and part in ("", "no-ego"):
+        return NpzScenes(path, ego=part != "no-ego")
+    if file_format == "tiles" and path:
         return EvaluationTiles(path, part or "main")
     raise ValueError(
         f"{text!r} names no scenes: write records:FOLDER#val, npz:FOLDER, npz:FOLDER#no-ego or tiles:FILE.npz#main"
     )
 
 
-def digest(*parts: str) -> str:
-    """A short hash of texts."""
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
-
-
-def row_text(rows: Sequence[int] | np.ndarray) -> str:
-    """Row numbers as a text to be hashed."""
-    return np.asarray(rows, int).tobytes().hex()
-
-
-def tile_scene(arrays: dict[str, np.ndarray], tile: int, variant: str) -> Scene:
-    """One tile as a scene; heights that are unknown hold 1.5 m and are flagged."""
-    rows, lanes, edges = (np.arange(*arrays[f"{kind}_offsets"][tile : tile + 2]) for kind in ("agent", "lane", "edge"))
-    rows = rows[arrays[f"agent_{variant}"][rows]]
-    points = np.concatenate([arrays["lanes_xy"][lanes], arrays["lanes_z"][lanes][..., None]], -1)
-    made = empty(len(rows), len(lanes))
-    before, after = arrays["edges"][edges].T.astype(int)
-    links = np.diag(np.full(len(lanes), Link.SELF, np.int32))
-    links[after, before] = Link.SUCCESSOR
-    links[before, after] = Link.PREDECESSOR
-    return made.replace(
-        links=links,
-        agents=np.nan_to_num(arrays["agents"][rows], nan=1.5),
-        agent_types=arrays["agent_type"][rows].astype(np.int32),
-        agent_mask=np.ones(len(rows), bool),
-        agent_known=~np.isnan(arrays["agents"][rows]),
-        lanes=np.nan_to_num(points),
-        lane_mask=np.ones(len(lanes), bool),
-        lane_known=~np.isnan(points).any(1),
-    )
-
-
 def _rows(file: Path) -> Sequence[int | None]:
-    """Row numbers of a batch, None for a single scene; reads one small array where the file is whole."""
+    """Row numbers of a batch; [None] for a single scene. Reads only one small array of an intact file."""
     try:
         with file.open("rb") as handle, np.load(handle, allow_pickle=False) as data:
             shape = data["domain"].shape
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
-        shape = load_npz(file).batch_shape  # says what is wrong
+        shape = load_npz(file).batch_shape  # raises an error that names the fault
     if len(shape) > 1:
         raise ValueError(f"{file} holds scenes of batch shape {shape}: flatten them to one axis")
     return range(shape[0]) if shape else [None]

@@ -1,4 +1,4 @@
-"""Measured populations -> tables: a row a population, every number with its interval over location clusters."""
+"""Tables of a report: one row per method, every number with its bootstrap interval over location clusters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from scjax.evaluate.notes import NOTES
+from scjax.evaluate.table_notes import NOTES
 from scjax.metrics.cluster_sums import DRAWS, ClusterSums
 from scjax.metrics.control import ControlFrame
 from scjax.metrics.counts import count_errors
@@ -26,12 +26,17 @@ from scjax.metrics.scene_stats import SceneStats
 from scjax.metrics.topology import Mode
 
 NAN = math.nan
-_COUNTS = {"lanes": 0, "agents": 17}  # places of log(1 + number) in the global descriptor; the ego is no agent there
+_COUNT_COLUMNS = {"lanes": 0, "agents": 17}  # of log(1 + count) in the global descriptor; agents without the ego
+
+Stats = Mapping[str, SceneStats]
+"""Title of a method -> statistics of its scenes."""
+Rows = Mapping[str, Sequence[int]]
+"""Title of a method -> row of the reference of every scene; empty without references."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """A value with its 95 % interval; NaN where it is unknown."""
+    """A value with its 95 % interval; NaN where unknown."""
 
     value: float
     low: float = NAN
@@ -40,7 +45,7 @@ class Number:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """Numbers of a population."""
+    """The numbers of one method, and how many scenes and clusters they come from."""
 
     numbers: dict[str, Number]
     scenes: int
@@ -52,9 +57,10 @@ class Section:
     """A table.
 
     Attributes:
-      title, note: what it shows and how to read it.
-      rows: population -> row.
-      floor: what two sets of real scenes say of each other: mean and range of 95 %; empty where that means nothing.
+      title: what it shows.
+      note: how to read it.
+      rows: title of a method -> row.
+      floor: values between two sets of real scenes, mean and central 95 %; empty where there is no floor.
     """
 
     title: str
@@ -64,164 +70,159 @@ class Section:
 
 
 def distribution_section(
-    measured: Mapping[str, SceneStats], real: SceneStats, bank: SceneStats | None, mode: Mode, *, draws: int = DRAWS
+    stats: Stats, real: SceneStats, retrieval_set: SceneStats | None, mode: Mode, *, draws: int = DRAWS
 ) -> Section:
-    """The published tables of lane graphs and vehicles, against ``real``; the floor comes from ``bank``, if any."""
+    """Lane graphs and vehicles against ``real``; the floor comes from the retrieval set, or without one from ``real``."""
 
-    def table(generated: Sums, theirs: Sums) -> Values:
-        return distribution_values(generated, theirs, mode)
+    def table(generated: Sums, reference: Sums) -> Values:
+        return distribution_values(generated, reference, mode)
 
-    rows = {name: _row(one, real, f"{mode}/", table, draws) for name, one in measured.items()}
-    source = bank if bank is not None else real
+    rows = {name: _row(one, real, f"{mode}/", table, draws) for name, one in stats.items()}
+    source = (retrieval_set if retrieval_set is not None else real).cluster_sums
     floor: dict[str, Number] = {}
-    if len(source.cluster_sums.clusters) > 1:
-        found = _only(source.cluster_sums, f"{mode}/").floor(table, scenes=len(real), splits=draws)
-        floor = {name: Number(*numbers) for name, numbers in found.items()}
-    kind = {"strict": "Lane graphs and vehicles", "compat": "The same as the reference code counts"}[mode]
-    return Section(kind, NOTES[mode], rows, floor)
+    if len(source.clusters) > 1:
+        ranges = _with_prefix(source, f"{mode}/").floor(table, scenes=len(real), splits=draws)
+        floor = {name: Number(*numbers) for name, numbers in ranges.items()}
+    title = {"strict": "Lane graphs and vehicles", "compat": "Lane graphs and vehicles, as the reference code counts"}
+    return Section(title[mode], NOTES[mode], rows, floor)
 
 
-def fault_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
-    """What scenes show by themselves to be wrong."""
-    rows = {name: _row(one, one, "scene/", lambda sums, _: scene_values(sums), draws) for name, one in measured.items()}
+def realism_section(stats: Stats, *, draws: int = DRAWS) -> Section:
+    """Faults that single scenes show, without a reference."""
+    rows = {name: _row(one, one, "scene/", lambda sums, _: scene_values(sums), draws) for name, one in stats.items()}
     return Section("Faults of single scenes", NOTES["faults"], rows)
 
 
-def match_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
-    """Agents against those of the reference; populations without references are left out."""
+def match_section(stats: Stats, *, draws: int = DRAWS) -> Section:
+    """Agents against those of the reference; only methods that answer references."""
 
     def table(sums: Sums, _: Sums) -> Values:
         vehicles = match_values(sums, "match_vehicles")
-        found = match_values(sums) | {f"{name} vehicles": vehicles[name] for name in ("M", "P", "PxR")}
-        return found | {"M any class": match_values(sums, "match_any_class")["M"]}
+        values = match_values(sums) | {f"{name} vehicles": vehicles[name] for name in ("M", "P", "PxR")}
+        return values | {"M any class": match_values(sums, "match_any_class")["M"]}
 
     rows = {}
-    for name, one in _paired(measured).items():
+    for name, one in _with_references(stats).items():
         row = _row(one, one, "match", table, draws)
         precision = {key: Number(value) for key, value in precision_values(one).items()}
         rows[name] = dataclasses.replace(row, numbers=row.numbers | precision)
     return Section("Placement of agents", NOTES["match"], rows)
 
 
-def control_section(
-    measured: Mapping[str, SceneStats],
-    real: SceneStats,
-    rows: Mapping[str, Sequence[int]],
-    *,
-    seed: int = 0,
-    draws: int = 200,
-) -> Section:
-    """Adherence to the reference; ``rows``: population -> reference of every scene, where there are any.
+def control_section(stats: Stats, real: SceneStats, rows: Rows, *, seed: int = 0, draws: int = 200) -> Section:
+    """Control metrics; only methods that answer references.
 
-    A population whose references lie at one place for the most part has no SPG.
+    SPG is unknown where most references lie at one location.
     """
-    made, frames = {}, {}
-    for name, one in _paired(measured).items():
-        chosen = tuple(int(row) for row in rows[name])
-        if not chosen:
+    table_rows, frames = {}, {}
+    for name, one in _with_references(stats).items():
+        reference_rows = tuple(int(row) for row in rows[name])
+        if not reference_rows:
             continue
-        if chosen not in frames:
-            frames[chosen] = _framed(real, chosen, seed)
-        frame, places = frames[chosen]
-        values, bounds = frame(one.descriptors), frame.intervals(one.descriptors, places, draws=draws)
+        if reference_rows not in frames:
+            frames[reference_rows] = _frame(real, reference_rows, seed)
+        frame, locations = frames[reference_rows]
+        values, bounds = frame(one.descriptors), frame.intervals(one.descriptors, locations, draws=draws)
         numbers = {key: Number(value, *bounds[key]) for key, value in values.items()}
-        made[name] = Row(numbers, len(one), len(set(places)))
-    return Section("Control", NOTES["control"], made)
+        table_rows[name] = Row(numbers, len(one), len(set(locations)))
+    return Section("Control", NOTES["control"], table_rows)
 
 
 def gain_section(
-    measured: Mapping[str, SceneStats],
+    stats: Stats,
     real: SceneStats,
-    rows: Mapping[str, Sequence[int]],
-    pairs: Sequence[str],
+    rows: Rows,
+    pairs: Sequence[Sequence[str]],
     *,
     seed: int = 0,
     draws: int = 200,
 ) -> Section:
-    """How much more control one population shows than another made for the same references; the interval is that of
-    the difference.
+    """Differences in control between two methods with the same references, with the interval of the difference.
 
     Args:
-      pairs: "ROW|OTHER". Where OTHER was made from another's condition, the gain in CCS is SPG_prompt (metrics.md
+      pairs: (method, other method). If the other got shuffled conditions, the gain in CCS is SPG_prompt (metrics.md
         §4.4).
 
     Raises:
-      ValueError: no such rows, or rows made for different references.
+      ValueError: a method is missing, or the two answer different references.
     """
-    answering, made = _paired(measured), {}
-    for pair in filter(None, pairs):
-        own, _, other = pair.partition("|")
-        if not {own, other} <= answering.keys() or list(rows[own]) != list(rows[other]) or not len(rows[own]):
+    answering, table_rows = _with_references(stats), {}
+    for pair in pairs:
+        if (
+            len(pair) != 2
+            or not set(pair) <= answering.keys()
+            or list(rows[pair[0]]) != list(rows[pair[1]])
+            or not len(rows[pair[0]])
+        ):
             raise ValueError(
-                f"gain {pair!r}: write two rows that answer the same references, as prompt|nearest caption"
+                f"gain {tuple(pair)!r}: give two methods that answer the same references, as ('prompt', 'nearest caption')"
             )
-        frame, places = _framed(real, tuple(int(row) for row in rows[own]), seed)
-        sides = [answering[name].descriptors for name in (own, other)]
-        values, less = (frame(side) for side in sides)
-        bootstrap_samples, without = (frame.bootstrap_samples(side, places, draws=draws) for side in sides)
-        numbers = {
-            key: Number(
-                values[key] - less[key],
-                *interval(bootstrap_samples[key] - without[key] if bootstrap_samples else np.zeros(0)),
-            )
-            for key in values
-            if not key.endswith("SPG")
-        }
-        made[f"{own} over {other}"] = Row(numbers, len(rows[own]), len(set(places)))
-    return Section("Gains in control", NOTES["gains"], made)
+        own, other = pair
+        frame, locations = _frame(real, tuple(int(row) for row in rows[own]), seed)
+        descriptors = [answering[name].descriptors for name in pair]
+        own_values, other_values = (frame(one) for one in descriptors)
+        own_samples, other_samples = (frame.bootstrap_samples(one, locations, draws=draws) for one in descriptors)
+        numbers = {}
+        for key in own_values:
+            if not key.endswith("SPG"):
+                difference = own_samples[key] - other_samples[key] if own_samples else np.zeros(0)
+                numbers[key] = Number(own_values[key] - other_values[key], *interval(difference))
+        table_rows[f"{own} over {other}"] = Row(numbers, len(rows[own]), len(set(locations)))
+    return Section("Gains in control", NOTES["gains"], table_rows)
 
 
-def _framed(real: SceneStats, chosen: tuple[int, ...], seed: int) -> tuple[ControlFrame, list[str]]:
-    """What populations made for these references are compared by, and where those lie."""
-    raw = Descriptor(*(x[list(chosen)] for x in real.descriptors))
-    places = [real.clusters[row] for row in chosen]
-    return control_frame(raw, places, seed), places
+def _frame(real: SceneStats, rows: tuple[int, ...], seed: int) -> tuple[ControlFrame, list[str]]:
+    """The shared setting for methods that answer these references, and the locations of the references."""
+    raw = Descriptor(*(x[list(rows)] for x in real.descriptors))
+    locations = [real.clusters[row] for row in rows]
+    return control_frame(raw, locations, seed), locations
 
 
-def control_frame(raw: Descriptor, places: Sequence[str], seed: int) -> ControlFrame:
-    """Of references; without shuffles, hence SPG, where most of them lie at one place."""
+def control_frame(raw: Descriptor, locations: Sequence[str], seed: int) -> ControlFrame:
+    """A ``ControlFrame`` of references; without shuffles (hence SPG) where most lie at one location."""
     rng = np.random.default_rng(seed)
     try:
-        return ControlFrame.of(raw, places, rng)
+        return ControlFrame.of(raw, locations, rng)
     except ValueError:
-        return ControlFrame.of(raw, places, rng, shuffles=0)
+        return ControlFrame.of(raw, locations, rng, shuffles=0)
 
 
-def caption_section(measured: Mapping[str, SceneStats], *, draws: int = DRAWS) -> Section:
+def caption_section(stats: Stats, *, draws: int = DRAWS) -> Section:
     """Which facts of the reference's caption the scenes show."""
     rows = {
         name: _row(one, one, "extra/", lambda sums, _: extra_values(sums), draws)
-        for name, one in _paired(measured).items()
+        for name, one in _with_references(stats).items()
         if any(key.startswith("extra/") for key in one.cluster_sums.total)
     }
     return Section("Facts of the captions", NOTES["captions"], rows)
 
 
-def count_section(measured: Mapping[str, SceneStats], real: SceneStats, rows: Mapping[str, Sequence[int]]) -> Section:
-    """Numbers of lanes and agents against the reference's."""
-    made = {}
-    for name, one in _paired(measured).items():
-        chosen = [int(row) for row in rows[name]]
+def count_section(stats: Stats, real: SceneStats, rows: Rows) -> Section:
+    """Numbers of lanes and agents against those of the reference."""
+    table_rows = {}
+    for name, one in _with_references(stats).items():
+        reference_rows = [int(row) for row in rows[name]]
         numbers = {}
-        for kind, column in _COUNTS.items():
-            true, found = (np.rint(np.expm1(side.descriptors.glob[:, column])) for side in (real, one))
-            errors = count_errors(true[chosen].astype(int), found)
-            numbers |= {f"{kind} {key}": Number(value) for key, value in errors.items()}
-        made[name] = Row(numbers, len(one), len(set(one.clusters)))
-    return Section("Numbers of lanes and agents", NOTES["counts"], made)
+        for element, column in _COUNT_COLUMNS.items():
+            true, generated = (np.rint(np.expm1(side.descriptors.glob[:, column])) for side in (real, one))
+            errors = count_errors(true[reference_rows].astype(int), generated)
+            numbers |= {f"{element} {key}": Number(value) for key, value in errors.items()}
+        table_rows[name] = Row(numbers, len(one), len(set(one.clusters)))
+    return Section("Numbers of lanes and agents", NOTES["counts"], table_rows)
 
 
 def _row(one: SceneStats, real: SceneStats, prefix: str, table: Callable[[Sums, Sums], Values], draws: int) -> Row:
-    ours, theirs = _only(one.cluster_sums, prefix), _only(real.cluster_sums, prefix)
+    generated, reference = _with_prefix(one.cluster_sums, prefix), _with_prefix(real.cluster_sums, prefix)
+    clusters = len(one.cluster_sums.clusters)
     if not len(one) or not len(real):
-        return Row({}, len(one), len(one.cluster_sums.clusters))
-    values, bounds = table(ours.total, theirs.total), ours.intervals(theirs, table, draws=draws)
-    numbers = {name: Number(value, *bounds[name]) for name, value in values.items()}
-    return Row(numbers, len(one), len(one.cluster_sums.clusters))
+        return Row({}, len(one), clusters)
+    values = table(generated.total, reference.total)
+    bounds = generated.intervals(reference, table, draws=draws)
+    return Row({name: Number(value, *bounds[name]) for name, value in values.items()}, len(one), clusters)
 
 
-def _only(cluster_sums: ClusterSums, prefix: str) -> ClusterSums:
-    """What one table needs: resampling is then cheap."""
+def _with_prefix(cluster_sums: ClusterSums, prefix: str) -> ClusterSums:
+    """The sums that one table needs: resampling fewer sums is cheaper."""
     return ClusterSums(
         {
             cluster: {name: value for name, value in sums.items() if name.startswith(prefix)}
@@ -230,5 +231,5 @@ def _only(cluster_sums: ClusterSums, prefix: str) -> ClusterSums:
     )
 
 
-def _paired(measured: Mapping[str, SceneStats]) -> dict[str, SceneStats]:
-    return {name: one for name, one in measured.items() if one.detections}
+def _with_references(stats: Stats) -> dict[str, SceneStats]:
+    return {name: one for name, one in stats.items() if one.detections}

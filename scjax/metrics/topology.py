@@ -38,7 +38,7 @@ def compact_lanes(scene: Scene) -> Lanes:
     chains, edges = merge_degree2_chains(len(points), {(int(i), int(j)) for i, j in connections})
     if len(chains) == len(points):
         return Lanes(points, connections)
-    merge_stats = [
+    merged_lines = [
         np.concatenate([points[chain[0]], *(points[lane][1:] for lane in chain[1:])])
         if len(chain) > 1
         else points[chain[0]]
@@ -46,7 +46,7 @@ def compact_lanes(scene: Scene) -> Lanes:
     ]
     lines = [
         line if len(line) == POINTS_PER_LANE else resample_polylines(line[None], POINTS_PER_LANE)[0]
-        for line in merge_stats
+        for line in merged_lines
     ]
     return Lanes(np.stack(lines), np.unique(edges, axis=0))
 

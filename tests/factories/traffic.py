@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scjax.evaluate.sources import tile_scene
+from scjax.evaluate.eval_tiles import tile_scene
 from scjax.scene import AgentType, Link, Scene, empty, validate
 
 CAR = (4.0, 2.0, 1.5)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from scjax.evaluate.corruption import LADDER, mixed
+from scjax.evaluate.corruption import LADDER, mix_scenes
 from scjax.metrics.control import ControlFrame, ccs, csc, derangements, scene_pairs, spg
 from scjax.metrics.descriptors import LEVELS, Standard, describe
 from scjax.scene import pad, permute
@@ -41,7 +41,7 @@ def test_control_orders_the_corruption_ladder(tiles):
     gap = np.abs(size[:, None] - size[None]).sum(-1) + 1000 * (label[:, None] == label[None])
     others = [scenes[int(rng.choice(np.argsort(row)[:5]))] for row in gap]
     ladder = [
-        [mixed(s, o, *shares, rng) for s, o in zip(scenes, others, strict=True)]
+        [mix_scenes(s, o, *shares, rng) for s, o in zip(scenes, others, strict=True)]
         for shares in ((0.0, 0.0), *LADDER.values())
     ]
     steps = [
