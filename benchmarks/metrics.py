@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.workload import machine, peak_memory_gb
 from scjax.data import records
 from scjax.data.build import build_records
-from scjax.evaluate.population import PART, Population, measured
-from scjax.evaluate.sources import Npz
+from scjax.evaluate.population import PART_SIZE, Population, measure_populations
+from scjax.evaluate.sources import NpzScenes
 from scjax.metrics import measure as metrics
 from scjax.metrics.cluster_sums import ClusterSums
 from scjax.scene import Crop, stack
@@ -34,14 +34,14 @@ def write_tiles(folder: Path, out: Path, seed: int, count: int) -> None:
     """A population in npz files: records in turn, each from a pose of its own nearby."""
     out.mkdir()
     source = records.open_records(folder, "train")
-    for start in range(0, count, PART):
-        made = []
-        for k in range(start, min(start + PART, count)):
+    for start in range(0, count, PART_SIZE):
+        scenes = []
+        for k in range(start, min(start + PART_SIZE, count)):
             rng = np.random.default_rng([seed, k])
             dx, dy = rng.uniform(-2, 2, 2)
             record = records.decode_record(source[k % len(source)])
-            made.append(records.sample_scene(record, Crop.CENTERED, dx, dy, rng.uniform(-0.15, 0.15)))
-        save_npz(stack(made), out / f"{start:06d}.npz")
+            scenes.append(records.sample_scene(record, Crop.CENTERED, dx, dy, rng.uniform(-0.15, 0.15)))
+        save_npz(stack(scenes), out / f"{start:06d}.npz")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -56,13 +56,13 @@ def main(arguments: list[str] | None = None) -> None:
         build_records(Worlds(0, 8 if args.smoke else 200), folder / "records", workers=args.workers)
         for seed, kind in enumerate(("generated", "reference")):
             write_tiles(folder / "records", folder / kind, 1 + seed, scenes)
-        generated, reference = (Npz(str(folder / kind)) for kind in ("generated", "reference"))
+        generated, reference = (NpzScenes(str(folder / kind)) for kind in ("generated", "reference"))
         rows = [Population("generated", generated, reference, range(scenes)), Population("reference", reference)]
         begin = time.perf_counter()
-        found = measured(rows, folder / "measured", workers=args.workers)
+        stats = measure_populations(rows, folder / "measured", workers=args.workers)
         took = time.perf_counter() - begin
-    assert found is not None
-    ours, theirs = found
+    assert stats is not None
+    ours, theirs = stats
     begin = time.perf_counter()
     values = {
         **{

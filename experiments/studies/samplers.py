@@ -32,8 +32,10 @@ from experiments.studies.prompt_adherence import a_prompt, held_back
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse
 from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS, sampler_of
-from scjax.evaluate.generated import counts_of, weights_hash
-from scjax.evaluate.sources import Records, digest, row_text
+from scjax.evaluate.generated import weights_hash
+from scjax.evaluate.hashing import content_hash, row_text
+from scjax.evaluate.requests import counts_request
+from scjax.evaluate.sources import RecordScenes
 from scjax.generate.encode import padded_length
 from scjax.generate.sample import bucket_of
 from scjax.language.facts import extract_facts
@@ -140,7 +142,7 @@ def sweep(args) -> str:
             ending = setting.ending(len(weights) > 1, len(args.compute) > 1)
             title = f"{name} {steps}{ending}"
             bar.set_description(title)
-            key = digest(str(FORMAT), weights_of_model, requests.fingerprint, repr(SAMPLERS[name]), str(setting))
+            key = content_hash(str(FORMAT), weights_of_model, requests.fingerprint, repr(SAMPLERS[name]), str(setting))
             path = args.out / f"{name}-{steps}-{setting.guidance:g}-{setting.compute}-{key}.json"
             if path.exists():
                 bar.update(len(requests.conditions))
@@ -162,14 +164,15 @@ def sweep(args) -> str:
 
 def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Requests:
     """Held-back records, evenly chosen, and what is asked of the model for each."""
-    source = Records(folder, "val")
+    source = RecordScenes(folder, "val")
     places = source.clusters
     if not places:
         raise ValueError(f"{folder} has no held-back records: build them with a larger share (--split-percent)")
     rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
     references = source.read(rows.tolist())
     conditions = [
-        counts_of(model, scene, source.domains[int(scene.domain)] if source.domains else None) for scene in references
+        counts_request(model, scene, source.domains[int(scene.domain)] if source.domains else None)
+        for scene in references
     ]
     asked: list[PromptSpec] = []
     told = ""
@@ -180,7 +183,7 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
         conditions = [
             dataclasses.replace(cond, tokens=tokens) for cond, (_, tokens) in zip(conditions, prompts, strict=True)
         ]
-    fingerprint = digest(source.fingerprint, row_text(rows), str(seed), told)
+    fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), told)
     return Requests(references, [places[row] for row in rows], conditions, asked, fingerprint)
 
 

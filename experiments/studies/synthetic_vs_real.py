@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from experiments.studies.arguments import parser_of
-from scjax.evaluate.sources import Source, open_source
+from scjax.evaluate.sources import SceneSource, open_source
 from scjax.metrics.cluster_sums import ClusterSums
 from scjax.metrics.distances import histogram, jensen_shannon
 from scjax.metrics.distributions import GRAPH, Sums, scene_sums, table
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text)
 
 
-def cluster_sums_of(source: Source, limit: int) -> ClusterSums:
+def cluster_sums_of(source: SceneSource, limit: int) -> ClusterSums:
     """Sums of a source's scenes, at most ``limit`` of them, evenly chosen."""
     clusters = source.clusters
     rows = np.unique(np.linspace(0, len(clusters) - 1, min(limit, len(clusters))).astype(int))

@@ -99,13 +99,13 @@ def count_only(tiles, tmp_path_factory):
 
 
 def test_gain_is_zero_for_a_generator_that_knows_only_counts(count_only):
-    section = gain_section(*count_only, [("own", "other")])
+    section = gain_section(*count_only, [("own", "other")], draws=100)
     for name, number in section.rows["own over other"].numbers.items():
         assert abs(number.value) < 0.1 and number.low < number.value < number.high, name
 
 
 def test_gain_over_itself_is_zero(count_only):
-    section = gain_section(*count_only, [("own", "own")])
+    section = gain_section(*count_only, [("own", "own")], draws=5)
     assert {(one.value, one.low, one.high) for one in section.rows["own over own"].numbers.values()} == {(0, 0, 0)}
 
 

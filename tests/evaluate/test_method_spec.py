@@ -49,7 +49,7 @@ def test_every_variant_parses(variant):
 
 
 def test_get_config_rejects_unknown_variants():
-    with pytest.raises(ValueError, match="unknown variant 'huge'.* choose one of standard, baselines"):
+    with pytest.raises(ValueError, match=r"unknown variant 'huge'.* choose one of standard, baselines"):
         get_config("huge")
 
 

@@ -13,7 +13,8 @@ from scjax.camera.raycast import GRID, stand_in
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import read_captions
-from scjax.evaluate.sources import BUCKET, Records, digest, row_text
+from scjax.evaluate.hashing import content_hash, row_text
+from scjax.evaluate.sources import LARGEST_COUNTS, RecordScenes
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.language.prompt_parser import PromptSpec, parse_prompt
@@ -46,7 +47,7 @@ class Requests:
     fingerprint: str
 
 
-def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[int, int] = BUCKET) -> Requests:
+def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[int, int] = LARGEST_COUNTS) -> Requests:
     """Of evenly chosen held-back records.
 
     Args:
@@ -58,7 +59,7 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     Raises:
       ValueError: there are no such records, or most are of one location.
     """
-    source, crop = Records(folder, "val"), Crop.CENTERED if kind == "text" else Crop.FORWARD
+    source, crop = RecordScenes(folder, "val"), Crop.CENTERED if kind == "text" else Crop.FORWARD
     places, tiles = source.clusters, records.open_records(folder, "val")
     rows = np.unique(np.linspace(0, len(places) - 1, min(samples, len(places))).astype(int))
     looked_at = [model.codec.select(records.sample_scene(records.decode_record(tiles[int(row)]), crop)) for row in rows]
@@ -86,7 +87,7 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
     ]
     own = [Condition(**count, **given) for count, given in zip(counts, features, strict=True)]
     shuffled = [Condition(**count, **features[row]) for count, row in zip(counts, other, strict=True)]
-    fingerprint = digest(kind, source.fingerprint, row_text(rows), row_text(other), told)
+    fingerprint = content_hash(kind, source.fingerprint, row_text(rows), row_text(other), told)
     return Requests(scenes, clusters, own, shuffled, asked, context, fingerprint)
 
 

@@ -22,7 +22,7 @@ from experiments.studies.ablation.report import write
 from experiments.studies.ablation.requests import Requests, padded, requests_of
 from experiments.train import train
 from scjax.evaluate.generated import weights_hash
-from scjax.evaluate.sources import digest
+from scjax.evaluate.hashing import content_hash
 from scjax.metrics.measure import measure
 from scjax.models.flops import denoiser_forward
 from scjax.scene.files import write_text
@@ -122,7 +122,7 @@ def _base(config: Any, workdir: Path) -> str | None:
     training.optimizer.warmup = min(training.optimizer.warmup, max(config.base_steps // 5, 1))
     training.batch.crops = tuple(sum(np.array([CROPS[kind] for kind in config.kinds])).tolist())
     training.condition = "none"
-    return _trained(training, workdir / f"base-{digest(training.to_json())[:8]}")
+    return _trained(training, workdir / f"base-{content_hash(training.to_json())[:8]}")
 
 
 def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> ConfigDict:
@@ -160,9 +160,9 @@ def _row(
 ) -> dict[str, Any] | None:
     """A run's result, made now or before; None if a signal stopped it."""
     training = run_config(config, base, ENTRIES[name], kind, seed)
-    told = digest(json.dumps({**json.loads(training.to_json()), "start": known}, sort_keys=True))[:8]
+    told = content_hash(json.dumps({**json.loads(training.to_json()), "start": known}, sort_keys=True))[:8]
     folder = workdir / "runs" / f"{kind}-{name}-{seed}-{told}"
-    path = folder / f"result-{digest(str(FORMAT), requests.fingerprint, str(sampler))[:8]}.json"
+    path = folder / f"result-{content_hash(str(FORMAT), requests.fingerprint, str(sampler))[:8]}.json"
     if path.exists():
         return json.loads(path.read_text())
     trained = _trained(training, folder)
