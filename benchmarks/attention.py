@@ -32,7 +32,7 @@ from tqdm import tqdm
 from benchmarks.attention_points import DENSE, VARIANTS, Point
 from benchmarks.workload import table
 from scjax.scene.files import write_text
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 KEYS = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384)
 QUERIES = (16, 32, 64, 128, 256)
@@ -188,7 +188,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         ax.minorticks_off()
         ax.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, loc="outside right center")
-    save(figure, path, dpi=80)
+    save_figure(figure, path, dpi=80)
 
 
 def _is(row: dict[str, Any], variant: str, stage: str, backward: bool, **fields: Any) -> bool:

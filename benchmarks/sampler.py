@@ -18,10 +18,11 @@ import jax.numpy as jnp
 
 from benchmarks import workload
 from benchmarks.steps import CONTEXT, denoiser_config, features
-from scjax.diffusion.denoise_fn import MAX_PRECOMPUTED, make_denoise_fn
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE, Guidance
-from scjax.diffusion.samplers import sampler_of, schedule_of
-from scjax.diffusion.samplers.loop import sample
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, MAX_PRECOMPUTED
+from scjax.diffusion.denoise_fn import make_denoise_fn
+from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.samplers import make_schedule, resolve_sampler
+from scjax.diffusion.samplers.loop import sample_latents
 from scjax.models import flops
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
@@ -53,7 +54,7 @@ def main(arguments: list[str] | None = None) -> None:
     parts = parts[stride // 2 :: stride]  # evenly over the sizes
 
     config = denoiser_config(args.kind, args.compute)
-    run, params = guided(config, args.sampler, steps, most_ahead=0 if args.per_step else MAX_PRECOMPUTED)
+    run, params = guided(config, args.sampler, steps, max_precomputed=0 if args.per_step else MAX_PRECOMPUTED)
     jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
     jobs, programs = [], {}
     start = time.perf_counter()
@@ -86,21 +87,21 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def guided(
-    config: DenoiserConfig, name: str, steps: int, most_ahead: int = MAX_PRECOMPUTED
+    config: DenoiserConfig, name: str, steps: int, max_precomputed: int = MAX_PRECOMPUTED
 ) -> tuple[Callable[..., Any], Params]:
     """A function of (parameters, masks, condition, keys) that samples latents with guidance; and parameters for it."""
-    network, sampler = denoiser(config), sampler_of(name, config.prediction)
-    schedule = schedule_of(sampler, config.prediction, steps)
+    network, sampler = denoiser(config), resolve_sampler(name, config.prediction)
+    schedule = make_schedule(sampler, config.prediction, steps)
 
     def run(params, masks: PerType, condition, keys):
         denoise = make_denoise_fn(
             network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
-            features=condition, guidance=Guidance(), weight=DEFAULT_GUIDANCE_SCALE, most_ahead=most_ahead,
+            features=condition, guidance=Guidance(), guidance_scale=DEFAULT_GUIDANCE_SCALE, max_precomputed=max_precomputed,
         )  # fmt: skip
-        return sample(
+        return sample_latents(
             denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
-            widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
-            most=PerType(agents=config.max_agents, lanes=config.max_lanes),
+            latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
+            max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
         )  # fmt: skip
 
     return run, network.init(jax.random.key(0))

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 Series = dict[str, list[tuple[int, float]]]
 
@@ -85,7 +85,7 @@ def draw(runs: dict[str, Series], path: Path) -> Figure:
         panel.set_axis_off()
     panels[0].legend(fontsize=7)
     figure.supxlabel("training step", fontsize=9)
-    save(figure, path, dpi=110)
+    save_figure(figure, path, dpi=110)
     return figure
 
 

@@ -31,7 +31,7 @@ from scjax.models.counts.predictor import count_predictor
 from scjax.models.denoiser.config import TextCondition
 from scjax.nn.startup import start_jax
 from scjax.scene.files import write_text
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 LEVELS = (0.5, 0.8, 0.9)
 """Of the central intervals whose coverage is told."""
@@ -140,7 +140,7 @@ def draw(told: dict[str, Shares], true: dict[str, Numbers], path: Path) -> Figur
         below.hist(positions(shares, true[what], 0), bins=20, range=(0, 1), density=True, alpha=0.7)
         below.axhline(1, color="0.4", lw=0.8, ls="--")
         below.set(xlabel="position of the truth (dashed: calibrated)", ylabel="density")
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)
     return figure
 
 

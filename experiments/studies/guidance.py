@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import SOUND
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 Curve = list[tuple[float, float]]
 """(guidance weight, value), weights ascending."""
@@ -89,7 +89,7 @@ def draw(files: dict[str, tuple[dict[str, Curve], dict[str, float]]], path: Path
     if len(files) > 1:
         axes[0].legend(fontsize=7)
     figure.supxlabel("guidance weight (dashed: the record itself)", fontsize=9)
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)
     return figure
 
 

@@ -31,7 +31,7 @@ from experiments.studies.arguments import parser_of
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.evaluate.retrieval import tf_idf
 from scjax.generate.best_of import make

@@ -30,8 +30,8 @@ import scjax
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import a_prompt, held_back
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
-from scjax.diffusion.samplers import SAMPLERS, sampler_of
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
+from scjax.diffusion.samplers import SAMPLERS, resolve_sampler
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.requests import counts_request
@@ -125,8 +125,8 @@ def sweep(args) -> str:
     if "denoiser" not in model.components:
         raise ValueError(f"{args.model} has no denoiser: give the model folder of that stage")
     prediction = model.denoiser.config.prediction
-    fitting = [name for name, one in SAMPLERS.items() if prediction in one.predictions]
-    names = [sampler_of(name, prediction).name for name in args.samplers or fitting]
+    fitting = [name for name, one in SAMPLERS.items() if prediction in one.default_steps]
+    names = [resolve_sampler(name, prediction).name for name in args.samplers or fitting]
     weights = args.guidance or [1.0 if model.denoiser.config.condition is None else DEFAULT_GUIDANCE_SCALE]
     reference = Setting(REFERENCE[prediction], 100, weights[0], args.compute[0])
     combined = itertools.product(args.compute, weights, names, sorted(args.steps))
@@ -147,7 +147,7 @@ def sweep(args) -> str:
             if path.exists():
                 bar.update(len(requests.conditions))
             else:
-                row = {**setting._asdict(), "evaluations": SAMPLERS[name].evaluations(steps)}
+                row = {**setting._asdict(), "evaluations": SAMPLERS[name].num_evaluations(steps)}
                 row |= measured(model, requests, real, setting, args.seed, bar)
                 write_text(path, json.dumps(row, indent=1))
                 # A program is 1,200 areas of memory here, and Linux ends a process that wants more than 65,530.

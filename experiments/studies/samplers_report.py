@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 Row = dict[str, Any]
 
@@ -149,5 +149,5 @@ def draw(rows: Sequence[Row], reference: Row, path: Path) -> Figure:
         panel.set_axis_off()
     panels[0].legend(fontsize=7)
     figure.supxlabel("evaluations of the network", fontsize=9)
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)
     return figure

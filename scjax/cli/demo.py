@@ -8,7 +8,8 @@ import sys
 import click
 
 from scjax.cli.output import CANDIDATES, PICK_HELP, Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.samplers import DEFAULT_SAMPLER, DEFAULT_STEPS
+from scjax.diffusion.defaults import DEFAULT_SAMPLER
+from scjax.diffusion.samplers import DEFAULT_STEPS
 
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
-from scjax.diffusion.samplers import DEFAULT_SAMPLER, DEFAULT_STEPS, SAMPLERS
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, DEFAULT_SAMPLER
+from scjax.diffusion.samplers import DEFAULT_STEPS, SAMPLERS
 
 _DEFAULT_STEPS = ", ".join(
     f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()

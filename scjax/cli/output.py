@@ -63,12 +63,12 @@ def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[Format]
         elif kind == "json":
             scene_io.save_json(scene, path)
         else:
-            from scjax.viz.bev import plot
-            from scjax.viz.grid import save
+            from scjax.viz.bev import plot_scene
+            from scjax.viz.grid import save_figure
 
-            figure = plot(scene, title=title).figure
+            figure = plot_scene(scene, title=title).figure
             assert isinstance(figure, Figure)  # a picture of its own, no part of another
-            save(figure, path)
+            save_figure(figure, path)
         written.append(path)
     return written
 

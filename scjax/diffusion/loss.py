@@ -9,35 +9,33 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from scjax.diffusion.defaults import DEFAULT_CONDITION_DROPOUT, DEFAULT_LABEL_DROPOUT, LANE_LOSS_WEIGHT
 from scjax.diffusion.guidance import Denoise
 from scjax.diffusion.noise_level import NoiseLevel
-from scjax.diffusion.process import estimate_x0, q_sample
-from scjax.diffusion.process import target as target_of
-from scjax.diffusion.schedule import Schedule
-from scjax.diffusion.timestep_sampling import TimestepSampling, draw_levels
+from scjax.diffusion.process import estimate_x0, prediction_target, q_sample
+from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.timestep_sampling import TimestepSampling, sample_noise_levels
 from scjax.models.denoiser.config import Prediction
 from scjax.nn.cross_attention import AuxOutputs
 from scjax.nn.functional import Functional, Params
 from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
-LANE_WEIGHT = 10.0
-
 Penalty = Callable[[PerType, NoiseLevel], Float[Array, " b"]]
-"""(estimate of x_0, level) -> a number a scene that is added to its loss."""
+"""(x0 estimate [B, tokens, latent] per type, noise level [B]) -> penalty per scene [B], added to the loss."""
 
 
 @pytree
 class LatentBatch:
-    """What one training step of the denoiser consumes.
+    """Input of one training step of the denoiser.
 
     Attributes:
-      latents: clean normalised latents [B, tokens, latent] a kind, in token order.
-      masks: True at valid tokens [B, tokens] a kind.
-      known: True at tokens that are given, i.e. stay clean (the first half of partitioned scenes).
-      label: rows of the label table.
+      latents: clean normalized latents [B, tokens, latent] per type, in token order.
+      masks: True at valid tokens [B, tokens] per type.
+      known: True at known tokens, which stay clean (the first half of partitioned scenes) [B, tokens] per type.
+      label: rows of the label table [B].
       condition: features for ``encode_condition``, or None.
-      has_condition: scenes whose features are real [B]; None: all.
+      has_condition: True for scenes with a condition [B]; None: all.
       agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
     """
 
@@ -50,15 +48,15 @@ class LatentBatch:
     agent_weight: Float[Array, "b agents"] | None = None
 
 
-def noised(
+def noise_latents(
     level: NoiseLevel, clean: PerType, noise: PerType, known: PerType, prediction: Prediction = "noise"
-) -> tuple[PerType, PerType]:  # fmt: skip
-    """Network input and target: given tokens enter clean and have target 0, the others are noised."""
-    target = target_of(level, clean, noise, prediction)
+) -> tuple[PerType, PerType]:
+    """Network input and target [B, tokens, latent] per type. Known tokens enter clean and have target 0."""
+    target = prediction_target(level, clean, noise, prediction)
     x = jax.tree.map(
-        lambda flag, x0, xt: jnp.where(flag[..., None], x0, xt), known, clean, q_sample(level, clean, noise)
+        lambda mask, x0, xt: jnp.where(mask[..., None], x0, xt), known, clean, q_sample(level, clean, noise)
     )
-    return x, jax.tree.map(lambda flag, wanted: jnp.where(flag[..., None], 0, wanted), known, target)
+    return x, jax.tree.map(lambda mask, value: jnp.where(mask[..., None], 0, value), known, target)
 
 
 def diffusion_loss(
@@ -74,62 +72,70 @@ def diffusion_loss(
     count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, " b"]]]:
-    """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes), each a mean over the scene's tokens and numbers.
+    """Mean over scenes of 0.5 MSE(agents) + 10 * 0.5 MSE(lanes). Each MSE is a mean over tokens and latents.
 
     Args:
-      denoise: (noisy latents, times) -> network output.
-      level: of noise, one a scene.
-      prediction: what ``denoise`` estimates.
-      count_known: whether given tokens (target 0) count in the means, as in the release. Default: only tokens whose
-        noise must be found; a scene in which every token of a kind is given has loss 0 there.
-      penalty: added to the loss of every scene, from the estimate of x_0 with given tokens as they are.
+      denoise: (noisy latents, times [B]) -> network output.
+      level: one noise level per scene [B].
+      clean, noise: x0 and eps [B, tokens, latent] per type.
+      masks, known: as in ``LatentBatch``.
+      prediction: what ``denoise`` returns.
+      agent_weight: as in ``LatentBatch``.
+      count_known: True: known tokens (target 0) count in the means, as in the official release. False: only generated
+        tokens count, and a type whose tokens are all known has loss 0.
+      penalty: added to the loss of every scene. Its x0 estimate holds known tokens unchanged.
 
     Returns:
-      loss, and its terms a scene [B]: agent, lane, total, and penalty where there is one.
+      The loss, and its terms per scene [B]: agent, lane, total and, with a penalty, penalty.
     """
     clean = jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), clean, masks)
-    x, target = noised(level, clean, noise, known, prediction)
-    eps = denoise(x, jnp.asarray(level.time))
+    x, target = noise_latents(level, clean, noise, known, prediction)
+    output = denoise(x, jnp.asarray(level.time))
     counted = masks if count_known else jax.tree.map(lambda mask, flag: mask & ~flag, masks, known)
-    weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, eps)
+    weights = jax.tree.map(lambda mask, e: mask.astype(e.dtype), counted, output)
     if agent_weight is not None:
         weights = weights.replace(agents=weights.agents * jnp.where(counted.agents, agent_weight, 0))
-    error = jax.tree.map(_token_error, eps, target, masks)
-    terms = jax.tree.map(lambda e, w: (e * w).sum(-1) / jnp.maximum(w.sum(-1), 1e-6), error, weights)
-    total = terms.agents + LANE_WEIGHT * terms.lanes
-    found = {"agent": terms.agents, "lane": terms.lanes}
+    error = jax.tree.map(_token_error, output, target, masks)
+    means = jax.tree.map(lambda e, w: (e * w).sum(-1) / jnp.maximum(w.sum(-1), 1e-6), error, weights)
+    total = means.agents + LANE_LOSS_WEIGHT * means.lanes
+    terms = {"agent": means.agents, "lane": means.lanes}
     if penalty is not None:
-        estimate = estimate_x0(level, x, eps, prediction)
-        estimate = jax.tree.map(lambda flag, x0, guess: jnp.where(flag[..., None], x0, guess), known, clean, estimate)
-        found["penalty"] = penalty(estimate, level)
-        total = total + found["penalty"]
-    return total.mean(), {**found, "total": total}
+        estimate = estimate_x0(level, x, output, prediction)
+        estimate = jax.tree.map(lambda mask, x0, x: jnp.where(mask[..., None], x0, x), known, clean, estimate)
+        terms["penalty"] = penalty(estimate, level)
+        total = total + terms["penalty"]
+    return total.mean(), {**terms, "total": total}
 
 
 def training_loss(
     network: Functional,
     params: Params,
-    schedule: Schedule,
+    schedule: CosineSchedule,
     batch: LatentBatch,
     key: Array,
     *,
     null_label: int,
     prediction: Prediction = "noise",
-    times: TimestepSampling = TimestepSampling(),  # noqa: B008 - frozen
-    label_dropout: float | Float[Array, ""] = 0.1,
-    condition_dropout: float | Float[Array, ""] = 0.1,
+    timestep_sampling: TimestepSampling = TimestepSampling(),  # noqa: B008 - frozen
+    label_dropout: float | Float[Array, ""] = DEFAULT_LABEL_DROPOUT,
+    condition_dropout: float | Float[Array, ""] = DEFAULT_CONDITION_DROPOUT,
     count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """One stochastic evaluation: times, noise and both dropouts are drawn from ``key``.
+    """Loss of one batch with random noise levels, noise and dropout from ``key``.
+
+    Args:
+      null_label: row of the label table that replaces dropped labels.
+      label_dropout, condition_dropout: share of scenes without their label and without their condition.
+      prediction, count_known, penalty: as in ``diffusion_loss``.
 
     Returns:
-      loss, and the batch means of its terms: agent, lane, total (and penalty). What the conditioning trains by a loss
-      of its own, if anything, is added to the loss and told as ``control``.
+      The loss, and batch means of its terms: agent, lane, total, and penalty if there is one. Losses of the cross
+      attention itself are added to the loss and reported as ``control``.
     """
-    key_step, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
+    key_level, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
-    level = draw_levels(key_step, len(batch.label), schedule, prediction, times)
+    level = sample_noise_levels(key_level, len(batch.label), schedule, prediction, timestep_sampling)
     noise = jax.tree.map(
         lambda k, x: jax.random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
     )
@@ -147,19 +153,27 @@ def training_loss(
         return network.apply(params, z, t, label, batch.masks, batch.known, cache, aux=aux)
 
     loss, terms = diffusion_loss(
-        denoise, level, batch.latents, noise, batch.masks, batch.known,
-        prediction=prediction, agent_weight=batch.agent_weight, count_known=count_known, penalty=penalty,
-    )  # fmt: skip
+        denoise,
+        level,
+        batch.latents,
+        noise,
+        batch.masks,
+        batch.known,
+        prediction=prediction,
+        agent_weight=batch.agent_weight,
+        count_known=count_known,
+        penalty=penalty,
+    )
     means = {name: term.mean() for name, term in terms.items()}
-    own = [told.loss for told in aux.values() if told.loss is not None]
-    if own:
-        means["control"] = jnp.stack(own).sum()
+    aux_losses = [outputs.loss for outputs in aux.values() if outputs.loss is not None]
+    if aux_losses:
+        means["control"] = jnp.stack(aux_losses).sum()
         loss = loss + means["control"]
     return loss, means
 
 
 def _token_error(
-    eps: Float[Array, "b n d"], target: Float[Array, "b n d"], mask: Bool[Array, "b n"]
-) -> Float[Array, "b n"]:  # fmt: skip
-    difference = jnp.where(mask[..., None], eps - target, 0)
+    output: Float[Array, "b n d"], target: Float[Array, "b n d"], mask: Bool[Array, "b n"]
+) -> Float[Array, "b n"]:
+    difference = jnp.where(mask[..., None], output - target, 0)
     return 0.5 * jnp.square(difference).mean(-1)

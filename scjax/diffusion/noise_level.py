@@ -1,10 +1,12 @@
-"""Levels of noise: x = signal x_0 + noise eps, eps ~ N(0, 1), and the levels that a sampler of few steps visits.
+"""Noise levels x = alpha x0 + sigma eps, eps ~ N(0, 1), and the subset of timesteps that a sampler visits.
 
-signal and noise are sqrt(abar_t) and sqrt(1 - abar_t) in diffusion, and 1 - s and s on the straight path of a rectified
-flow.
+In diffusion, alpha = sqrt(alphas_cumprod) and sigma = sqrt(1 - alphas_cumprod). On the straight path of a rectified
+flow, alpha = 1 - s and sigma = s.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,47 +15,57 @@ from jaxtyping import Array, Float, Int, Real
 from scjax.scene.pytree import pytree
 
 
+class Transitions(NamedTuple):
+    """Levels of all steps of a sampler and the level after each step; NumPy float64 [S], index 0 is the last step.
+
+    The last step ends at the data: next_alpha 1, next_sigma 0.
+    """
+
+    alpha: Float[np.ndarray, " s"]
+    sigma: Float[np.ndarray, " s"]
+    next_alpha: Float[np.ndarray, " s"]
+    next_sigma: Float[np.ndarray, " s"]
+
+
 @pytree
 class NoiseLevel:
-    """One level a scene [B], or the levels of a schedule [S], index 0 the least noisy.
+    """One level per scene [B], or the levels of a schedule [S], index 0 the least noisy.
 
     Attributes:
-      time: what the network is told.
-      signal, noise: how much of x_0 and of eps there is in x.
+      time: timestep that the network receives.
+      alpha: scale of x0 in x.
+      sigma: scale of the noise in x.
     """
 
     time: Real[Array | np.ndarray, "*n"]
-    signal: Float[Array | np.ndarray, "*n"]
-    noise: Float[Array | np.ndarray, "*n"]
+    alpha: Float[Array | np.ndarray, "*n"]
+    sigma: Float[Array | np.ndarray, "*n"]
 
     def __getitem__(self, step: Int[Array | np.ndarray, "*b"]) -> NoiseLevel:
         """The levels at indices of a schedule."""
-        time, signal, noise = (jnp.asarray(x)[step] for x in (self.time, self.signal, self.noise))
-        return NoiseLevel(time=time, signal=signal, noise=noise)
+        time, alpha, sigma = (jnp.asarray(x)[step] for x in (self.time, self.alpha, self.sigma))
+        return NoiseLevel(time=time, alpha=alpha, sigma=sigma)
 
-    def host(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(signal, noise) of every level of a schedule, and of the next one towards the data; NumPy, float64.
-
-        The last step ends at the data: signal 1, noise 0.
-        """
-        signal, noise = np.asarray(self.signal, np.float64), np.asarray(self.noise, np.float64)
-        return signal, noise, np.append(1.0, signal[:-1]), np.append(0.0, noise[:-1])
+    def transitions(self) -> Transitions:
+        """Levels before and after every step. For levels [S] of a schedule that are not traced."""
+        alpha, sigma = np.asarray(self.alpha, np.float64), np.asarray(self.sigma, np.float64)
+        return Transitions(alpha, sigma, np.append(1.0, alpha[:-1]), np.append(0.0, sigma[:-1]))
 
 
-def trailing_timesteps(total: int, steps: int, last: float = 1.0) -> Int[np.ndarray, " steps"]:
-    """Which of ``total`` times, 0 the least noisy, a sampler of fewer steps visits.
+def trailing_timesteps(total: int, steps: int, last_step: float = 1.0) -> Int[np.ndarray, " steps"]:
+    """Indices [steps] of the timesteps, out of ``total`` (0 the least noisy), that a sampler visits.
 
-    Even steps down from the last time, whose state is pure noise as the sampler's start is (Lin et al. 2023,
-    "trailing"). Time 0 is left out: x_0 is all but known there, so that a step to it would be lost.
+    The spacing is even and starts at the last timestep, which is pure noise like the sampler's start ("trailing"
+    spacing, Lin et al. 2023). Timestep 0 is left out: x0 is almost known there, so the step would be wasted.
 
     Args:
-      last: length of the step that ends at the data, in those of the others. That step is of first order in any
-        sampler, and half as long suits those of second order.
+      last_step: length of the step that ends at the data, relative to the other steps. This step is first order in
+        every sampler. Samplers of second order use half a step.
 
     Raises:
       ValueError: if ``steps`` is not in 2..total.
     """
     if not 2 <= steps <= total:
         raise ValueError(f"sampling steps must lie in 2..{total} (the steps of training), got {steps}")
-    ends = total * (np.arange(steps) + last) / (steps - 1 + last)
+    ends = total * (np.arange(steps) + last_step) / (steps - 1 + last_step)
     return np.maximum(np.round(ends).astype(int), 1) - 1

@@ -1,9 +1,9 @@
-"""What the parts of a scene owe each other, as penalties of an estimate of x_0: linked lanes meet, agents keep their
-offset from the lane beside them.
+"""Training losses on relations between parts of a scene: lane connections, and lateral offsets of agents from lanes.
 
-The mean squared error of latents hardly sees either. A few decimetres decide whether a road is whole or a car in its
-lane, while the error of one latent number moves a lane by metres, and both ends of a joint may well move alike. In
-metres, against the scene that was noised, whose own joints need not be closed. Not in the paper.
+The mean squared error of latents hardly measures either. Decimeters decide whether a road is connected or a car is in
+its lane, but the error of one latent moves a lane by meters, and both ends of a connection may move alike. These losses
+compare the decoded x0 estimate with the recorded scene in meters. Gaps that the recording has are no error. Not in the
+paper.
 """
 
 from __future__ import annotations
@@ -15,49 +15,57 @@ from jaxtyping import Array, Float
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.scene import AnyArray, Link, Scene
 
-BESIDE = 3.0
-"""An agent is held to the nearest point of a lane if that is no farther away [m]."""
-_CORNER = 0.05  # m; smaller errors count by their square, so that gradients stay finite
-_NOWHERE = 1e6  # m, where lanes lie that are padding
+MAX_LANE_DISTANCE = 3.0
+"""Agents farther than this [m] from every lane have no lateral offset."""
+_SMOOTH_BELOW = 0.05  # m; smaller errors are quadratic, so that gradients stay finite
+_PADDING_POSITION = 1e6  # m; far from everything
 
 
 def connection_error(generated: Scene, scene: Scene) -> Float[Array, " b"]:
-    """Mean over links of how wrong the step is from the end of a lane to the start of the next, in xy [m]."""
-    found, wanted = (s.lanes[:, None, :, 0, :2] - s.lanes[:, :, None, -1, :2] for s in (generated, scene))
+    """Mean error [m] of the xy offset from a lane's end to its successor's start, over lane links [B].
+
+    Args:
+      generated: decoded estimates.
+      scene: recorded scenes, which define links and masks.
+    """
+    offset, expected = (s.lanes[:, None, :, 0, :2] - s.lanes[:, :, None, -1, :2] for s in (generated, scene))
     linked = (scene.links == Link.PREDECESSOR) & scene.lane_mask[:, :, None] & scene.lane_mask[:, None]
-    error = _length(jnp.square(jnp.asarray(found - wanted)).sum(-1))
+    error = _smooth_norm(jnp.square(jnp.asarray(offset - expected)).sum(-1))
     return jnp.where(linked, error, 0).sum((1, 2)) / jnp.maximum(linked.sum((1, 2)), 1)
 
 
-def offset_error(generated: Scene, scene: Scene) -> Float[Array, " b"]:
-    """Mean over agents of how wrong their offset is from the nearest point of a lane, across that lane [m].
+def lateral_offset_error(generated: Scene, scene: Scene) -> Float[Array, " b"]:
+    """Mean error [m] of the agents' offset from their nearest lane point, across the lane, over agents [B].
 
-    The point and its direction are those of ``scene``. Agents farther than ``BESIDE`` from every lane do not count.
+    Args:
+      generated: decoded estimates.
+      scene: recorded scenes, which define the nearest points, lane directions and masks. Agents farther than
+        ``MAX_LANE_DISTANCE`` from every lane do not count.
     """
     lines, scenes = jnp.asarray(scene.lanes)[..., :2], len(scene.lanes)
-    ahead = jnp.diff(lines, axis=2)
-    along = jnp.concatenate([ahead, ahead[:, :, -1:]], 2).reshape(scenes, -1, 2)
-    points = jnp.where(scene.lane_mask[..., None, None], lines, _NOWHERE).reshape(scenes, -1, 2)
+    segments = jnp.diff(lines, axis=2)
+    directions = jnp.concatenate([segments, segments[:, :, -1:]], 2).reshape(scenes, -1, 2)
+    points = jnp.where(scene.lane_mask[..., None, None], lines, _PADDING_POSITION).reshape(scenes, -1, 2)
     shifts = jnp.asarray(generated.lanes - scene.lanes)[..., :2].reshape(scenes, -1, 2)
-    apart = jnp.square(scene.agents[:, :, None, :2] - points[:, None]).sum(-1)
-    nearest = apart.argmin(-1)[..., None]
-    direction, shift = (jnp.take_along_axis(x, nearest, 1) for x in (along, shifts))
+    square_distance = jnp.square(scene.agents[:, :, None, :2] - points[:, None]).sum(-1)
+    nearest = square_distance.argmin(-1)[..., None]
+    direction, shift = (jnp.take_along_axis(x, nearest, 1) for x in (directions, shifts))
     error = (generated.agents - scene.agents)[..., :2] - shift
-    across = jnp.square(direction[..., 0] * error[..., 1] - direction[..., 1] * error[..., 0])
-    across = _length(across / jnp.maximum(jnp.square(direction).sum(-1), 1e-6))
-    counted = scene.agent_mask & (apart.min(-1) < BESIDE**2)
-    return jnp.where(counted, across, 0).sum(1) / jnp.maximum(counted.sum(1), 1)
+    lateral = jnp.square(direction[..., 0] * error[..., 1] - direction[..., 1] * error[..., 0])
+    lateral = _smooth_norm(lateral / jnp.maximum(jnp.square(direction).sum(-1), 1e-6))
+    counted = scene.agent_mask & (square_distance.min(-1) < MAX_LANE_DISTANCE**2)
+    return jnp.where(counted, lateral, 0).sum(1) / jnp.maximum(counted.sum(1), 1)
 
 
-def estimate_weight(level: NoiseLevel) -> Float[Array, " b"]:
-    """(1 - 2 noise) / noise where that is positive, the noise at least 0.1.
+def relation_weight(level: NoiseLevel) -> Float[Array, " b"]:
+    """Weight of the relation losses [B]: (1 - 2 sigma) / sigma with sigma at least 0.1; 0 above sigma 0.5.
 
-    Errors of an estimate of x_0 shrink with the noise. Where there is much of it the estimate is a mean of many scenes,
-    and no scene whose joints should be closed; doing so went with fewer prompts met (experiments/results/shipped).
+    Errors of the x0 estimate shrink with the noise. At high noise the estimate is a mean of many scenes, whose
+    connections need not be closed; weights there lowered the prompt adherence (experiments/results/shipped).
     """
-    noise = jnp.asarray(level.noise)
-    return jax.nn.relu(1 - 2 * noise) / jnp.maximum(noise, 0.1)
+    sigma = jnp.asarray(level.sigma)
+    return jax.nn.relu(1 - 2 * sigma) / jnp.maximum(sigma, 0.1)
 
 
-def _length(square: Float[AnyArray, "*shape"]) -> Float[Array, "*shape"]:
-    return jnp.sqrt(square + _CORNER**2) - _CORNER
+def _smooth_norm(square: Float[AnyArray, "*shape"]) -> Float[Array, "*shape"]:
+    return jnp.sqrt(square + _SMOOTH_BELOW**2) - _SMOOTH_BELOW

@@ -1,21 +1,20 @@
-"""The cosine noise schedule and everything derived from it (official-spec §5.1)."""
+"""The cosine noise schedule and the coefficients derived from it (official-spec §5.1)."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from scjax.diffusion.defaults import NUM_TRAIN_TIMESTEPS
 from scjax.diffusion.noise_level import NoiseLevel, trailing_timesteps
 from scjax.scene.pytree import pytree
 
-OFFICIAL_STEPS = 100
-
 
 @pytree
-class Schedule:
-    """Coefficients of S diffusion steps, index 0 the least noisy; names as in Ho et al. 2020. float32.
+class CosineSchedule:
+    """Coefficients of S diffusion steps, index 0 the least noisy; names as in Ho et al. 2020; float32.
 
-    ``timesteps`` [S] are the times that the network is asked at: 0..S-1, or a subset of them after ``respaced``.
+    ``timesteps`` [S] are the times that the network receives: 0..S-1, or a subset of them after ``respace``.
     """
 
     timesteps: Int[Array | np.ndarray, " s"]
@@ -33,21 +32,22 @@ class Schedule:
 
     @property
     def steps(self) -> int:
-        """S."""
+        """Number of steps S."""
         return len(self.timesteps)
 
     @property
     def levels(self) -> NoiseLevel:
-        """Of every step [S]."""
-        return NoiseLevel(
-            time=self.timesteps, signal=self.sqrt_alphas_cumprod, noise=self.sqrt_one_minus_alphas_cumprod
-        )  # fmt: skip
+        """Noise level of every step [S]."""
+        return NoiseLevel(time=self.timesteps, alpha=self.sqrt_alphas_cumprod, sigma=self.sqrt_one_minus_alphas_cumprod)
 
 
-def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
+def cosine_schedule(steps: int = NUM_TRAIN_TIMESTEPS) -> CosineSchedule:
     """beta_t = clip(1 - f_{t+1} / f_t, 0, 0.999), f the squared cosine with offset 0.008 (Nichol & Dhariwal 2021).
 
-    As in the release, only beta is computed in float64; all else follows from its float32 rounding.
+    As in the official release, only beta is computed in float64. All other coefficients follow from beta in float32.
+
+    Raises:
+      ValueError: on fewer than 2 steps.
     """
     if steps < 2:
         raise ValueError(f"a schedule needs at least 2 steps, got {steps}")
@@ -56,42 +56,52 @@ def cosine_schedule(steps: int = OFFICIAL_STEPS) -> Schedule:
     cumulative = f / f[0]
     betas = np.clip(1 - cumulative[1:] / cumulative[:-1], 0, 0.999).astype(np.float32)
     alphas = np.float32(1) - betas
-    return _derived(np.arange(steps), betas, alphas, np.cumprod(alphas, dtype=np.float64).astype(np.float32))
+    cumulative = np.cumprod(alphas, dtype=np.float64).astype(np.float32)
+    return _schedule_from_betas(np.arange(steps), betas, alphas, cumulative)
 
 
-def respaced(schedule: Schedule, steps: int, last: float = 1.0, least_signal: float = 0.0) -> Schedule:
-    """Fewer sampling steps: the times of ``schedule`` that ``trailing_timesteps`` chooses, with betas between them.
+def respace(schedule: CosineSchedule, steps: int, last_step: float = 1.0, min_alpha: float = 0.0) -> CosineSchedule:
+    """Subset of the timesteps, chosen by ``trailing_timesteps``, with the betas between them.
+
+    Also known as timestep respacing (Nichol & Dhariwal 2021). A subset of all timesteps is the schedule itself.
 
     Args:
-      least_signal: noisier times, whose sqrt(abar_t) is less, are left out as far as ``steps`` allows.
+      steps: number of timesteps of the subset.
+      last_step: as in ``trailing_timesteps``.
+      min_alpha: timesteps with a smaller sqrt(alphas_cumprod) are left out, as far as ``steps`` allows.
+
+    Raises:
+      ValueError: if ``steps`` is not in 2..S.
     """
-    kept = trailing_timesteps(schedule.steps, steps, last)
+    indices = trailing_timesteps(schedule.steps, steps, last_step)
     if steps == schedule.steps:
         return schedule
-    usable = int((np.asarray(schedule.sqrt_alphas_cumprod) >= least_signal).sum())
-    kept = trailing_timesteps(max(usable, steps), steps, last)
-    cumulative = np.asarray(schedule.alphas_cumprod)[kept]
+    usable = int((np.asarray(schedule.sqrt_alphas_cumprod) >= min_alpha).sum())
+    indices = trailing_timesteps(max(usable, steps), steps, last_step)
+    cumulative = np.asarray(schedule.alphas_cumprod)[indices]
     exact = cumulative.astype(np.float64)
     alphas = exact / np.concatenate([[1.0], exact[:-1]])
-    times = np.asarray(schedule.timesteps)[kept]
-    return _derived(times, (1 - alphas).astype(np.float32), alphas.astype(np.float32), cumulative)
+    times = np.asarray(schedule.timesteps)[indices]
+    return _schedule_from_betas(times, (1 - alphas).astype(np.float32), alphas.astype(np.float32), cumulative)
 
 
-def _derived(timesteps: np.ndarray, betas: np.ndarray, alphas: np.ndarray, cumulative: np.ndarray) -> Schedule:
+def _schedule_from_betas(
+    timesteps: np.ndarray, betas: np.ndarray, alphas: np.ndarray, cumulative: np.ndarray
+) -> CosineSchedule:
     one = np.float32(1)
-    before = np.concatenate([[one], cumulative[:-1]])
-    variance = betas * (one - before) / (one - cumulative)
-    return Schedule(
+    previous = np.concatenate([[one], cumulative[:-1]])
+    variance = betas * (one - previous) / (one - cumulative)
+    return CosineSchedule(
         timesteps=timesteps.astype(np.int32),
         betas=betas,
         alphas_cumprod=cumulative,
-        alphas_cumprod_prev=before,
+        alphas_cumprod_prev=previous,
         sqrt_alphas_cumprod=np.sqrt(cumulative),
         sqrt_one_minus_alphas_cumprod=np.sqrt(one - cumulative),
         sqrt_recip_alphas_cumprod=np.sqrt(one / cumulative),
         sqrt_recipm1_alphas_cumprod=np.sqrt(one / cumulative - one),
         posterior_variance=variance,
         posterior_log_variance_clipped=np.log(np.maximum(variance, np.float32(1e-20))),
-        posterior_mean_coef1=betas * np.sqrt(before) / (one - cumulative),
-        posterior_mean_coef2=(one - before) * np.sqrt(alphas) / (one - cumulative),
+        posterior_mean_coef1=betas * np.sqrt(previous) / (one - cumulative),
+        posterior_mean_coef2=(one - previous) * np.sqrt(alphas) / (one - cumulative),
     )

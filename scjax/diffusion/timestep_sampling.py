@@ -1,6 +1,6 @@
-"""At which levels of noise a network is trained: evenly, or mostly in the middle (logit-normal, Esser et al. 2024).
+"""Distribution of the noise levels in training: uniform, or logit-normal (Esser et al. 2024).
 
-A rectified flow may be trained at any level; the cosine schedule has those of its timesteps only.
+A rectified flow can be trained at any level. The cosine schedule has levels only at its timesteps.
 """
 
 from __future__ import annotations
@@ -13,63 +13,67 @@ from jaxtyping import Array, Int
 
 from scjax.diffusion.flow import flow_level
 from scjax.diffusion.noise_level import NoiseLevel
-from scjax.diffusion.schedule import Schedule
+from scjax.diffusion.schedule import CosineSchedule
 from scjax.models.denoiser.config import Prediction
 
-DRAWS = ("uniform", "logit-normal")
+DISTRIBUTIONS = ("uniform", "logit-normal")
 
 
 @dataclasses.dataclass(frozen=True)
 class TimestepSampling:
-    """How levels are drawn.
+    """Options of ``sample_noise_levels``.
 
     Attributes:
-      draw: "uniform", or "logit-normal": the sigmoid of a normal variable of ``mean`` (above 0: noisier) and ``std``.
-      continuous: any level of a rectified flow instead of those of the timesteps.
+      distribution: "uniform", or "logit-normal": the sigmoid of a normal variable, which favors middle levels.
+      continuous: whether a rectified flow uses any level instead of the timesteps only.
+      mean, std: of the normal variable; a mean above 0 favors noisier levels.
     """
 
-    draw: str = "uniform"
+    distribution: str = "uniform"
     continuous: bool = False
     mean: float = 0.0
     std: float = 1.0
 
     def __post_init__(self):
-        if self.draw not in DRAWS:
-            raise ValueError(f"times are drawn {' or '.join(DRAWS)}, not {self.draw!r}")
+        if self.distribution not in DISTRIBUTIONS:
+            raise ValueError(
+                f"TimestepSampling.distribution must be {' or '.join(DISTRIBUTIONS)}, not {self.distribution!r}"
+            )
         if not self.std > 0:
-            raise ValueError(f"Times.std must be positive, not {self.std}")
+            raise ValueError(f"TimestepSampling.std must be positive, not {self.std}")
 
 
-def draw_levels(
-    key: Array, scenes: int, schedule: Schedule, prediction: Prediction, times: TimestepSampling
+def sample_noise_levels(
+    key: Array, scenes: int, schedule: CosineSchedule, prediction: Prediction, sampling: TimestepSampling
 ) -> NoiseLevel:
-    """A level a scene [B].
+    """One random noise level per scene [B].
 
     Args:
-      schedule: the timesteps; a rectified flow takes their number from it.
+      scenes: B.
+      schedule: the timesteps; a rectified flow uses only their number.
 
     Raises:
-      ValueError: continuous times for a network of another prediction than "flow".
+      ValueError: on continuous levels for a prediction other than "flow".
     """
-    if times.continuous and prediction != "flow":
+    if sampling.continuous and prediction != "flow":
         raise ValueError(f"a network that estimates {prediction} knows timesteps only: leave continuous times to flow")
     total, shape = schedule.steps, (scenes,)
-    if times.draw == "uniform" and not times.continuous:
+    if sampling.distribution == "uniform" and not sampling.continuous:
         step = jax.random.randint(key, shape, 0, total)
     else:
-        if times.draw == "uniform":
+        if sampling.distribution == "uniform":
             s = jax.random.uniform(key, shape)
         else:
-            s = jax.nn.sigmoid(times.mean + times.std * jax.random.normal(key, shape))
-        if times.continuous:
+            s = jax.nn.sigmoid(sampling.mean + sampling.std * jax.random.normal(key, shape))
+        if sampling.continuous:
             return flow_level(s, total)
         step = jnp.minimum((s * total).astype(jnp.int32), total - 1)
-    return level_at(step, schedule, prediction)
+    return noise_level_at(step, schedule, prediction)
 
 
-def level_at(step: Int[Array, " b"], schedule: Schedule, prediction: Prediction) -> NoiseLevel:
-    """The levels of timesteps [B]: those of the schedule, or as many of the straight path of a rectified flow."""
+def noise_level_at(step: Int[Array, " b"], schedule: CosineSchedule, prediction: Prediction) -> NoiseLevel:
+    """Noise levels of timesteps [B]: those of the schedule or, for "flow", those of the straight path."""
     if prediction != "flow":
         return schedule.levels[step]
     level = flow_level((step + 1) / schedule.steps, schedule.steps)
-    return NoiseLevel(time=step, signal=level.signal, noise=level.noise)
+    return NoiseLevel(time=step, alpha=level.alpha, sigma=level.sigma)

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from scjax.diffusion.denoise_fn import make_denoise_fn
-from scjax.diffusion.energies import validity as soundness
+from scjax.diffusion.energies import weighted_energy
 from scjax.diffusion.energy_guidance import Energy, EnergyGuidance, with_energy_guidance
 from scjax.diffusion.guidance import Guidance
-from scjax.diffusion.samplers import Sampler, schedule_of
-from scjax.diffusion.samplers.loop import sample as sample_latents
+from scjax.diffusion.samplers import Sampler, make_schedule
+from scjax.diffusion.samplers.loop import sample_latents
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import NormalizedScene, SceneCodec
@@ -39,7 +39,7 @@ def sampling_program(
     ``guidance`` None is plain sampling, ``energy_guidance`` None leaves the estimates as they are.
     """
     coder, network = autoencoder(ae_config), denoiser(config)
-    schedule = schedule_of(sampler, config.prediction, steps)
+    schedule = make_schedule(sampler, config.prediction, steps)
 
     def run(
         ae: Params, params: Params, mean, std, weight, temperature, keys, masks, crop, domain, known_scenes, features, negative,
@@ -52,7 +52,7 @@ def sampling_program(
             values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
         denoise = make_denoise_fn(
             network, config, params, config.domains * crop + domain, masks, times=schedule.levels.time, known=known,
-            features=features, negative=negative, guidance=guidance, weight=weight,
+            features=features, negative=negative, guidance=guidance, guidance_scale=weight,
         )  # fmt: skip
 
         def decoded(latents: PerType, **options) -> Scene:
@@ -60,13 +60,14 @@ def sampling_program(
             return decode(coder, ae, codec, latents, masks, crop, domain, **options)
 
         if energy_guidance is not None:
+            energies = energy_guidance.energies
 
             def energy_around(start: PerType) -> Energy:
                 links = decoded(start).links  # their head, over all pairs, would be most of a round
 
                 def energy(latents: PerType) -> Float[Array, ""]:
                     scene = decoded(latents, through_pairs=False).replace(links=links)
-                    return soundness.energy(scene).sum()
+                    return weighted_energy(scene, energies).sum()
 
                 return energy
 
@@ -75,9 +76,9 @@ def sampling_program(
                 denoise, schedule.levels, config.prediction, energy_around, generated, energy_guidance
             )
         latents = sample_latents(
-            denoise, schedule, keys, masks, sampler=sampler, known=known, values=values, prediction=config.prediction,
-            widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
-            most=PerType(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
+            denoise, schedule, keys, masks, sampler=sampler, known=known, known_latents=values, prediction=config.prediction,
+            latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
+            max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
         )  # fmt: skip
         return decoded(latents)
 

@@ -17,8 +17,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from scjax.diffusion.defaults import DEFAULT_TEMPERATURE
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.diffusion.samplers.loop import DEFAULT_TEMPERATURE
 from scjax.generate.model_format import FORMAT, codec_from_json, config_from_json, config_to_json, upgrade
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
@@ -198,7 +198,7 @@ def _read(folder: Path) -> Model:
         text_encoder=text_encoder,
         prompts=load_prompts(folder / PROMPTS, text_encoder),
         temperature=PerType(**index["temperature"]) if "temperature" in index else DEFAULT_TEMPERATURE,
-        energy_guidance=EnergyGuidance(**index["energy_guidance"]) if index.get("energy_guidance") else None,
+        energy_guidance=EnergyGuidance.from_dict(index["energy_guidance"]) if index.get("energy_guidance") else None,
         notes=index["notes"],
     )
 

@@ -23,6 +23,12 @@ _DENOISER = {
     "waves": "fourier_features",
     "hints": "relative_geometry",
 }
+_ENERGY_GUIDANCE = {
+    "rounds": "gradient_steps",
+    "below": "max_sigma",
+    "agents": "agent_step_size",
+    "lanes": "lane_step_size",
+}
 _ARRAYS = {
     "counter": {"given_lanes": "known_lanes"},
     "denoiser": {
@@ -74,6 +80,9 @@ def upgrade(index: dict[str, Any], arrays: dict[str, np.ndarray]) -> tuple[dict[
     index = {_PARTS.get(name, name): value for name, value in index.items()}
     if index.get("denoiser"):
         index["denoiser"] = {_DENOISER.get(name, name): value for name, value in index["denoiser"].items()}
+    if index.get("energy_guidance"):
+        fields = index["energy_guidance"].items()
+        index["energy_guidance"] = {_ENERGY_GUIDANCE.get(name, name): value for name, value in fields}
     components = {name: index.pop(name, None) for name in _COMPONENTS_OF_FORMAT_1}
     index["components"] = {name: fields for name, fields in components.items() if fields}
     return {**index, "format": FORMAT}, {_upgrade_path(path): array for path, array in arrays.items()}

@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.data.token_order import arrange
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE, Guidance
-from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, sampler_of
+from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, resolve_sampler
 from scjax.generate.compiled import reconstruction_program, sampling_program
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import check_readable, features_of, text_features
@@ -94,7 +95,7 @@ def sample_many(
     config = model.denoiser.config
     conditions = encode_prompts(conditions, model)
     check_readable(conditions, config.condition)
-    sampler = sampler_of(sampler, config.prediction)
+    sampler = resolve_sampler(sampler, config.prediction)
     if guidance is None:
         guidance = DEFAULT_GUIDANCE_SCALE if config.condition is not None else 1.0
     if not isinstance(guidance, Guidance):
@@ -105,7 +106,7 @@ def sample_many(
     tables: Tables = {}
     requests = [_request(jax.random.fold_in(key, i), cond, model, tables) for i, cond in enumerate(conditions)]
     # The weight is an argument of the program: every other weight is the same program.
-    options = None if guidance.weight == 1 else dataclasses.replace(guidance, weight=DEFAULT_GUIDANCE_SCALE)
+    options = None if guidance.scale == 1 else dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE)
     steps = DEFAULT_STEPS[config.prediction][sampler.name] if steps is None else steps
     program = sampling_program(
         model.codec, model.autoencoder.config, config, sampler, steps, options, energy_guidance or None
@@ -123,7 +124,7 @@ def sample_many(
             part = members[start : start + size]
             chosen = [requests[i] for i in part] + [requests[part[0]]] * (size - len(part))
             batch = program(
-                *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.weight), temperature,
+                *weights, model.latents.mean, model.latents.std, jnp.float32(guidance.scale), temperature,
                 *_collate(chosen, bucket, config),
             ).to_numpy()  # fmt: skip
             for row, i in enumerate(part):

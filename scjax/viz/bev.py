@@ -33,7 +33,7 @@ _CHEVRON_EVERY = 9.0  # metres of lane per direction mark
 _SPEED_HORIZON = 1.0  # seconds of travel that a speed arrow shows
 
 
-def plot(
+def plot_scene(
     scene: Scene,
     *,
     ax: Axes | None = None,

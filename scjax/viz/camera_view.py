@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from scjax.camera.raycast import CLASSES, FAR, HALF_ANGLE, look, stand_in
 from scjax.scene import Scene
-from scjax.viz.bev import AGENT_COLOURS, INK, plot
-from scjax.viz.grid import save
+from scjax.viz.bev import AGENT_COLOURS, INK, plot_scene
+from scjax.viz.grid import save_figure
 
 _COLOURS = np.array([*map(to_rgb, AGENT_COLOURS.values()), to_rgb("#8f949b"), to_rgb("#c9d2b8"), to_rgb("#eef4fa")])
 _CELL = 2.6  # inches
@@ -36,7 +36,7 @@ def ahead(scenes: Sequence[Scene], *, path: str | Path | None = None, dpi: int =
     panels = figure.subplots(len(scenes), 4, squeeze=False)
     for line, scene in zip(panels, scenes, strict=True):
         view, features = look(scene), stand_in(scene)
-        plot(scene, ax=line[0])
+        plot_scene(scene, ax=line[0])
         reach = FAR * np.tan(np.deg2rad(HALF_ANGLE))
         line[0].plot([FAR, 0, FAR], [reach, 0, -reach], color=INK, lw=0.6, ls="--")
         line[1].imshow(_COLOURS[view.kind], aspect="auto", interpolation="nearest")
@@ -49,5 +49,5 @@ def ahead(scenes: Sequence[Scene], *, path: str | Path | None = None, dpi: int =
     for panel, title in zip(panels[0], titles, strict=True):
         panel.set_title(title, fontsize=6, color=INK)
     if path is not None:
-        save(figure, path, dpi=dpi)
+        save_figure(figure, path, dpi=dpi)
     return figure

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from scjax.scene import Scene, Signal
 from scjax.scene.per_type import PerType
-from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot
+from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot_scene
 
 _CELL = 2.6  # inches
 
@@ -29,14 +29,14 @@ def grid(
     path: str | Path | None = None,
     dpi: int = 130,
 ) -> Figure:
-    """Scenes side by side, row by row, in the colours of ``plot`` with one legend.
+    """Scenes side by side, row by row, in the colours of ``plot_scene`` with one legend.
 
     Args:
       scenes: a batch [n], or single scenes.
       columns: pictures a row; about a square if None.
       titles: one per scene, of one line or several.
-      known: as in ``plot``: one pair of masks a scene, or a batch of them.
-      speeds: as in ``plot``.
+      known: as in ``plot_scene``: one pair of masks a scene, or a batch of them.
+      speeds: as in ``plot_scene``.
       path: where to write a PNG as well (to a temporary name first, then renamed).
       dpi: resolution of that file.
 
@@ -66,16 +66,16 @@ def grid(
         left, top = (k % columns) * _CELL + margin, height - (k // columns) * (_CELL + line) - line - margin
         edge = _CELL - 2 * margin
         ax = figure.add_axes((left / width, (top - edge) / height, edge / width, edge / height))
-        plot(scene, ax=ax, title=None if titles is None else titles[k], known=None if known is None else known[k],
+        plot_scene(scene, ax=ax, title=None if titles is None else titles[k], known=None if known is None else known[k],
              speeds=speeds)  # fmt: skip
         ax.set(xlabel="", ylabel="", xticklabels=[], yticklabels=[])
     _legend(figure, scenes)
     if path is not None:
-        save(figure, path, dpi=dpi)
+        save_figure(figure, path, dpi=dpi)
     return figure
 
 
-def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
     """Writes a PNG, or an SVG by its ending, to a temporary name, then renames it: readers never see half a picture."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

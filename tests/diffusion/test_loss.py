@@ -1,4 +1,4 @@
-"""The training loss: what it ignores, and what its random choices do."""
+"""The training loss: padding, random choices, and its value for simple networks."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ SCHEDULE = cosine_schedule()
 def _params():
     params = NETWORK.init(jax.random.key(0))
     leaves, tree = jax.tree.flatten(params)
-    init = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
-    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, init, strict=True)])
+    noise = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
+    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
 
 
 def _batch(garbage=0.0):
+    """Two scenes of different sizes; padding holds ``garbage``."""
     rng = np.random.default_rng(0)
     masks = PerType(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(5)[None] < np.array([[3], [5]]))
     latents = jax.tree.map(
@@ -46,11 +47,11 @@ def _batch(garbage=0.0):
         PerType(agents=3, lanes=5),
     )
     known = jax.tree.map(lambda mask: mask & (rng.random(mask.shape) < 0.3), masks)
-    read = np.arange(3)[None] < np.array([[3], [2]])
-    tokens = np.where(read[..., None], rng.normal(size=(2, 3, 4)), garbage).astype(np.float32)
+    token_mask = np.arange(3)[None] < np.array([[3], [2]])
+    tokens = np.where(token_mask[..., None], rng.normal(size=(2, 3, 4)), garbage).astype(np.float32)
     batch = LatentBatch(
         latents=latents, masks=masks, known=known, label=np.array([1, 7]),
-        condition=TextFeatures(tokens=tokens, mask=read), has_condition=np.array([True, True]),
+        condition=TextFeatures(tokens=tokens, mask=token_mask), has_condition=np.array([True, True]),
         agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
     )  # fmt: skip
     return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
@@ -68,37 +69,54 @@ def _evaluate(params, batch, key, label_dropout, condition_dropout):
 @pytest.mark.parametrize("garbage", [np.nan, 1e30])
 def test_padding_never_matters(garbage):
     clean = _evaluate(_params(), _batch(), jax.random.key(3), 0.1, 0.1)
-    spoilt = _evaluate(_params(), _batch(garbage), jax.random.key(3), 0.1, 0.1)
-    jax.tree.map(np.testing.assert_array_equal, clean, spoilt)
+    padded = _evaluate(_params(), _batch(garbage), jax.random.key(3), 0.1, 0.1)
+    jax.tree.map(np.testing.assert_array_equal, clean, padded)
 
 
-def test_both_dropouts_act():
-    key, batch = jax.random.key(3), _batch()
-    value = lambda *rates: float(_evaluate(_params(), batch, key, *rates)[0][0])  # noqa: E731
-    assert value(0.0, 0.0) != value(1.0, 0.0) != value(1.0, 1.0)
+def _loss(batch, label_dropout, condition_dropout):
+    return float(_evaluate(_params(), batch, jax.random.key(3), label_dropout, condition_dropout)[0][0])
+
+
+def test_label_and_condition_dropout_change_the_loss():
+    assert _loss(_batch(), 0.0, 0.0) != _loss(_batch(), 1.0, 0.0) != _loss(_batch(), 1.0, 1.0)
+
+
+def test_a_dropped_label_is_the_null_label():
+    batch = _batch()
     null = batch.replace(label=jnp.full_like(batch.label, CONFIG.null_label))
-    assert float(_evaluate(_params(), null, key, 0.0, 0.0)[0][0]) == value(1.0, 0.0)
-    without = batch.replace(has_condition=jnp.zeros_like(batch.has_condition))
-    assert float(_evaluate(_params(), without, key, 0.0, 0.0)[0][0]) == value(0.0, 1.0)
+    assert _loss(null, 0.0, 0.0) == _loss(batch, 1.0, 0.0)
 
 
-def test_every_draw_follows_the_key():
-    one, again, other = (_evaluate(_params(), _batch(), jax.random.key(i), 0.5, 0.5)[0][0] for i in (1, 1, 2))
-    assert one == again != other
+def test_a_scene_without_condition_is_a_dropped_condition():
+    batch = _batch()
+    unconditional = batch.replace(has_condition=jnp.zeros_like(batch.has_condition))
+    assert _loss(unconditional, 0.0, 0.0) == _loss(batch, 0.0, 1.0)
 
 
-def test_a_flow_network_that_says_nothing_has_the_loss_of_its_target():
+def test_random_choices_follow_the_key():
+    first, same, other = (_evaluate(_params(), _batch(), jax.random.key(i), 0.5, 0.5)[0][0] for i in (1, 1, 2))
+    assert first == same != other
+
+
+def test_a_flow_network_with_output_zero_has_the_loss_of_its_target():
     """The target is eps - x_0: per number 1 + x_0^2 on average, halved, agents once and lanes ten times."""
     network = denoiser(dataclasses.replace(CONFIG, prediction="flow"))
     params, batch = network.init(jax.random.key(0)), _batch()  # its heads are zero
     batch = batch.replace(agent_weight=None, known=jax.tree.map(jnp.zeros_like, batch.known))
-    times = TimestepSampling("logit-normal", continuous=True)
+    timestep_sampling = TimestepSampling("logit-normal", continuous=True)
 
     @golden.jit
     def losses(keys):
         return jax.lax.map(
             lambda key: training_loss(
-                network, params, SCHEDULE, batch, key, null_label=CONFIG.null_label, prediction="flow", times=times
+                network,
+                params,
+                SCHEDULE,
+                batch,
+                key,
+                null_label=CONFIG.null_label,
+                prediction="flow",
+                timestep_sampling=timestep_sampling,
             )[0],
             keys,
         )
@@ -108,20 +126,22 @@ def test_a_flow_network_that_says_nothing_has_the_loss_of_its_target():
         batch.latents, batch.masks,
     )  # fmt: skip
     expected = ((1 + scene.agents) + 10 * (1 + scene.lanes)).mean() / 2
-    found = losses(jax.random.split(jax.random.key(1), 300))
-    np.testing.assert_allclose(found.mean(), expected, rtol=0.03)
+    values = losses(jax.random.split(jax.random.key(1), 300))
+    np.testing.assert_allclose(values.mean(), expected, rtol=0.03)
 
 
-def test_agent_weights_choose_the_agents_that_count():
+def test_agents_of_weight_zero_do_not_count():
     batch = _batch()
-    some = jnp.zeros_like(batch.agent_weight).at[:, 0].set(1)
-    nothing = jax.tree.map(jnp.zeros_like, batch.known)
+    agent_weight = jnp.zeros_like(batch.agent_weight).at[:, 0].set(1)
+    nothing_known = jax.tree.map(jnp.zeros_like, batch.known)
     noise = jax.tree.map(jnp.ones_like, batch.latents)
 
     def denoise(z, t):
         return z.replace(agents=z.agents.at[:, 0].set(3.0), lanes=jnp.ones_like(z.lanes))
 
     level = SCHEDULE.levels[jnp.array([10, 20])]
-    loss, terms = diffusion_loss(denoise, level, batch.latents, noise, batch.masks, nothing, agent_weight=some)
+    loss, terms = diffusion_loss(
+        denoise, level, batch.latents, noise, batch.masks, nothing_known, agent_weight=agent_weight
+    )
     np.testing.assert_allclose(terms["agent"], 2.0)
     np.testing.assert_allclose(loss, 2.0)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from scjax.convert.denoiser import convert_denoiser
-from scjax.diffusion.guidance import guided, join
+from scjax.diffusion.defaults import DEFAULT_LATENT_BOUND, DEFAULT_TEMPERATURE
+from scjax.diffusion.guidance import concat_branches, with_guidance
 from scjax.diffusion.samplers import DDPM
 from scjax.diffusion.samplers.base import SamplingContext
-from scjax.diffusion.samplers.loop import CLIP, DEFAULT_TEMPERATURE, clamp
+from scjax.diffusion.samplers.loop import set_known
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
 from scjax.scene.per_type import PerType
@@ -21,7 +22,7 @@ from tests.factories import golden
 
 GUIDANCE = 4.0
 STEPS = 100
-ROWS = (8, 12)  # padding of every case, so that a kind's network is compiled once
+ROWS = (8, 12)  # padding of every case, so that each kind of network is compiled once
 CHAINS = {
     "initial_scene": ("uncond", "chain_weights.npz", "chain_inputs.npz"),
     "lane_conditioned": ("uncond", "chain_weights.npz", "chain_inputs.npz"),
@@ -58,7 +59,7 @@ def _cut(pair, like):
 
 @functools.cache
 def _guided_eps(config, kind):
-    """(params, z [n], t [n], label, masks [1], features [1]) -> guided estimate, compiled once a kind and n."""
+    """(params, z [n], t [n], label, masks [1], features [1]) -> guided estimate; compiled once per kind and n."""
     network = denoiser(config)
 
     @golden.jit
@@ -66,19 +67,19 @@ def _guided_eps(config, kind):
         n = len(t)
         repeat = lambda tree: jax.tree.map(lambda x: jnp.repeat(x, n, 0), tree)  # noqa: E731
         masks, label = repeat(masks), repeat(label)
-        labels, dropped = join(label, jnp.full_like(label, config.null_label)), jnp.arange(2 * n) >= n
+        labels, dropped = concat_branches(label, jnp.full_like(label, config.null_label)), jnp.arange(2 * n) >= n
         cache = None
         if kind != "uncond":
-            both = join(repeat(features), repeat(features))
+            both = concat_branches(repeat(features), repeat(features))
             cache = network.apply(params, both, dropped, method="encode_condition")
-        both = join(masks, masks)
-        return guided(lambda z, t: network.apply(params, z, t, labels, both, cache=cache), GUIDANCE)(z, t)
+        both = concat_branches(masks, masks)
+        return with_guidance(lambda z, t: network.apply(params, z, t, labels, both, cache=cache), GUIDANCE)(z, t)
 
     return eps
 
 
 def _evaluate(config, kind, params, inputs, states, times, prefix):
-    """Guided estimates at up to STEPS states of the one scene of ``inputs``."""
+    """Guided estimates at up to STEPS states of the single scene in ``inputs``."""
     count = len(times)
     repeats = np.resize(np.arange(count), STEPS)
     z = jax.tree.map(lambda x: x[repeats], _pad(states))
@@ -88,20 +89,20 @@ def _evaluate(config, kind, params, inputs, states, times, prefix):
     return _cut(jax.tree.map(lambda x: x[:count], eps), states)
 
 
-def _step(denoise, x, step, noise, clip=CLIP):
-    """As the loop does, with given noise."""
+def _step(denoise, x, step, noise, clip=DEFAULT_LATENT_BOUND):
+    """One step of the sampling loop with stored noise."""
     scaled = jax.tree.map(lambda noise, scale: scale * noise, noise, DEFAULT_TEMPERATURE)
     schedule = cosine_schedule()
-    problem = SamplingContext(
+    context = SamplingContext(
         denoise=lambda x, step: denoise(x, jnp.broadcast_to(jnp.asarray(schedule.timesteps)[step], len(x.agents))),
-        draw=lambda step: scaled, schedule=schedule, prediction="noise", generated=None,
+        step_noise=lambda step: scaled, schedule=schedule, prediction="noise", generated=None,
     )  # fmt: skip
-    x, _ = DDPM().step(problem, x, step, ())
+    x, _ = DDPM().step(context, x, step, ())
     return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
 
 
 def _steps(states, eps, times, noise, clip):
-    """One step a state, each at its own time, from given estimates."""
+    """One step per state, each at its own time, from stored estimates."""
 
     def one(x, eps, step, noise):
         batched = lambda tree: jax.tree.map(lambda x: x[None], tree)  # noqa: E731
@@ -124,7 +125,7 @@ def test_p_sample_parity(parity_dir, kind):
     values = {
         "eps_{}": eps,
         "next_{}_unclipped": _steps(states, eps, times, noise, None),
-        "next_{}": _steps(states, eps, times, noise, CLIP),
+        "next_{}": _steps(states, eps, times, noise, DEFAULT_LATENT_BOUND),
     }
     for key, reference in expected.items():
         time, name = key.split("/")
@@ -142,8 +143,8 @@ def test_p_sample_parity(parity_dir, kind):
             pytest.fail(f"{key} was not compared")
 
 
-def _given(name, inputs):
-    """Flags [1, tokens] and values of the tokens that a chain keeps."""
+def _known(name, inputs):
+    """Mask [1, tokens] and clean latents of the known tokens of a chain."""
     values = jax.tree.map(lambda x: jnp.asarray(x)[None], _pair(inputs, "s/given"))
     flags = jax.tree.map(lambda x: jnp.zeros(x.shape[:2], bool), values)
     if name == "lane_conditioned":
@@ -165,10 +166,10 @@ def test_chain_steps_parity(parity_dir, name):
     noise = jax.tree.map(lambda x: jnp.asarray(x)[::-1], _pair(inputs, "step_noise"))
     times = np.arange(STEPS - 1, -1, -1)
     eps = _evaluate(config, kind, params, inputs, before, times, "s/given")
-    value = _steps(before, eps, times, noise, CLIP)
+    value = _steps(before, eps, times, noise, DEFAULT_LATENT_BOUND)
     if name in ("lane_conditioned", "inpainting"):
-        known = jax.tree.map(lambda x: jnp.repeat(x, STEPS, 0), _given(name, inputs))
-        value = clamp(value, *known)
+        known = jax.tree.map(lambda x: jnp.repeat(x, STEPS, 0), _known(name, inputs))
+        value = set_known(value, *known)
     for node in ("agents", "lanes"):
         for k, step in enumerate(times):
             tolerance = 5e-4 if step == STEPS - 1 else 1e-4
@@ -192,18 +193,18 @@ def test_whole_chains_parity(parity_dir):
     noise = [_pad(_pair(data, "step_noise")) for data in inputs]
     noise = jax.tree.map(lambda *x: jnp.stack(x, 1), *noise)
     masks = stack([_masks(data, "s/given") for data in inputs])
-    flags, values = (stack([_pad(part) for part in parts]) for parts in zip(*map(_given, WHOLE, inputs), strict=True))
+    flags, values = (stack([_pad(part) for part in parts]) for parts in zip(*map(_known, WHOLE, inputs), strict=True))
     labels = jnp.concatenate([golden.labels(config, data, ["s"]) for data in inputs])
-    start = clamp(start, flags, values)
+    start = set_known(start, flags, values)
 
     @golden.jit
     def run(params, start, noise):
-        both = join(masks, masks), join(labels, jnp.full_like(labels, config.null_label))
-        denoise = guided(lambda z, t: network.apply(params, z, t, both[1], both[0]), GUIDANCE)
+        both = concat_branches(masks, masks), concat_branches(labels, jnp.full_like(labels, config.null_label))
+        denoise = with_guidance(lambda z, t: network.apply(params, z, t, both[1], both[0]), GUIDANCE)
 
         def body(x, step):
             x = _step(denoise, x, step, jax.tree.map(lambda n: n[step], noise))
-            x = clamp(x, flags, values)
+            x = set_known(x, flags, values)
             return x, x
 
         return jax.lax.scan(body, start, jnp.arange(STEPS - 1, -1, -1))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scjax.diffusion.process import estimate_x0, posterior_mean, posterior_std, q_sample
-from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.diffusion.schedule import cosine_schedule, respace
 from scjax.scene.per_type import PerType
 from tests.factories import golden
 
@@ -55,16 +55,16 @@ def test_posterior_std_is_zero_in_the_last_step():
     assert std[0] == 0 and (np.asarray(std[1:]) > 0).all()
 
 
-def test_respaced_keeps_the_noise_levels():
+def test_respace_keeps_the_noise_levels():
     schedule = cosine_schedule()
-    fewer = respaced(schedule, 20)
+    fewer = respace(schedule, 20)
     np.testing.assert_array_equal(fewer.timesteps, np.arange(4, 100, 5))
     np.testing.assert_array_equal(fewer.alphas_cumprod, schedule.alphas_cumprod[fewer.timesteps])
-    assert respaced(schedule, 100) is schedule
+    assert respace(schedule, 100) is schedule
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(fewer))
 
 
 @pytest.mark.parametrize("steps", [1, 101])
-def test_impossible_step_counts_are_refused(steps):
+def test_step_counts_out_of_range_are_refused(steps):
     with pytest.raises(ValueError, match=r"2\.\.100"):
-        respaced(cosine_schedule(), steps)
+        respace(cosine_schedule(), steps)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.convert.denoiser import convert_denoiser, denoiser_rules
-from scjax.diffusion.loss import diffusion_loss, noised
+from scjax.diffusion.loss import diffusion_loss, noise_latents
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.state_dict import flatten, unflatten
@@ -16,7 +16,7 @@ from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 TOLERANCE = 1e-5
-_GIVEN = ("agent_partition_mask", "lane_partition_mask")
+_KNOWN = ("agent_partition_mask", "lane_partition_mask")
 
 
 @pytest.fixture(scope="module", params=["uncond", "text", "image"])
@@ -29,7 +29,7 @@ def case(request, parity_dir):
     network = denoiser(config)
     names = [f"s{k}" for k in range(golden.scenes(inputs))]
     clean, noise, known = (
-        golden.pair(inputs, names, *keys) for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _GIVEN)
+        golden.pair(inputs, names, *keys) for keys in (("x0_agent", "x0_lane"), ("noise_agent", "noise_lane"), _KNOWN)
     )
     masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
     level = cosine_schedule().levels[jnp.asarray(inputs["t"])]
@@ -74,7 +74,7 @@ def case(request, parity_dir):
         for name, arguments in variants.items()
         if f"{name}/mean/total" in expected
     }
-    inputs_at_t = noised(level, clean, noise, known)[0]
+    inputs_at_t = noise_latents(level, clean, noise, known)[0]
     return {
         "kind": kind, "expected": expected, "stored": stored, "rules": rules, "names": names, "x_t": inputs_at_t,
         "results": results,
@@ -112,7 +112,7 @@ def test_train_gradients_parity(case):
     print(f"{case['kind']}: {len(gradients)} gradients, largest error {worst:.1e} of the norm")
 
 
-def test_given_tokens_leave_the_mean_by_default():
+def test_known_tokens_leave_the_mean_by_default():
     flags = PerType(agents=jnp.array([[True, False]]), lanes=jnp.array([[True, True]]))
     ones = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 4)))
     masks = jax.tree.map(jnp.ones_like, flags)
@@ -123,5 +123,5 @@ def test_given_tokens_leave_the_mean_by_default():
             ones, ones, masks, flags, count_known=count_known,
         )[1]  # fmt: skip
 
-    assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is given
+    assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is known
     assert loss(True)["agent"][0] == (2.0 + 4.5) / 2 and loss(True)["lane"][0] == 4.5

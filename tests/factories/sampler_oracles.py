@@ -1,20 +1,20 @@
-"""Networks whose estimate is exact, for data that is normal, or a single point; and every sampler with what it fits."""
+"""Denoisers that are exact for Gaussian data or one data point, and samplers with a prediction that they suit."""
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
 
-from scjax.diffusion.flow import flow_level
-from scjax.diffusion.samplers import DDIM, DDPM, DPMSolver, Euler, Heun, Threshold, schedule_of
-from scjax.diffusion.samplers.loop import sample
-from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.diffusion.flow import flow_level, flow_schedule
+from scjax.diffusion.samplers import DDIM, DDPM, DPMSolver, Euler, Heun, Threshold, make_schedule
+from scjax.diffusion.samplers.loop import sample_latents
+from scjax.diffusion.schedule import cosine_schedule, respace
 from scjax.scene.per_type import PerType
 from tests.factories import golden
 
-WIDTHS, MOST = PerType(agents=3, lanes=5), PerType(agents=7, lanes=9)
-EVEN = PerType(agents=1.0, lanes=1.0)
-CASES = {
+LATENT_WIDTHS, MAX_TOKENS = PerType(agents=3, lanes=5), PerType(agents=7, lanes=9)
+UNIT_TEMPERATURE = PerType(agents=1.0, lanes=1.0)
+SAMPLER_CASES = {
     "ddpm": (DDPM(), "velocity"),
     "ddim": (DDIM(), "noise"),
     "ddim, eta 0.7": (DDIM(eta=0.7), "velocity"),
@@ -26,73 +26,79 @@ CASES = {
 }
 
 
-def levels_of(prediction, total=100):
-    """All levels of training; index: the time."""
+def training_levels(prediction, total=100):
+    """All noise levels of training [total], indexed by the timestep."""
     if prediction == "flow":
         return flow_level(jnp.arange(1, total + 1) / total, total)
     return cosine_schedule(total).levels
 
 
-def network(x0_of, prediction, total=100):
-    """denoise(z, t) of a function (level, one kind of latents, its name) -> x_0."""
-    levels = levels_of(prediction, total)
+def denoiser_from_x0(x0_fn, prediction, total=100):
+    """denoise(z, t) whose x0 estimate is x0_fn(alpha, sigma, latents of one type, "agents" or "lanes")."""
+    levels = training_levels(prediction, total)
 
     def denoise(z, t):
         level = levels[t.astype(jnp.int32)]
-        signal, noise = level.signal[:, None, None], level.noise[:, None, None]
+        alpha, sigma = level.alpha[:, None, None], level.sigma[:, None, None]
 
         def output(x, name):
-            x0 = x0_of(signal, noise, x, name)
-            eps = (x - signal * x0) / noise
-            return {"noise": eps, "velocity": signal * eps - noise * x0, "flow": eps - x0}[prediction]
+            x0 = x0_fn(alpha, sigma, x, name)
+            eps = (x - alpha * x0) / sigma
+            return {"noise": eps, "velocity": alpha * eps - sigma * x0, "flow": eps - x0}[prediction]
 
         return jax.tree.map(output, z, PerType(agents="agents", lanes="lanes"))
 
     return denoise
 
 
-def normal(mean, std, prediction, total=100):
-    """The exact network of x_0 ~ N(mean, std^2)."""
+def gaussian_denoiser(mean, std, prediction, total=100):
+    """The exact denoiser of x0 ~ N(mean, std^2)."""
 
-    def x0_of(signal, noise, x, _):
-        return mean + signal * std**2 / (signal**2 * std**2 + noise**2) * (x - signal * mean)
+    def x0_fn(alpha, sigma, x, _):
+        return mean + alpha * std**2 / (alpha**2 * std**2 + sigma**2) * (x - alpha * mean)
 
-    return network(x0_of, prediction, total)
-
-
-def knowing(clean, prediction):
-    """The network that knows x_0."""
-    return network(lambda signal, noise, x, name: getattr(clean, name), prediction)
+    return denoiser_from_x0(x0_fn, prediction, total)
 
 
-def schedule(sampler, prediction, steps, total=100):
-    """As ``schedule_of``, out of any number of timesteps."""
+def point_denoiser(clean, prediction):
+    """The exact denoiser of a data set that holds only ``clean``."""
+    return denoiser_from_x0(lambda alpha, sigma, x, name: getattr(clean, name), prediction)
+
+
+def schedule_for(sampler, prediction, steps, total=100):
+    """``make_schedule`` for any number of training timesteps."""
     if total == 100:
-        return schedule_of(sampler, prediction, steps)
+        return make_schedule(sampler, prediction, steps)
     if prediction == "flow":
-        from scjax.diffusion.flow import flow_schedule
-
-        return flow_schedule(steps, total, sampler.last)
-    return respaced(cosine_schedule(total), steps, sampler.last)
+        return flow_schedule(steps, total, sampler.last_step)
+    return respace(cosine_schedule(total), steps, sampler.last_step)
 
 
-def masks(sizes, agents=7, lanes=9):
-    """True at valid tokens, from (agents, lanes) a scene."""
+def token_masks(sizes, agents=7, lanes=9):
+    """True at valid tokens [B, tokens] per type, from (agents, lanes) per scene."""
     sizes = jnp.asarray(sizes)
     return PerType(agents=jnp.arange(agents)[None] < sizes[:, :1], lanes=jnp.arange(lanes)[None] < sizes[:, 1:])
 
 
-def drawn(case, denoise, keys, mask, steps, total=100, **options):
-    """Samples of one of ``CASES``, compiled."""
-    sampler, prediction = CASES[case] if isinstance(case, str) else case
-    levels = schedule(sampler, prediction, steps, total)
+def sample_case(case, denoise, keys, masks, steps, total=100, known=None, known_latents=None, **options):
+    """Samples of a case of ``SAMPLER_CASES``, or of a pair (sampler, prediction); compiled."""
+    sampler, prediction = SAMPLER_CASES[case] if isinstance(case, str) else case
+    schedule = schedule_for(sampler, prediction, steps, total)
 
     @golden.jit
-    def run(keys, mask, known, values):
-        return sample(
-            denoise, levels, keys, mask, sampler=sampler, prediction=prediction, widths=WIDTHS, most=MOST,
-            known=known, values=values, **options,
-        )  # fmt: skip
+    def run(keys, masks, known, known_latents):
+        return sample_latents(
+            denoise,
+            schedule,
+            keys,
+            masks,
+            sampler=sampler,
+            prediction=prediction,
+            latent_widths=LATENT_WIDTHS,
+            max_tokens=MAX_TOKENS,
+            known=known,
+            known_latents=known_latents,
+            **options,
+        )
 
-    known = options.pop("known", None), options.pop("values", None)
-    return run(keys, mask, *known)
+    return run(keys, masks, known, known_latents)

@@ -86,7 +86,9 @@ def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypa
 
 def test_a_model_keeps_how_it_is_sampled_and_older_ones_do_as_the_release(tmp_path):
     cold = dataclasses.replace(
-        tiny_model(), temperature=PerType(agents=0.5, lanes=0.25), energy_guidance=EnergyGuidance(rounds=3, lanes=0.01)
+        tiny_model(),
+        temperature=PerType(agents=0.5, lanes=0.25),
+        energy_guidance=EnergyGuidance(gradient_steps=3, lane_step_size=0.01),
     )
     folder = save_model(cold, tmp_path / "model")
     assert (

@@ -9,7 +9,7 @@ import pytest
 
 import scjax
 from scjax import Guidance
-from scjax.diffusion.energies.validity import connection_energy, overlap_energy
+from scjax.diffusion.energies import connection_energy, overlap_energy
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.samplers import DDIM
 from scjax.generate import compiled as programs
@@ -100,14 +100,14 @@ def test_steering_closes_joints_and_parts_boxes_but_moves_nothing_known(model):
     """An untrained model's scenes are heaps of boxes and lanes: steered ones are less so, with the same links."""
     known = unpadded(example_scene(2, agents=3, lanes=4))
     condition = Condition(known=known, num_lanes=9, num_agents=6)
-    strong = EnergyGuidance(rounds=30, below=0.0, agents=0.02, lanes=0.005)
+    strong = EnergyGuidance(gradient_steps=30, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
     plain, led = (draw(model, condition, n=2, energy_guidance=energy_guidance) for energy_guidance in (False, strong))
     validate(led)
     assert np.array_equal(led.agents[0, :3], known.agents) and np.array_equal(led.lanes[1, :4], known.lanes)
     linked = led.replace(links=plain.links)
     before, after = (float((connection_energy(scenes) + overlap_energy(scenes)).sum()) for scenes in (plain, linked))
     assert after < 0.8 * before
-    many, one = (draw(model, condition, n=n, energy_guidance=EnergyGuidance(rounds=2)) for n in (2, 1))
+    many, one = (draw(model, condition, n=n, energy_guidance=EnergyGuidance(gradient_steps=2)) for n in (2, 1))
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
 

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.guidance import guided, join
+from scjax.diffusion.guidance import concat_branches, with_guidance
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.samplers.loop import sample
-from scjax.diffusion.schedule import cosine_schedule, respaced
+from scjax.diffusion.samplers.loop import sample_latents
+from scjax.diffusion.schedule import cosine_schedule, respace
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
@@ -110,7 +110,7 @@ def test_training_on_text(name):
 def test_estimates_on_text(name):
     """A cache of the first scenes serves a larger batch; another prompt changes their estimates and no other."""
     network, batch = _network(name, "text"), _batch("text")
-    labels, masks, z = (join(part, part) for part in (batch.label, batch.masks, batch.latents))
+    labels, masks, z = (concat_branches(part, part) for part in (batch.label, batch.masks, batch.latents))
 
     @golden.jit
     def run(params, features):
@@ -130,7 +130,10 @@ def test_estimates_on_text(name):
 def test_guidance_needs_no_null_cache(name="concat"):
     """Two guided steps with one cache: the branch without a condition is what training drops to, though not zero."""
     network, config, batch = _network(name, "text"), _config(name, "text"), _batch("text")
-    labels, twice = join(batch.label, jnp.full_like(batch.label, config.null_label)), join(batch.masks, batch.masks)
+    labels, twice = (
+        concat_branches(batch.label, jnp.full_like(batch.label, config.null_label)),
+        concat_branches(batch.masks, batch.masks),
+    )
 
     @golden.jit
     def run(params):
@@ -138,13 +141,13 @@ def test_guidance_needs_no_null_cache(name="concat"):
             return network.apply(params, batch.condition, jnp.full(2, absent), method="encode_condition")
 
         def draw(cache):
-            return sample(
-                guided(lambda z, t: network.apply(params, z, t, labels, twice, None, cache), 2.0),
-                respaced(cosine_schedule(), 2), jax.random.split(jax.random.key(0), 2), batch.masks, widths=WIDTHS,
-                most=PerType(agents=7, lanes=9), prediction="velocity",
+            return sample_latents(
+                with_guidance(lambda z, t: network.apply(params, z, t, labels, twice, None, cache), 2.0),
+                respace(cosine_schedule(), 2), jax.random.split(jax.random.key(0), 2), batch.masks, latent_widths=WIDTHS,
+                max_tokens=PerType(agents=7, lanes=9), prediction="velocity",
             )  # fmt: skip
 
-        return draw(encode(False)), draw(join(encode(False), encode(True)))
+        return draw(encode(False)), draw(concat_branches(encode(False), encode(True)))
 
     short, whole = run(_params(name, "text"))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4), short, whole)

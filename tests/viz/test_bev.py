@@ -50,7 +50,7 @@ def _colours(ax, gid) -> list[str]:
 
 
 def test_lanes_colours_and_joints():
-    ax = viz.plot(_scene(), title="two lanes")
+    ax = viz.plot_scene(_scene(), title="two lanes")
     drawn = dict(zip(_colours(ax, "lanes"), _lines(ax, "lanes"), strict=True))
     np.testing.assert_allclose(drawn[SIGNAL_COLOURS[Signal.STOP]][[0, -1]], [[1, 0], [21, 0]])
     np.testing.assert_allclose(drawn[SIGNAL_COLOURS[Signal.UNKNOWN]][[0, -1]], [[-20, 0], [0, 0]])
@@ -62,14 +62,14 @@ def test_lanes_colours_and_joints():
 def test_chevrons_point_in_driving_direction():
     scene = _scene()
     scene.lanes[1] = scene.lanes[1, ::-1]
-    marks = _lines(viz.plot(scene), "chevrons")
+    marks = _lines(viz.plot_scene(scene), "chevrons")
     assert len(marks) == 4  # 20 m each, one about every 9 m
     tips = [mark[1, 0] - mark[[0, 2], 0].mean() for mark in marks]
     assert all(tip > 0.5 for tip in tips[:2]) and all(tip < -0.5 for tip in tips[2:])
 
 
 def test_boxes_and_headings():
-    ax = viz.plot(_scene())
+    ax = viz.plot_scene(_scene())
     boxes, colours = _lines(ax, "agents"), _colours(ax, "agents")
     assert colours == [AGENT_COLOURS[AgentType.STATIC], AGENT_COLOURS[AgentType.PEDESTRIAN], EGO]
     np.testing.assert_allclose([boxes[2].min(0), boxes[2].max(0)], [[-2, -1], [2, 1]])
@@ -82,20 +82,20 @@ def test_boxes_and_headings():
 
 
 def test_speeds_reach_one_second_ahead_of_the_nose():
-    (arrow,) = _lines(viz.plot(_scene(), speeds=True), "speeds")
+    (arrow,) = _lines(viz.plot_scene(_scene(), speeds=True), "speeds")
     np.testing.assert_allclose(arrow[:2], [[2, 0], [7, 0]], atol=1e-6)
 
 
 @pytest.mark.parametrize(("crop", "x_limits"), [(Crop.CENTERED, (-32, 32)), (Crop.FORWARD, (0, 64))])
 def test_window_and_aspect(crop, x_limits):
-    ax = viz.plot(_scene().replace(crop=np.asarray(crop, np.int32)))
+    ax = viz.plot_scene(_scene().replace(crop=np.asarray(crop, np.int32)))
     assert ax.get_xlim() == x_limits and ax.get_ylim() == (-32, 32)
     assert ax.get_aspect() == 1 and "m" in ax.get_xlabel()
 
 
 def test_partitioned_scenes_show_the_cut():
     def cuts(crop):
-        ax = viz.plot(_scene().replace(crop=np.asarray(crop, np.int32)))
+        ax = viz.plot_scene(_scene().replace(crop=np.asarray(crop, np.int32)))
         return [line for line in ax.lines if list(line.get_xdata()) == [0, 0]]
 
     assert len(cuts(Crop.PARTITIONED)) == 1 and not cuts(Crop.CENTERED)
@@ -104,21 +104,21 @@ def test_partitioned_scenes_show_the_cut():
 def test_given_elements_are_marked():
     scene = _scene()
     known = PerType(agents=np.array([True, *[False] * 4]), lanes=np.array([False, True, False, False]))
-    ax = viz.plot(scene, known=known)
+    ax = viz.plot_scene(scene, known=known)
     assert _colours(ax, "roads") == [ROAD, GIVEN_ROAD]
     (box,) = _lines(ax, "given")
     np.testing.assert_allclose(box.max(0), [2, 1])
 
 
 def test_jax_arrays_empty_scenes_and_a_given_axes():
-    ax = viz.plot(jax.tree.map(jax.numpy.asarray, example_scene()))
-    assert viz.plot(empty(2, 3), ax=ax) is ax
-    assert not viz.plot(empty(0, 0)).collections
+    ax = viz.plot_scene(jax.tree.map(jax.numpy.asarray, example_scene()))
+    assert viz.plot_scene(empty(2, 3), ax=ax) is ax
+    assert not viz.plot_scene(empty(0, 0)).collections
 
 
 def test_batches_are_refused_by_plot():
     with pytest.raises(ValueError, match="index it"):
-        viz.plot(example_batch(2))
+        viz.plot_scene(example_batch(2))
 
 
 def test_grid_writes_a_picture_and_nothing_else(tmp_path):

@@ -18,7 +18,7 @@ from scjax.data.token_order import arrange
 from scjax.diffusion.denoise_fn import make_denoise_fn
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.diffusion.timestep_sampling import level_at
+from scjax.diffusion.timestep_sampling import noise_level_at
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import features_of
 from scjax.generate.model import Model
@@ -85,7 +85,7 @@ def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: Denoise
 
         def at(time: int) -> Array:
             noise = jax.vmap(drawn)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
-            level = level_at(jnp.full(label.shape, time), schedule, config.prediction)
+            level = noise_level_at(jnp.full(label.shape, time), schedule, config.prediction)
             none = jax.tree.map(jnp.zeros_like, masks)
             return diffusion_loss(denoise, level, clean, noise, masks, none, prediction=config.prediction)[1]["total"]
 

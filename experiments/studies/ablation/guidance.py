@@ -25,7 +25,7 @@ from experiments.studies.ablation.judge import METRICS
 from experiments.studies.ablation.report import Spread, summary
 from experiments.studies.arguments import parser_of
 from scjax.scene.files import write_text
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 _SHOWN = ("prompt", "lane CCS", "agent CCS", "vehicles_on_lane", "open_connections", "vehicles_overlapping")
 
@@ -117,7 +117,7 @@ def draw(curves: Curves, path: Path) -> Figure:
         axis.grid(alpha=0.3, lw=0.4)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(curves), fontsize=7)
     figure.supxlabel("guidance weight (dashed: with another scene's condition)", fontsize=9)
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)
     return figure
 
 

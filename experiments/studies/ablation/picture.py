@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments.studies.ablation.judge import HEADLINE, METRICS
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 _SHOWN = ("prompt", "control", "loss", "lane CCS", "agent CCS", "lane CSC", "agent CSC", "vehicles_overlapping")
 _OWN, _OTHER, _NONE = "#26547c", "#c98b2b", "0.6"
@@ -56,7 +56,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         line[0].set_yticks(range(len(mine)), [row["title"] for row in mine], fontsize=6)
         line[0].set_ylim(len(mine) - 0.5, -0.5)
         line[0].set_ylabel(f"on {kind}s", fontsize=8)
-    save(figure, path, dpi=120)
+    save_figure(figure, path, dpi=120)
     return figure
 
 

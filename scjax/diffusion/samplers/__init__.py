@@ -1,80 +1,69 @@
-"""Samplers by name, what each fits, and which one is taken where nothing is said.
+"""Samplers by name. A new sampler is one file and one entry of ``SAMPLERS``.
 
-The defaults have one place, here: ``DEFAULT_SAMPLER`` and ``DEFAULT_STEPS``. ``python -m experiments.studies.samplers`` measures what
-they should be for a model.
+``scjax.diffusion.defaults`` names the default samplers. ``python -m experiments.studies.samplers`` measures which
+sampler and number of steps suit a model.
 """
 
 from __future__ import annotations
 
+from scjax.diffusion.defaults import DEFAULT_SAMPLER, MIN_NOISE_PREDICTION_ALPHA
 from scjax.diffusion.flow import FlowSchedule, flow_schedule
-from scjax.diffusion.samplers.base import Sampler
+from scjax.diffusion.samplers.base import Sampler as Sampler
 from scjax.diffusion.samplers.ddim import DDIM
 from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.samplers.dpm_solver import DPMSolver
 from scjax.diffusion.samplers.flow import Euler, Heun
-from scjax.diffusion.samplers.threshold import Threshold
-from scjax.diffusion.schedule import OFFICIAL_STEPS, Schedule, cosine_schedule, respaced
+from scjax.diffusion.samplers.threshold import Threshold as Threshold
+from scjax.diffusion.schedule import CosineSchedule, cosine_schedule, respace
 from scjax.models.denoiser.config import Prediction
 
-__all__ = [
-    "DDIM",
-    "DDPM",
-    "DEFAULT_SAMPLER",
-    "DEFAULT_STEPS",
-    "SAMPLERS",
-    "DPMSolver",
-    "Euler",
-    "Heun",
-    "Sampler",
-    "Threshold",
-    "sampler_of",
-    "schedule_of",
-]  # fmt: skip
+SAMPLERS: dict[str, Sampler] = {sampler.name: sampler for sampler in (DDPM(), DDIM(), DPMSolver(), Euler(), Heun())}
 
-SAMPLERS: dict[str, Sampler] = {one.name: one for one in (DDPM(), DDIM(), DPMSolver(), Euler(), Heun())}
-DEFAULT_SAMPLER: dict[Prediction, str] = {"noise": "ddpm", "velocity": "ddpm", "flow": "heun"}
-LEAST_SIGNAL = 0.03
-"""Of the noisiest time at which a network is asked for the noise in fewer than all steps: the last two of 100 are left
-out. At the last one abar is 2.4e-7, and x_0 = (x - noise eps) / signal takes an error of eps 2029 times; here 32 times,
-and of x_0 the start lacks 0.03. Networks of the other predictions divide by nothing and are asked at all times."""
 DEFAULT_STEPS: dict[Prediction, dict[str, int]] = {
-    "noise": {"ddpm": OFFICIAL_STEPS, "ddim": 50, "dpm++": 25},
-    "velocity": {"ddpm": 25, "ddim": 50, "dpm++": 25},
-    "flow": {"dpm++": 25, "euler": 50, "heun": 25},
+    prediction: {
+        name: sampler.default_steps[prediction]
+        for name, sampler in SAMPLERS.items()
+        if prediction in sampler.default_steps
+    }
+    for prediction in DEFAULT_SAMPLER
 }
-"""By default. Ancestral sampling of the velocity: the fewest that 192 scenes of the model that ships cannot tell from
-100 (recorded in experiments/results/samplers); of the noise: all of training, as the release. The others were not
-chosen by measurement."""
+"""Network prediction -> name of a suitable sampler -> its default number of steps."""
 
 
-def sampler_of(chosen: str | Sampler | None, prediction: Prediction) -> Sampler:
-    """The sampler of a name, or the default for what the network estimates.
+def resolve_sampler(sampler: str | Sampler | None, prediction: Prediction) -> Sampler:
+    """The sampler of a name, or the default sampler for what the network predicts.
+
+    Args:
+      sampler: name of ``SAMPLERS``, a sampler with options of its own, or None.
 
     Raises:
-      ValueError: no such name, or a sampler that does not fit; names those that do.
+      ValueError: if the name is unknown or the sampler does not suit the prediction; lists those that do.
     """
-    fitting = ", ".join(name for name, one in SAMPLERS.items() if prediction in one.predictions)
-    sampler = DEFAULT_SAMPLER[prediction] if chosen is None else chosen
-    if isinstance(sampler, str):
-        if sampler not in SAMPLERS:
-            raise ValueError(f"there is no sampler {sampler!r}: choose one of {fitting}")
-        sampler = SAMPLERS[sampler]
-    if prediction not in sampler.predictions:
+    suitable = ", ".join(DEFAULT_STEPS[prediction])
+    choice = DEFAULT_SAMPLER[prediction] if sampler is None else sampler
+    if isinstance(choice, str):
+        if choice not in SAMPLERS:
+            raise ValueError(f"there is no sampler {choice!r}: choose one of {suitable}")
+        choice = SAMPLERS[choice]
+    if prediction not in choice.default_steps:
         raise ValueError(
-            f"the sampler {sampler.name!r} is for networks that estimate {' or '.join(sampler.predictions)}, and this "
-            f"model's estimates {prediction}: choose one of {fitting}"
+            f"the sampler {choice.name!r} is for networks that estimate {' or '.join(choice.default_steps)}, and this "
+            f"model's estimates {prediction}: choose one of {suitable}"
         )
-    return sampler
+    return choice
 
 
-def schedule_of(sampler: Sampler, prediction: Prediction, steps: int | None = None) -> Schedule | FlowSchedule:
-    """The levels that a sampler visits (``trailing_timesteps``); by default ``DEFAULT_STEPS`` of them.
+def make_schedule(sampler: Sampler, prediction: Prediction, steps: int | None = None) -> CosineSchedule | FlowSchedule:
+    """The noise levels that a sampler visits (``trailing_timesteps``).
+
+    Args:
+      steps: number of steps; None: ``sampler.default_steps[prediction]``.
 
     Raises:
       ValueError: if ``steps`` is not in 2..100.
     """
-    steps = DEFAULT_STEPS[prediction][sampler.name] if steps is None else steps
+    steps = sampler.default_steps[prediction] if steps is None else steps
     if prediction == "flow":
-        return flow_schedule(steps, last=sampler.last)
-    least = LEAST_SIGNAL if prediction == "noise" else 0.0
-    return respaced(cosine_schedule(), steps, sampler.last, least)
+        return flow_schedule(steps, last_step=sampler.last_step)
+    min_alpha = MIN_NOISE_PREDICTION_ALPHA if prediction == "noise" else 0.0
+    return respace(cosine_schedule(), steps, sampler.last_step, min_alpha)

@@ -1,47 +1,52 @@
-"""DDIM: from deterministic (eta = 0) to ancestral (eta = 1) along the same noise levels (Song et al. 2021)."""
+"""DDIM: deterministic to ancestral sampling along the same noise levels."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
 import numpy as np
 
-from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, at
-from scjax.diffusion.samplers.threshold import Threshold, thresholded
-from scjax.diffusion.schedule import Schedule
+from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, table_entry
+from scjax.diffusion.samplers.threshold import Threshold, threshold_x0
+from scjax.diffusion.schedule import CosineSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
 
 
 @dataclasses.dataclass(frozen=True)
 class DDIM(Sampler):
-    """x' = signal' x_0 + sqrt(noise'^2 - std^2) eps + std z, with std = eta times that of the posterior.
+    """x' = alpha' x0 + sqrt(sigma'^2 - std^2) eps + std z, where std is eta times the posterior's (Song et al. 2021).
+
+    Also known as denoising diffusion implicit models and, with eta = 0, as DPM-Solver-1 or the exponential Euler step
+    of the probability-flow ODE. It is first order. It is not "DDIM inversion", which runs towards the noise. The
+    default numbers of steps are not measured.
 
     Attributes:
-      eta: 0 draws nothing after the start; 1 has mean and variance of ancestral sampling.
-      threshold: of the estimate of x_0; eps is what then remains of x.
+      eta: 0 is deterministic after the start; 1 has the mean and variance of ``DDPM``.
+      threshold: bound on the x0 estimate, from which eps is computed; None: no bound.
     """
 
     eta: float = 0.0
     threshold: Threshold | None = Threshold()  # noqa: RUF009 - frozen
     name: ClassVar[str] = "ddim"
-    predictions: ClassVar[tuple[Prediction, ...]] = ("noise", "velocity")
-    last: ClassVar[float] = 1.0
+    default_steps: ClassVar[Mapping[Prediction, int]] = {"noise": 50, "velocity": 50}
+    last_step: ClassVar[float] = 1.0
 
     def __post_init__(self):
         if not 0 <= self.eta <= 1:
             raise ValueError(f"DDIM.eta must lie in 0 (deterministic)..1 (ancestral), not {self.eta}")
 
-    def step(self, problem: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
-        assert isinstance(problem.schedule, Schedule)  # by ``predictions``
-        signal, noise, signal_after, noise_after = problem.schedule.levels.host()
-        std = self.eta * np.sqrt(np.asarray(problem.schedule.posterior_variance, np.float64))
-        keep = np.sqrt(np.maximum(noise_after**2 - std**2, 0)) / noise
-        x0 = thresholded(problem.estimate(x, step), problem.generated, self.threshold)
-        kept, new = at(keep, step), at(signal_after - keep * signal, step)
-        x = jax.tree.map(lambda x, x0: kept * x + new * x0, x, x0)
+    def step(self, context: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
+        assert isinstance(context.schedule, CosineSchedule)  # by ``default_steps``
+        alpha, sigma, next_alpha, next_sigma = context.schedule.levels.transitions()
+        std = self.eta * np.sqrt(np.asarray(context.schedule.posterior_variance, np.float64))
+        x_scales = np.sqrt(np.maximum(next_sigma**2 - std**2, 0)) / sigma
+        x0 = threshold_x0(context.estimate_x0(x, step), context.generated, self.threshold)
+        x_scale, x0_scale = table_entry(x_scales, step), table_entry(next_alpha - x_scales * alpha, step)
+        x = jax.tree.map(lambda x, x0: x_scale * x + x0_scale * x0, x, x0)
         if self.eta:
-            x = jax.tree.map(lambda x, z: x + at(std, step) * z, x, problem.draw(step))
+            x = jax.tree.map(lambda x, z: x + table_entry(std, step) * z, x, context.step_noise(step))
         return jax.tree.map(lambda x, x0: x.astype(x0.dtype), x, x0), memory

@@ -1,6 +1,6 @@
-"""Bounds on the estimate of x_0, static or by a quantile of each scene (Saharia et al. 2022, "dynamic thresholding").
+"""Thresholding: static or dynamic bounds on the x0 estimate (Saharia et al. 2022).
 
-Guidance, and the noise at the most noisy times, throw the estimate out of the data's range.
+Guidance and the noisiest times push the x0 estimate out of the range of the data.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from scjax.diffusion.defaults import DEFAULT_LATENT_BOUND
 from scjax.scene.per_type import PerType
-
-BOUND = 5.0  # latents are normalised: five standard deviations, as the release clips its states
 
 
 @dataclasses.dataclass(frozen=True)
 class Threshold:
-    """How estimates are bounded.
+    """Bound on x0 estimates.
 
     Attributes:
-      bound: largest absolute value of a normalised latent.
-      quantile: None clips to +-bound (static). Otherwise, where this quantile q of a scene's absolute values of a kind
-        exceeds the bound, they are clipped to +-q and multiplied by bound / q (dynamic): fewer numbers saturate.
+      bound: largest absolute value of a normalized latent [standard deviations].
+      quantile: None clips to +-bound (static thresholding). Otherwise (dynamic thresholding), let q be this quantile of
+        the absolute values of a scene and type. If q exceeds the bound, values are clipped to +-q and scaled by
+        bound / q, so that fewer values saturate.
     """
 
-    bound: float = BOUND
+    bound: float = DEFAULT_LATENT_BOUND
     quantile: float | None = None
 
     def __post_init__(self):
@@ -36,24 +36,29 @@ class Threshold:
             raise ValueError(f"Threshold.quantile must lie in (0, 1], not {self.quantile}: 0.995 is usual")
 
 
-def thresholded(x0: PerType, generated: PerType, threshold: Threshold | None) -> PerType:
-    """Bounded estimates; quantiles are of the tokens ``generated`` [B, tokens], so that padding never changes them."""
+def threshold_x0(x0: PerType, generated: PerType, threshold: Threshold | None) -> PerType:
+    """Bounded x0 estimates [B, tokens, latent] per type.
+
+    Args:
+      generated: True at generated tokens [B, tokens] per type. Quantiles use these only, so padding has no effect.
+      threshold: None returns ``x0`` unchanged.
+    """
     if threshold is None:
         return x0
 
-    def bounded(x: Array, mask: Array) -> Array:
+    def bound(x: Array, mask: Array) -> Array:
         if threshold.quantile is None:
             return jnp.clip(x, -threshold.bound, threshold.bound)
-        most = jnp.maximum(_quantile(jnp.abs(x), mask, threshold.quantile), threshold.bound)[:, None, None]
-        return jnp.clip(x, -most, most) * (threshold.bound / most)
+        limit = jnp.maximum(_masked_quantile(jnp.abs(x), mask, threshold.quantile), threshold.bound)[:, None, None]
+        return jnp.clip(x, -limit, limit) * (threshold.bound / limit)
 
-    return jax.tree.map(bounded, x0, generated)
+    return jax.tree.map(bound, x0, generated)
 
 
-def _quantile(x: Float[Array, "b n d"], mask: Bool[Array, "b n"], q: float) -> Float[Array, " b"]:
-    """The least value of a scene that a share q of its values does not exceed; 0 without any."""
-    counted = jnp.where(mask[..., None], x, jnp.inf).reshape(len(x), -1)
+def _masked_quantile(x: Float[Array, "b n d"], mask: Bool[Array, "b n"], q: float) -> Float[Array, " b"]:
+    """Smallest value of a scene that at least a share q of its values does not exceed; 0 for a scene without values."""
+    values = jnp.where(mask[..., None], x, jnp.inf).reshape(len(x), -1)
     count = mask.sum(-1) * x.shape[-1]
     rank = jnp.maximum(jnp.ceil(q * count).astype(jnp.int32) - 1, 0)
-    found = jnp.take_along_axis(jnp.sort(counted, -1), rank[:, None], -1)[:, 0]
-    return jnp.where(count > 0, found, 0)
+    quantile = jnp.take_along_axis(jnp.sort(values, -1), rank[:, None], -1)[:, 0]
+    return jnp.where(count > 0, quantile, 0)

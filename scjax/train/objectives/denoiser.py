@@ -13,9 +13,9 @@ from scjax.camera.raycast import CLASSES, GRID
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Example, batch_of, captioned, pictured, training_batches, validation_scenes
-from scjax.diffusion.energies.collision import collision_penalty, noise_weight
+from scjax.diffusion.energies.collision import collision_energy, collision_weight
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.relation_loss import connection_error, estimate_weight, offset_error
+from scjax.diffusion.relation_loss import connection_error, lateral_offset_error, relation_weight
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.compiled import decode
@@ -31,7 +31,7 @@ from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, Text
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.cross_attention import CrossAttentionOptions, from_name
 from scjax.nn.functional import Params, flatten, unflatten
-from scjax.scene import AgentType, Crop, Scene
+from scjax.scene import Crop, Scene
 from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import fit_anchors
 from scjax.train.flat_params import FlatParams
@@ -69,7 +69,7 @@ def build(config) -> Stage:
     optimizer = make_optimizer(config, packing)
     schedule = cosine_schedule()
     loss = config.loss
-    times = TimestepSampling(draw=loss.times, continuous=loss.continuous_times)
+    timestep_sampling = TimestepSampling(distribution=loss.times, continuous=loss.continuous_times)
     validation = validation_examples(config, codec)
     bucket = config.batch.buckets[-1]
     # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
@@ -106,18 +106,20 @@ def build(config) -> Stage:
         )  # fmt: skip
 
     def penalty_of(masks: PerType, scene):
-        vehicles = masks.agents & (scene.agent_types == AgentType.VEHICLE)
-
         def penalty(estimate: PerType, level):
             latents = frozen.latents.denormalize(estimate)
             made = decode(coder, coder_params, codec, latents, masks, scene.crop, scene.domain)
             total = jnp.zeros(len(scene.crop))
             if loss.collision:
-                total += loss.collision * noise_weight(level) * collision_penalty(made.agents, vehicles)
+                total += (
+                    loss.collision
+                    * collision_weight(level)
+                    * collision_energy(made.replace(agent_types=scene.agent_types))
+                )
             if loss.connections:
-                total += loss.connections * estimate_weight(level) * connection_error(made, scene)
+                total += loss.connections * relation_weight(level) * connection_error(made, scene)
             if loss.lateral_offsets:
-                total += loss.lateral_offsets * estimate_weight(level) * offset_error(made, scene)
+                total += loss.lateral_offsets * relation_weight(level) * lateral_offset_error(made, scene)
             return total
 
         return penalty if loss.collision or loss.connections or loss.lateral_offsets else None
@@ -126,7 +128,7 @@ def build(config) -> Stage:
         batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
         return training_loss(
             network, held(params, kept), schedule, batch, key, null_label=model.null_label,
-            prediction=model.prediction, times=times, label_dropout=loss.label_dropout,
+            prediction=model.prediction, timestep_sampling=timestep_sampling, label_dropout=loss.label_dropout,
             condition_dropout=loss.condition_dropout, count_known=loss.count_known,
             penalty=penalty_of(batch.masks, example.scene),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What samplers must reach: known data, the moments and the flow of normal data, their orders, their noise."""
+"""Samplers on exact denoisers: known data, moments and flow of Gaussian data, orders of convergence, noise."""
 
 from __future__ import annotations
 
@@ -18,95 +18,102 @@ from scjax.diffusion.samplers import (
     DPMSolver,
     Euler,
     Heun,
-    dpm_solver,
-    sampler_of,
-    schedule_of,
+    make_schedule,
+    resolve_sampler,
 )
 from scjax.diffusion.samplers.base import SamplingContext
+from scjax.diffusion.samplers.dpm_solver import multistep_coefficients
 from scjax.diffusion.samplers.loop import scene_noise
 from scjax.scene.per_type import PerType
 from tests.factories.sampler_oracles import (
-    CASES,
-    EVEN,
-    MOST,
-    WIDTHS,
-    drawn,
-    knowing,
-    levels_of,
-    masks,
-    network,
-    normal,
-    schedule,
+    LATENT_WIDTHS,
+    MAX_TOKENS,
+    SAMPLER_CASES,
+    UNIT_TEMPERATURE,
+    denoiser_from_x0,
+    gaussian_denoiser,
+    point_denoiser,
+    sample_case,
+    schedule_for,
+    token_masks,
+    training_levels,
 )
 
 KEYS = jax.random.split(jax.random.key(1), 400)
-FULL = masks([(7, 9)] * 400)
-FREE = {"temperature": EVEN, "clip": None}
+FULL = token_masks([(7, 9)] * 400)
+UNBOUNDED = {"temperature": UNIT_TEMPERATURE, "clip": None}
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_whoever_knows_the_data_is_led_to_it(case):
-    clean = jax.tree.map(lambda n, width: jax.random.normal(jax.random.key(n), (4, n, width)), MOST, WIDTHS)
+@pytest.mark.parametrize("case", SAMPLER_CASES)
+def test_the_exact_denoiser_of_a_point_leads_to_it(case):
+    clean = jax.tree.map(
+        lambda n, width: jax.random.normal(jax.random.key(n), (4, n, width)), MAX_TOKENS, LATENT_WIDTHS
+    )
     clean = jax.tree.map(lambda x: jnp.clip(x, -1.9, 1.9), clean)
-    found = drawn(case, knowing(clean, CASES[case][1]), KEYS[:4], masks([(7, 9)] * 4), steps=5)
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-3), found, clean)
+    denoise = point_denoiser(clean, SAMPLER_CASES[case][1])
+    samples = sample_case(case, denoise, KEYS[:4], token_masks([(7, 9)] * 4), steps=5)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-3), samples, clean)
 
 
-@pytest.mark.parametrize("case", [name for name in CASES if name != "ddpm"])  # whose deviation test_loop.py knows
-def test_normal_data_come_back_with_their_mean_and_deviation(case):
-    """26,000 numbers: their mean and deviation are known to 0.0025. First order leaves 0.02 at 60 steps."""
-    sampler, prediction = CASES[case]
+@pytest.mark.parametrize("case", [name for name in SAMPLER_CASES if name != "ddpm"])  # test_loop.py checks ddpm
+def test_gaussian_data_keep_their_mean_and_deviation(case):
+    """26,000 numbers determine mean and deviation to 0.0025. First order leaves an error of 0.02 at 60 steps."""
+    sampler, prediction = SAMPLER_CASES[case]
     if isinstance(sampler, DPMSolver | DDIM):
         sampler = dataclasses.replace(sampler, threshold=None)
-    found = drawn((sampler, prediction), normal(0.7, 0.4, prediction), KEYS, FULL, steps=60, **FREE)
-    for leaf in jax.tree.leaves(found):
-        np.testing.assert_allclose([leaf.mean(), leaf.std()], [0.7, 0.4], atol=0.015 if sampler.last < 1 else 0.03)
+    denoise = gaussian_denoiser(0.7, 0.4, prediction)
+    samples = sample_case((sampler, prediction), denoise, KEYS, FULL, steps=60, **UNBOUNDED)
+    tolerance = 0.015 if sampler.last_step < 1 else 0.03
+    for leaf in jax.tree.leaves(samples):
+        np.testing.assert_allclose([leaf.mean(), leaf.std()], [0.7, 0.4], atol=tolerance)
 
 
-def test_ddim_of_eta_one_is_ancestral_sampling():
-    """Same mean and same deviation in every step: with the same noise it is the same scene."""
-    denoise = normal(0.7, 0.4, "velocity")
-    ours, reference = (
-        drawn((sampler, "velocity"), denoise, KEYS[:4], masks([(7, 9)] * 4), steps=100)
+def test_ddim_with_eta_one_is_ancestral_sampling():
+    """Mean and deviation of every step are equal, so the same noise gives the same scene."""
+    denoise = gaussian_denoiser(0.7, 0.4, "velocity")
+    ddim, ddpm = (
+        sample_case((sampler, "velocity"), denoise, KEYS[:4], token_masks([(7, 9)] * 4), steps=100)
         for sampler in (DDIM(eta=1.0), DDPM())
     )
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=2e-4), ours, reference)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=2e-4), ddim, ddpm)
 
 
 @pytest.mark.parametrize("eta", [0.3, 1.0])
-def test_the_noise_of_ddim_is_eta_times_that_of_the_posterior(eta):
-    """From one x, with noise and without: the difference is the noise drawn; its scale is that of the posterior."""
-    levels = schedule(DDIM(), "noise", 100)
+def test_ddim_noise_is_eta_times_the_posterior_std(eta):
+    """The difference of one step with and without noise is the noise that DDIM adds."""
+    schedule = schedule_for(DDIM(), "noise", 100)
     ones = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
-    def at(number, noise):
-        step = jnp.int32(number)
-        problem = SamplingContext(
-            lambda x, step: jax.tree.map(lambda x: 0.3 * x, x), lambda step: jax.tree.map(lambda x: noise * x, ones),
-            levels, "noise", masks([(2, 2)], 2, 2),
-        )  # fmt: skip
-        return DDIM(eta).step(problem, ones, step, ())[0].lanes[0, 0, 0]
+    def step_result(step, noise):
+        context = SamplingContext(
+            denoise=lambda x, step: jax.tree.map(lambda x: 0.3 * x, x),
+            step_noise=lambda step: jax.tree.map(lambda x: noise * x, ones),
+            schedule=schedule,
+            prediction="noise",
+            generated=token_masks([(2, 2)], 2, 2),
+        )
+        return DDIM(eta).step(context, ones, jnp.int32(step), ())[0].lanes[0, 0, 0]
 
     for step in (0, 1, 50, 99):
-        found = at(step, 1.0) - at(step, 0.0)
-        np.testing.assert_allclose(found, eta * posterior_std(levels, jnp.array([step]))[0], rtol=1e-4, atol=1e-6)
+        noise = step_result(step, 1.0) - step_result(step, 0.0)
+        np.testing.assert_allclose(noise, eta * posterior_std(schedule, jnp.array([step]))[0], rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("case", ["ddim", "dpm++", "dpm++, flow", "euler", "heun"])
-def test_deterministic_samplers_draw_no_noise_after_the_start(case):
-    sampler, prediction = CASES[case]
-    denoise = normal(0.7, 0.4, prediction)
+def test_deterministic_samplers_add_no_noise(case):
+    sampler, prediction = SAMPLER_CASES[case]
+    denoise = gaussian_denoiser(0.7, 0.4, prediction)
     x = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
     def refuse(step):
         raise AssertionError("noise was drawn")
 
-    levels = schedule(sampler, prediction, 10)
+    schedule = schedule_for(sampler, prediction, 10)
+    time = jnp.asarray(schedule.levels.time[5:6])
     everything = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), x)
-    time = levels.levels.time[5:6]
-    problem = SamplingContext(lambda x, step: denoise(x, jnp.asarray(time)), refuse, levels, prediction, everything)
-    found, _ = sampler.step(problem, x, jnp.int32(5), sampler.begin(x))
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+    context = SamplingContext(lambda x, step: denoise(x, time), refuse, schedule, prediction, everything)
+    result, _ = sampler.step(context, x, jnp.int32(5), sampler.init_memory(x))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(result))
 
 
 @pytest.mark.parametrize(
@@ -119,87 +126,107 @@ def test_deterministic_samplers_draw_no_noise_after_the_start(case):
         (Heun(), "flow", 1.5, (25, 100), 2),
     ],
 )
-def test_the_order_of_convergence(sampler, prediction, std, steps, order):
-    """The probability flow of normal data takes x to mean + std (x - signal mean) / deviation of x, exactly."""
+def test_order_of_convergence(sampler, prediction, std, steps, order):
+    """The exact probability flow of Gaussian data maps x to mean + std (x - alpha mean) / deviation of x."""
     mean, total = 0.7, 3200
-    last = levels_of(prediction, total)[jnp.array(total - 1)]
-    denoise, errors = normal(mean, std, prediction, total), []
+    noisiest = training_levels(prediction, total)[jnp.array(total - 1)]
+    denoise, errors = gaussian_denoiser(mean, std, prediction, total), []
+    deviation = np.sqrt(noisiest.alpha**2 * std**2 + noisiest.sigma**2)
+    masks = token_masks([(7, 9)] * 20)
     for count in steps:
-        like = jax.tree.map(lambda n, width: jnp.zeros((20, n, width)), MOST, WIDTHS)
-        start = scene_noise(KEYS[:20], max(count, 100), like, MOST)
-        spread = np.sqrt(last.signal**2 * std**2 + last.noise**2)
-        exact = jax.tree.map(lambda x, s=spread: mean + std * (x - last.signal * mean) / s, start)
-        found = drawn((sampler, prediction), denoise, KEYS[:20], masks([(7, 9)] * 20), count, total, **FREE)
-        errors.append(np.sqrt(np.mean(np.square(found.lanes - exact.lanes))))
+        like = jax.tree.map(lambda n, width: jnp.zeros((20, n, width)), MAX_TOKENS, LATENT_WIDTHS)
+        start = scene_noise(KEYS[:20], max(count, 100), like, MAX_TOKENS)
+        exact = jax.tree.map(lambda x: mean + std * (x - noisiest.alpha * mean) / deviation, start)
+        samples = sample_case((sampler, prediction), denoise, KEYS[:20], masks, count, total, **UNBOUNDED)
+        errors.append(np.sqrt(np.mean(np.square(samples.lanes - exact.lanes))))
     assert abs(np.log2(errors[0] / errors[1]) / 2 - order) < 0.25, errors
 
 
-def test_the_first_and_the_last_step_of_dpm_solver_are_of_first_order():
-    for prediction in ("velocity", "flow"):
-        levels = schedule(DPMSolver(), prediction, 8).levels
-        kept, new, further = dpm_solver.coefficients(levels)
-        assert further[0] == further[-1] == 0 and (further[1:-2] > 0).all() and (kept[0], new[0]) == (0, 1)
-        signal, noise, signal_after, noise_after = levels.host()  # any x_0 and eps stay on their path
-        np.testing.assert_allclose(kept * signal + new, signal_after, atol=1e-12)
-        np.testing.assert_allclose(kept * noise, noise_after, atol=1e-12)
+@pytest.mark.parametrize("prediction", ["velocity", "flow"])
+def test_dpm_solver_starts_and_ends_with_first_order(prediction):
+    levels = schedule_for(DPMSolver(), prediction, 8).levels
+    coefficients = multistep_coefficients(levels)
+    difference = coefficients.difference
+    assert difference[0] == difference[-1] == 0 and (difference[1:-2] > 0).all()
+    assert (coefficients.x[0], coefficients.x0[0]) == (0, 1)
+
+
+@pytest.mark.parametrize("prediction", ["velocity", "flow"])
+def test_dpm_solver_keeps_any_x0_and_noise_on_their_path(prediction):
+    levels = schedule_for(DPMSolver(), prediction, 8).levels
+    coefficients, transitions = multistep_coefficients(levels), levels.transitions()
+    next_alpha = coefficients.x * transitions.alpha + coefficients.x0
+    np.testing.assert_allclose(next_alpha, transitions.next_alpha, atol=1e-12)
+    np.testing.assert_allclose(coefficients.x * transitions.sigma, transitions.next_sigma, atol=1e-12)
 
 
 @pytest.mark.parametrize("case", ["ddim", "dpm++", "ddpm"])
-def test_an_error_of_the_noise_at_the_last_time_does_no_harm(case):
-    """There abar is 2.4e-7: dividing by its root makes an error of 0.01 one of 20, and moves the mean by 0.7."""
-    exact, sampler = normal(0.3, 0.5, "noise"), CASES[case][0]
+def test_noise_errors_at_the_last_timestep_do_no_harm(case):
+    """There alphas_cumprod is 2.4e-7: dividing by its root turns an error of 0.01 into 20 and moves the mean by 0.7."""
+    exact, sampler = gaussian_denoiser(0.3, 0.5, "noise"), SAMPLER_CASES[case][0]
 
-    def off(z, t):
+    def inexact(z, t):
         return jax.tree.map(lambda x: x + 0.01, exact(z, t))
 
-    few = {"keys": KEYS[:20], "mask": masks([(7, 9)] * 20), "steps": 4}
-    found, wanted = (drawn((sampler, "noise"), denoise, **few) for denoise in (off, exact))
-    assert float(jnp.abs(found.lanes - wanted.lanes).max()) < 0.1
-    np.testing.assert_allclose([found.lanes.mean(), wanted.lanes.mean()], 0.3, atol=0.1)
-    times = schedule(sampler, "noise", 4).timesteps
-    assert times[-1] == 97 and schedule(sampler, "velocity", 4).timesteps[-1] == 99
+    options = {"keys": KEYS[:20], "masks": token_masks([(7, 9)] * 20), "steps": 4}
+    shifted, reference = (sample_case((sampler, "noise"), denoise, **options) for denoise in (inexact, exact))
+    assert float(jnp.abs(shifted.lanes - reference.lanes).max()) < 0.1
+    np.testing.assert_allclose([shifted.lanes.mean(), reference.lanes.mean()], 0.3, atol=0.1)
+    timesteps = schedule_for(sampler, "noise", 4).timesteps
+    assert timesteps[-1] == 97 and schedule_for(sampler, "velocity", 4).timesteps[-1] == 99
 
 
 def test_half_a_last_step_suits_second_order():
-    """Normal data of deviation 0.4 in 10 steps, against a last step as long as the others."""
+    """Gaussian data of deviation 0.4 in 10 steps, against a last step as long as the others."""
+
+    class FullLastStep(DPMSolver):
+        last_step = 1.0
+
     errors = []
-    for last in (DPMSolver.last, 1.0):
-
-        class Shifted(DPMSolver):
-            pass
-
-        Shifted.last = last
-        found = drawn((Shifted(None), "velocity"), normal(0.7, 0.4, "velocity"), KEYS, FULL, steps=10, **FREE)
-        errors.append(abs(float(found.lanes.std()) - 0.4))
+    for sampler in (DPMSolver(None), FullLastStep(None)):
+        denoise = gaussian_denoiser(0.7, 0.4, "velocity")
+        samples = sample_case((sampler, "velocity"), denoise, KEYS, FULL, steps=10, **UNBOUNDED)
+        errors.append(abs(float(samples.lanes.std()) - 0.4))
     assert errors[0] < 0.7 * errors[1], errors
 
 
-def test_samplers_are_chosen_by_name_and_refused_with_those_that_fit():
-    assert sampler_of(None, "velocity") == DDPM() and sampler_of(None, "flow") == Heun()
-    assert sampler_of("dpm++", "flow") == DPMSolver() and sampler_of(DDIM(eta=1.0), "noise").eta == 1
-    with pytest.raises(ValueError, match=r"no sampler 'magic': choose one of ddpm, ddim, dpm\+\+$"):
-        sampler_of("magic", "noise")
-    with pytest.raises(ValueError, match=r"'ddim' is for .* noise or velocity.*choose one of dpm\+\+, euler, heun"):
-        sampler_of(DDIM(), "flow")
-    with pytest.raises(ValueError, match=r"'heun' .* this model's estimates velocity: choose one of ddpm, ddim, dpm"):
-        sampler_of("heun", "velocity")
+def test_samplers_are_resolved_by_name_or_default():
+    assert resolve_sampler(None, "velocity") == DDPM() and resolve_sampler(None, "flow") == Heun()
+    assert resolve_sampler("dpm++", "flow") == DPMSolver() and resolve_sampler(DDIM(eta=1.0), "noise").eta == 1
+
+
+@pytest.mark.parametrize(
+    ("sampler", "prediction", "message"),
+    [
+        ("magic", "noise", r"no sampler 'magic': choose one of ddpm, ddim, dpm\+\+$"),
+        (DDIM(), "flow", r"'ddim' is for .* noise or velocity.*choose one of dpm\+\+, euler, heun"),
+        ("heun", "velocity", r"'heun' .* this model's estimates velocity: choose one of ddpm, ddim, dpm"),
+    ],
+)
+def test_unsuitable_samplers_are_refused(sampler, prediction, message):
+    with pytest.raises(ValueError, match=message):
+        resolve_sampler(sampler, prediction)
+
+
+def test_ddim_refuses_eta_above_one():
     with pytest.raises(ValueError, match="eta"):
         DDIM(eta=1.5)
 
 
-def test_networks_disagree_where_they_should():
-    """The oracles are no tautology: a wrong one leads elsewhere."""
-    wrong = network(lambda signal, noise, x, name: 0 * x - 1.0, "flow")
-    found = drawn("heun", wrong, KEYS[:2], masks([(7, 9)] * 2), steps=5)
-    np.testing.assert_allclose(found.lanes, -1.0, atol=1e-4)
+def test_a_wrong_denoiser_leads_elsewhere():
+    """The exact denoisers of these tests are no tautology."""
+    wrong = denoiser_from_x0(lambda alpha, sigma, x, name: 0 * x - 1.0, "flow")
+    samples = sample_case("heun", wrong, KEYS[:2], token_masks([(7, 9)] * 2), steps=5)
+    np.testing.assert_allclose(samples.lanes, -1.0, atol=1e-4)
 
 
-def test_every_sampler_that_fits_a_prediction_has_a_number_of_steps():
-    assert {name: set(steps) for name, steps in DEFAULT_STEPS.items()} == {
-        prediction: {name for name, one in SAMPLERS.items() if prediction in one.predictions}
-        for prediction in DEFAULT_STEPS
+def test_every_sampler_has_default_steps_for_its_predictions():
+    assert {prediction: set(steps) for prediction, steps in DEFAULT_STEPS.items()} == {
+        "noise": {"ddpm", "ddim", "dpm++"},
+        "velocity": {"ddpm", "ddim", "dpm++"},
+        "flow": {"dpm++", "euler", "heun"},
     }
     for prediction, steps in DEFAULT_STEPS.items():
         for name, count in steps.items():
-            assert schedule_of(SAMPLERS[name], prediction).steps == count
-    assert DEFAULT_STEPS["noise"]["ddpm"] == 100  # what the release does
+            assert make_schedule(SAMPLERS[name], prediction).steps == count
+    assert DEFAULT_STEPS["noise"]["ddpm"] == 100  # as in the official release
