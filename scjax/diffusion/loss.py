@@ -131,7 +131,7 @@ def training_loss(
 
     Returns:
       The loss, and batch means of its terms: agent, lane, total, and penalty if there is one. Losses of the cross
-      attention itself are added to the loss and reported as ``control``.
+      attention itself are added to the loss and reported as ``cross_attention``.
     """
     key_level, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
@@ -167,8 +167,8 @@ def training_loss(
     means = {name: term.mean() for name, term in terms.items()}
     aux_losses = [outputs.loss for outputs in aux.values() if outputs.loss is not None]
     if aux_losses:
-        means["control"] = jnp.stack(aux_losses).sum()
-        loss = loss + means["control"]
+        means["cross_attention"] = jnp.stack(aux_losses).sum()
+        loss = loss + means["cross_attention"]
     return loss, means
 
 
