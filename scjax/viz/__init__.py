@@ -1,7 +1,7 @@
-"""Pictures of scenes. Needs matplotlib (``pip install scjax[viz]``), which is only imported with this package."""
+"""Figures of scenes. Needs matplotlib (``pip install scjax[viz]``), which is imported with this package only."""
 
 from scjax.viz.bev import plot_scene
-from scjax.viz.camera_view import ahead
+from scjax.viz.camera_view import camera_view_grid
 from scjax.viz.grid import grid
 
-__all__ = ["ahead", "grid", "plot_scene"]
+__all__ = ["camera_view_grid", "grid", "plot_scene"]

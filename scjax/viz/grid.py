@@ -1,4 +1,4 @@
-"""Many scenes in one picture."""
+"""Many scenes in one figure, and atomic figure files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from scjax.scene import Scene, Signal
 from scjax.scene.per_type import PerType
-from scjax.viz.bev import AGENT_COLOURS, EGO, INK, SIGNAL_COLOURS, plot_scene
+from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS, plot_scene
 
 _CELL = 2.6  # inches
 
@@ -29,19 +29,22 @@ def grid(
     path: str | Path | None = None,
     dpi: int = 130,
 ) -> Figure:
-    """Scenes side by side, row by row, in the colours of ``plot_scene`` with one legend.
+    """Scenes side by side, row by row, in the colors of ``plot_scene`` with one legend.
 
     Args:
       scenes: a batch [n], or single scenes.
-      columns: pictures a row; about a square if None.
-      titles: one per scene, of one line or several.
-      known: as in ``plot_scene``: one pair of masks a scene, or a batch of them.
+      columns: scenes per row; None: about a square.
+      titles: one per scene, with one or more lines.
+      known: as in ``plot_scene``: one pair of masks per scene, or a batch of them.
       speeds: as in ``plot_scene``.
-      path: where to write a PNG as well (to a temporary name first, then renamed).
+      path: PNG or SVG file to write as well (``save_figure``).
       dpi: resolution of that file.
 
+    Returns:
+      The figure.
+
     Raises:
-      ValueError: on no scenes, or as many titles or masks as there are not scenes.
+      ValueError: on no scenes, or if the number of titles or masks differs from the number of scenes.
     """
     if isinstance(scenes, Scene):
         if len(scenes.batch_shape) > 1:
@@ -57,17 +60,27 @@ def grid(
             raise ValueError(f"{len(items)} {name} for {len(scenes)} scenes: give one each, or None")
     columns = columns or math.ceil(math.sqrt(len(scenes)))
     rows = math.ceil(len(scenes) / columns)
-    line = 0.2 * max((title.count("\n") + 1 for title in titles), default=0) if titles is not None else 0.0  # inches
-    figure = Figure(figsize=(columns * _CELL, rows * (_CELL + line) + 0.3), facecolor="white")
+    title_height = (
+        0.2 * max((title.count("\n") + 1 for title in titles), default=0) if titles is not None else 0.0
+    )  # inches
+    figure = Figure(figsize=(columns * _CELL, rows * (_CELL + title_height) + 0.3), facecolor="white")
     FigureCanvasAgg(figure)
     width, height = figure.get_size_inches()
     margin = 0.04
     for k, scene in enumerate(scenes):
-        left, top = (k % columns) * _CELL + margin, height - (k // columns) * (_CELL + line) - line - margin
+        left, top = (
+            (k % columns) * _CELL + margin,
+            height - (k // columns) * (_CELL + title_height) - title_height - margin,
+        )
         edge = _CELL - 2 * margin
         ax = figure.add_axes((left / width, (top - edge) / height, edge / width, edge / height))
-        plot_scene(scene, ax=ax, title=None if titles is None else titles[k], known=None if known is None else known[k],
-             speeds=speeds)  # fmt: skip
+        plot_scene(
+            scene,
+            ax=ax,
+            title=None if titles is None else titles[k],
+            known=None if known is None else known[k],
+            speeds=speeds,
+        )
         ax.set(xlabel="", ylabel="", xticklabels=[], yticklabels=[])
     _legend(figure, scenes)
     if path is not None:
@@ -76,7 +89,7 @@ def grid(
 
 
 def save_figure(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
-    """Writes a PNG, or an SVG by its ending, to a temporary name, then renames it: readers never see half a picture."""
+    """Writes a PNG, or an SVG if ``path`` ends in .svg. The file appears complete or not at all."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -85,15 +98,22 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
 
 
 def _legend(figure: Figure, scenes: Sequence[Scene]) -> None:
-    """Ego, the agent classes and, where any lane is lit, the signal states that occur in the pictures."""
+    """Legend of the ego, the agent types and, if any lane has a signal, the signal states that occur."""
     types = {int(t) for scene in scenes for t in set(scene.agent_types[scene.agent_mask].tolist())}
     signals = {int(s) for scene in scenes for s in set(scene.signals[scene.lane_mask].tolist())}
     handles: list = [Patch(color=EGO, label="ego")]
-    handles += [Patch(color=c, label=t.name.lower()) for t, c in AGENT_COLOURS.items() if t in types]
+    handles += [Patch(color=c, label=t.name.lower()) for t, c in AGENT_COLORS.items() if t in types]
     if signals - {Signal.UNKNOWN}:
-        handles += [Line2D([], [], color=c, label=s.name.lower()) for s, c in SIGNAL_COLOURS.items() if s in signals]
+        handles += [Line2D([], [], color=c, label=s.name.lower()) for s, c in SIGNAL_COLORS.items() if s in signals]
     height = figure.get_size_inches()[1]
     figure.legend(
-        handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=7, labelcolor=INK,
-        bbox_to_anchor=(0.5, -0.02 / height), handlelength=1.2, columnspacing=1.2,
-    )  # fmt: skip
+        handles=handles,
+        loc="lower center",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=7,
+        labelcolor=INK,
+        bbox_to_anchor=(0.5, -0.02 / height),
+        handlelength=1.2,
+        columnspacing=1.2,
+    )

@@ -8,7 +8,7 @@ import pytest
 from scjax.camera.raycast import CLASSES, EYE, FAR, GRID, GROUND, LANE, NOTHING, RAYS, View, look, stand_in
 from scjax.camera.raycast import _rays as rays
 from scjax.scene import AgentType, Crop, Scene, empty, pad, permute
-from scjax.viz import camera_view as ahead
+from scjax.viz import camera_view_grid
 from tests.factories.examples import example_scene
 
 VEHICLE, PEDESTRIAN = int(AgentType.VEHICLE), int(AgentType.PEDESTRIAN)
@@ -158,7 +158,7 @@ def test_what_is_no_single_scene_ahead_is_refused():
 
 
 def test_a_picture_shows_them_beside_their_scenes(tmp_path):
-    figure = ahead([wall(10.0), world()], path=tmp_path / "ahead.png")
+    figure = camera_view_grid([wall(10.0), world()], path=tmp_path / "ahead.png")
     assert len(figure.axes) == 8 and (tmp_path / "ahead.png").stat().st_size > 10_000
     with pytest.raises(ValueError, match="no scenes"):
-        ahead([])
+        camera_view_grid([])

@@ -1,4 +1,4 @@
-"""Pictures: what is drawn where and in which colour, read off the artists, not off pixels."""
+"""Figures: positions and colors of what is drawn, read from the matplotlib artists instead of pixels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 from scjax import viz
 from scjax.scene import AgentType, Crop, Link, Scene, Signal, empty
 from scjax.scene.per_type import PerType
-from scjax.viz.bev import AGENT_COLOURS, EGO, GIVEN_ROAD, ROAD, SIGNAL_COLOURS
+from scjax.viz.bev import AGENT_COLORS, EGO, KNOWN_ROAD, ROAD, SIGNAL_COLORS
 from tests.factories.examples import example_batch, example_scene
 
 
@@ -35,27 +35,27 @@ def _scene() -> Scene:
 
 
 def _artist(ax, gid):
-    found = [artist for artist in ax.collections if artist.get_gid() == gid]
-    assert len(found) == 1, gid
-    return found[0]
+    artists = [artist for artist in ax.collections if artist.get_gid() == gid]
+    assert len(artists) == 1, gid
+    return artists[0]
 
 
 def _lines(ax, gid) -> list[np.ndarray]:
     return [path.vertices for path in _artist(ax, gid).get_paths()]
 
 
-def _colours(ax, gid) -> list[str]:
+def _colors(ax, gid) -> list[str]:
     artist = _artist(ax, gid)
-    return [to_hex(colour) for colour in (artist.get_edgecolor() if gid == "lanes" else artist.get_facecolor())]
+    return [to_hex(color) for color in (artist.get_edgecolor() if gid == "lanes" else artist.get_facecolor())]
 
 
-def test_lanes_colours_and_joints():
+def test_lanes_have_signal_colors_and_connections():
     ax = viz.plot_scene(_scene(), title="two lanes")
-    drawn = dict(zip(_colours(ax, "lanes"), _lines(ax, "lanes"), strict=True))
-    np.testing.assert_allclose(drawn[SIGNAL_COLOURS[Signal.STOP]][[0, -1]], [[1, 0], [21, 0]])
-    np.testing.assert_allclose(drawn[SIGNAL_COLOURS[Signal.UNKNOWN]][[0, -1]], [[-20, 0], [0, 0]])
-    (joint,) = _lines(ax, "joints")
-    np.testing.assert_allclose(joint, [[0, 0], [1, 0]])
+    drawn = dict(zip(_colors(ax, "lanes"), _lines(ax, "lanes"), strict=True))
+    np.testing.assert_allclose(drawn[SIGNAL_COLORS[Signal.STOP]][[0, -1]], [[1, 0], [21, 0]])
+    np.testing.assert_allclose(drawn[SIGNAL_COLORS[Signal.UNKNOWN]][[0, -1]], [[-20, 0], [0, 0]])
+    (connection,) = _lines(ax, "connections")
+    np.testing.assert_allclose(connection, [[0, 0], [1, 0]])
     assert len(_artist(ax, "roads").get_paths()) == 2 and ax.get_title() == "two lanes"
 
 
@@ -68,10 +68,10 @@ def test_chevrons_point_in_driving_direction():
     assert all(tip > 0.5 for tip in tips[:2]) and all(tip < -0.5 for tip in tips[2:])
 
 
-def test_boxes_and_headings():
+def test_boxes_have_type_colors_and_headings():
     ax = viz.plot_scene(_scene())
-    boxes, colours = _lines(ax, "agents"), _colours(ax, "agents")
-    assert colours == [AGENT_COLOURS[AgentType.STATIC], AGENT_COLOURS[AgentType.PEDESTRIAN], EGO]
+    boxes, colors = _lines(ax, "agents"), _colors(ax, "agents")
+    assert colors == [AGENT_COLORS[AgentType.STATIC], AGENT_COLORS[AgentType.PEDESTRIAN], EGO]
     np.testing.assert_allclose([boxes[2].min(0), boxes[2].max(0)], [[-2, -1], [2, 1]])
     # The pedestrian faces left: its length lies along y.
     np.testing.assert_allclose([boxes[1].min(0), boxes[1].max(0)], [[9.6, -0.5], [10.4, 0.5]], atol=1e-6)
@@ -87,13 +87,13 @@ def test_speeds_reach_one_second_ahead_of_the_nose():
 
 
 @pytest.mark.parametrize(("crop", "x_limits"), [(Crop.CENTERED, (-32, 32)), (Crop.FORWARD, (0, 64))])
-def test_window_and_aspect(crop, x_limits):
+def test_limits_and_aspect(crop, x_limits):
     ax = viz.plot_scene(_scene().replace(crop=np.asarray(crop, np.int32)))
     assert ax.get_xlim() == x_limits and ax.get_ylim() == (-32, 32)
     assert ax.get_aspect() == 1 and "m" in ax.get_xlabel()
 
 
-def test_partitioned_scenes_show_the_cut():
+def test_partitioned_scenes_show_the_partition_line():
     def cuts(crop):
         ax = viz.plot_scene(_scene().replace(crop=np.asarray(crop, np.int32)))
         return [line for line in ax.lines if list(line.get_xdata()) == [0, 0]]
@@ -101,27 +101,30 @@ def test_partitioned_scenes_show_the_cut():
     assert len(cuts(Crop.PARTITIONED)) == 1 and not cuts(Crop.CENTERED)
 
 
-def test_given_elements_are_marked():
+def test_known_elements_are_marked():
     scene = _scene()
     known = PerType(agents=np.array([True, *[False] * 4]), lanes=np.array([False, True, False, False]))
     ax = viz.plot_scene(scene, known=known)
-    assert _colours(ax, "roads") == [ROAD, GIVEN_ROAD]
-    (box,) = _lines(ax, "given")
+    assert _colors(ax, "roads") == [ROAD, KNOWN_ROAD]
+    (box,) = _lines(ax, "known")
     np.testing.assert_allclose(box.max(0), [2, 1])
 
 
-def test_jax_arrays_empty_scenes_and_a_given_axes():
+def test_jax_arrays_and_existing_axes_are_accepted():
     ax = viz.plot_scene(jax.tree.map(jax.numpy.asarray, example_scene()))
     assert viz.plot_scene(empty(2, 3), ax=ax) is ax
+
+
+def test_empty_scenes_draw_nothing():
     assert not viz.plot_scene(empty(0, 0)).collections
 
 
-def test_batches_are_refused_by_plot():
+def test_batches_are_refused():
     with pytest.raises(ValueError, match="index it"):
         viz.plot_scene(example_batch(2))
 
 
-def test_grid_writes_a_picture_and_nothing_else(tmp_path):
+def test_grid_writes_one_file_with_titles_and_legend(tmp_path):
     path = tmp_path / "new" / "grid.png"
     figure = viz.grid(example_batch(5), columns=3, titles=[f"scene {k}" for k in range(5)], path=path, dpi=40)
     assert [p.name for p in path.parent.iterdir()] == ["grid.png"]
@@ -132,7 +135,7 @@ def test_grid_writes_a_picture_and_nothing_else(tmp_path):
     assert labels[0] == "ego" and "stop" in labels
 
 
-def test_grid_takes_lists_and_masks_and_fills_rows():
+def test_grid_fills_rows_from_lists_and_masks():
     scenes = [_scene(), example_scene(), _scene()]
     masks = [PerType(agents=s.agent_mask, lanes=s.lane_mask) for s in scenes]
     figure = viz.grid(scenes, known=masks)
@@ -149,22 +152,22 @@ def test_grid_takes_lists_and_masks_and_fills_rows():
         ([_scene()], {"known": []}, "0 known for 1 scenes"),
     ],
 )
-def test_grid_complaints(scenes, options, message):
+def test_grid_refuses_wrong_numbers(scenes, options, message):
     with pytest.raises(ValueError, match=message):
         viz.grid(scenes, **options)
 
 
-def test_pictures_are_drawn_in_threads():
-    done = []
-    threads = [threading.Thread(target=lambda: done.append(viz.grid([_scene()]))) for _ in range(2)]
+def test_figures_are_drawn_in_threads():
+    figures = []
+    threads = [threading.Thread(target=lambda: figures.append(viz.grid([_scene()]))) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(done) == 2
+    assert len(figures) == 2
 
 
-def test_importing_scjax_does_not_import_matplotlib_and_viz_not_pyplot():
+def test_scjax_imports_no_matplotlib_and_viz_no_pyplot():
     check = "import sys, scjax, scjax.scene; assert 'matplotlib' not in sys.modules; import scjax.viz;"
     check += "assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", check], check=True)
