@@ -27,8 +27,7 @@ import numpy as np
 from flax import nnx
 
 from benchmarks import workload
-from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions, build, from_name
-from scjax.nn.cross_attention.flops import control_work
+from scjax.nn.cross_attention import ContextSpec, CrossAttentionOptions, build_cross_attention, from_name
 from scjax.nn.functional import Functional, Params, functional
 
 WARM, LEAST, ENOUGH = 3, 20, 2.0  # runs before timing, timed runs at least, seconds after which fewer suffice
@@ -85,8 +84,7 @@ VARIANTS: dict[str, Callable[[int], CrossAttentionOptions]] = {
     "linear": _fixed("linear"),
     "agent": _fixed("agent"),
     "agent, learned": _fixed("agent", pooling="learned"),
-    "saap": _sparse("saap", form="gather"),
-    "saap, dense-masked": _sparse("saap"),
+    "saap": _sparse("saap"),
     "windowed": _fixed("windowed", window=64, form="gather"),
     "windowed, dense-masked": _fixed("windowed", window=64),
     "deformable": _fixed("deformable"),
@@ -109,7 +107,7 @@ def network(point: Point) -> Functional:
     """The mechanism; for the core, with queries and results that go through no projection."""
 
     def make(init):
-        made = build(VARIANTS[point.variant](point.m), point.d, point.heads, point.spec, init=init)
+        made = build_cross_attention(VARIANTS[point.variant](point.m), point.d, point.heads, point.spec, init=init)
         if point.stage == "core":
             assert made is not None
             for name in ("q", "out", "latent_out"):
@@ -156,7 +154,7 @@ def program(point: Point) -> tuple[Callable[..., Any], tuple]:
 def closed_form(point: Point) -> float:
     """FLOPs of the stage; forward and backward together count three times the forward."""
     options = VARIANTS[point.variant](point.m)
-    work = control_work(options, point.d, point.heads, point.spec, point.n, point.m)
+    work = options.work(point.d, point.heads, point.spec, point.n, point.m)
     macs = work.attend + (work.encode if point.stage == "module" else 0)
     if point.stage == "core":
         macs -= _LEFT_OUT.get(point.variant, 2) * point.n * point.d**2

@@ -8,7 +8,6 @@ from __future__ import annotations
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.nn.cross_attention import NoOptions
-from scjax.nn.cross_attention.flops import control_work
 
 
 def autoencoder_forward(config: AutoencoderConfig, lanes: int, agents: int) -> float:
@@ -52,7 +51,7 @@ def denoiser_forward(config: DenoiserConfig, lanes: int, agents: int, context: i
     def cross(width: int, heads: int, targets: int) -> float:
         if not context or isinstance(config.cross_attention, NoOptions):
             return 0
-        work = control_work(config.cross_attention, width, heads, config.context_spec, targets, context)
+        work = config.cross_attention.work(width, heads, config.context_spec, targets, context)
         return 3 * width**2 + work.attend + (0 if cached else work.encode)
 
     def stage(width: int, heads: int, targets: int, sources: int) -> float:

@@ -33,7 +33,6 @@ from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.models.denoiser.config import ImageCondition
 from scjax.nn.cross_attention import OPTIONS, ContextSpec, from_name
-from scjax.nn.cross_attention.flops import control_work
 from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
 from tests.factories.worlds import AUTOENCODER, DENOISER, tiny_model
@@ -138,7 +137,7 @@ def test_every_entry_has_options_that_its_mechanism_takes(kind):
     work = {}
     for name in names:
         options = from_name(ENTRIES[name].cross_attention, **ENTRIES[name].options_of(kind))
-        work[name] = control_work(options, 128, 4, crop, 26, 40 if kind == "text" else 392)
+        work[name] = options.work(128, 4, crop, 26, 40 if kind == "text" else 392)
     assert work["windowed"].attend < work["full"].attend
     if kind == "text":
         projections = 2 * 26 * 128 * 128

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.nn.cross_attention import ContextSpec, build, from_name
+from scjax.nn.cross_attention import ContextSpec, build_cross_attention, from_name
 from scjax.nn.functional import functional
 from tests.factories import golden
 
@@ -31,7 +31,7 @@ CASES = {
     "agent set": (from_name("agent", tokens=3, pooling="set"), TEXT),
     "agent bias": (from_name("agent", tokens=3, grid_bias=True), IMAGE),
     "saap": (from_name("saap", **_SAAP), TEXT),
-    "saap joint": (from_name("saap", mode="joint", form="gather", capacity=KEYS, **_SAAP), TEXT),
+    "saap joint": (from_name("saap", mode="joint", **_SAAP), TEXT),
     "windowed": (from_name("windowed", window=2), TEXT),
     "windowed image": (from_name("windowed", window=1), IMAGE),
     "windowed fa2": (from_name("windowed", window=2, alignment="fa2", form="gather"), TEXT),
@@ -46,7 +46,7 @@ CASES = {
 @functools.lru_cache
 def module(options, spec=TEXT, width=WIDTH, heads=HEADS, compute="float32"):
     """The mechanism as pure functions."""
-    return functional(lambda init: build(options, width, heads, spec, init=init, compute=compute))
+    return functional(lambda init: build_cross_attention(options, width, heads, spec, init=init, compute=compute))
 
 
 @functools.lru_cache
@@ -61,10 +61,10 @@ def params_of(options, spec=TEXT, width=WIDTH, heads=HEADS):
 
 def apply(options, params, x, x_mask, context, mask, spec=TEXT, heads=HEADS, compute="float32"):
     """y and aux: attend after encode."""
-    made = module(options, spec, x.shape[-1], heads, compute)
+    network = module(options, spec, x.shape[-1], heads, compute)
     params, x, x_mask, context, mask = jax.tree.map(jnp.asarray, (params, x, x_mask, context, mask))
-    cache = made.apply(params, context, mask, method="encode")
-    return made.apply(params, x, x_mask, cache, method="attend")
+    cache = network.apply(params, context, mask, method="encode")
+    return network.apply(params, x, x_mask, cache, method="attend")
 
 
 @functools.lru_cache
@@ -80,11 +80,11 @@ def call(options, *arguments, **choices):
 @functools.cache
 def _program(case: str):
     options, spec = CASES[case]
-    made = module(options, spec)
+    network = module(options, spec)
 
     def loss(params, x, context, x_mask, mask):
-        cache = made.apply(params, context, mask, method="encode")
-        y, aux = made.apply(params, x, x_mask, cache, method="attend")
+        cache = network.apply(params, context, mask, method="encode")
+        y, aux = network.apply(params, x, x_mask, cache, method="attend")
         weight = jnp.cos(jnp.arange(WIDTH, dtype=y.dtype))[None, None]
         return (jnp.sin(y) * weight).sum(), (y, aux)
 
@@ -108,6 +108,15 @@ def scenes(spec=TEXT, seed=0):
     mask = np.concatenate([cells] * parts, 1)
     x, context = (rng.normal(size=(2, size, WIDTH)) for size in (QUERIES, KEYS))
     return np.where(x_mask[..., None], x, 0), x_mask, np.where(mask[..., None], context, 0), mask
+
+
+def clustered_tokens(seed, scenes, tokens):
+    """Tokens [scenes, tokens, WIDTH] around four directions."""
+    rng = np.random.default_rng(seed)
+    centres = 4 * np.linalg.qr(rng.normal(size=(WIDTH, 4)))[0].T
+    return (centres[rng.integers(4, size=(scenes, tokens))] + 0.1 * rng.normal(size=(scenes, tokens, WIDTH))).astype(
+        np.float32
+    )
 
 
 def moved(array, mask, new_mask, fill):

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention import AuxOutputs, ContextSpec, CrossAttentionOptions, NoOptions, build
+from scjax.nn.cross_attention import AuxOutputs, ContextSpec, CrossAttentionOptions, NoOptions, build_cross_attention
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, standardise
 from scjax.scene.pytree import pytree
@@ -61,7 +61,9 @@ class Stage(nnx.Module):
         cross_adaln = cross = None
         if cross_attention is not None and not isinstance(cross_attention, NoOptions):
             cross_adaln = linear(width, 3 * width, _ZERO if cross_adaln_init == "zero" else None)
-            cross = build(cross_attention, width, heads, spec or ContextSpec(), init=init, compute=compute)
+            cross = build_cross_attention(
+                cross_attention, width, heads, spec or ContextSpec(), init=init, compute=compute
+            )
         self.cross_adaln, self.cross = cross_adaln, cross
         self.heads, self.cross_attention = heads, cross_attention
 

@@ -12,10 +12,10 @@ def unit(x: Float[Array, "*b d"]) -> Float[Array, "*b d"]:
     return x * jax.lax.rsqrt(jnp.square(x).sum(-1, keepdims=True) + 1e-12)
 
 
-def nearest(x: Float[Array, "b h m d"], centres: Float[Array, "#b h c d"]) -> Int[Array, "b h m"]:
-    """Index of the centre in the most similar direction, the first of equals."""
-    centres = jnp.broadcast_to(unit(centres), (len(x), *centres.shape[1:]))
-    return (x @ centres.swapaxes(2, 3)).argmax(-1).astype(jnp.int32)
+def nearest(x: Float[Array, "b h m d"], centers: Float[Array, "#b h c d"]) -> Int[Array, "b h m"]:
+    """Index of the center in the most similar direction, the first of equals."""
+    centers = jnp.broadcast_to(unit(centers), (len(x), *centers.shape[1:]))
+    return (x @ centers.swapaxes(2, 3)).argmax(-1).astype(jnp.int32)
 
 
 def members(
@@ -30,8 +30,8 @@ def kmeans(
 ) -> Float[Array, "b h c d"]:  # fmt: skip
     """Directions of ``count`` clusters of the valid keys.
 
-    Deterministic: starts from the key farthest from the mean direction, then each time from the key farthest from all
-    chosen ones, so that neither padding nor the order of keys matters. Clusters without members keep their direction.
+    Deterministic: the first center is the key farthest from the mean direction, each further one the key farthest from
+    all earlier ones, so neither padding nor the order of keys matters. Empty clusters keep their direction.
     """
     points = unit(x) * mask[:, None, :, None]
 
@@ -41,17 +41,17 @@ def kmeans(
         return jnp.take_along_axis(points, index[:, :, None, None], 2)
 
     def seed(i: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        centres, closest = state
-        chosen = pick(closest)
-        closest = jnp.maximum(closest, (points * chosen).sum(-1))
-        return centres.at[:, :, i].set(chosen[:, :, 0]), closest
+        centers, closest = state
+        point = pick(closest)
+        closest = jnp.maximum(closest, (points * point).sum(-1))
+        return centers.at[:, :, i].set(point[:, :, 0]), closest
 
-    def step(_: Array, centres: Array) -> Array:
-        inside = members(nearest(points, centres), mask, count, points.dtype)
+    def step(_: Array, centers: Array) -> Array:
+        inside = members(nearest(points, centers), mask, count, points.dtype)
         sums = inside.swapaxes(2, 3) @ points
-        return jnp.where(inside.sum(2)[..., None] > 0, unit(sums), centres)
+        return jnp.where(inside.sum(2)[..., None] > 0, unit(sums), centers)
 
     first = pick((points * unit(points.sum(2, keepdims=True))).sum(-1))
-    centres = jnp.zeros((*points.shape[:2], count, points.shape[3]), points.dtype).at[:, :, :1].set(first)
-    centres, _ = jax.lax.fori_loop(1, count, seed, (centres, (points * first).sum(-1)))
-    return jax.lax.fori_loop(0, iterations, step, centres)
+    centers = jnp.zeros((*points.shape[:2], count, points.shape[3]), points.dtype).at[:, :, :1].set(first)
+    centers, _ = jax.lax.fori_loop(1, count, seed, (centers, (points * first).sum(-1)))
+    return jax.lax.fori_loop(0, iterations, step, centers)

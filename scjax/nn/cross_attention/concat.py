@@ -1,7 +1,7 @@
 """Concatenation: one softmax over the scene tokens themselves and the condition tokens (attention-variants §4.1).
 
-The paper cites nothing for its "simple concatenation". Of the readings, this one fits a slot behind a frozen
-backbone: the condition joins the keys and values, with a learned vector that tells it from the scene.
+The paper gives no source for its "simple concatenation". This reading fits behind a frozen backbone: the condition
+tokens join the keys and values, plus a learned vector that marks them as condition.
 """
 
 from __future__ import annotations
@@ -14,16 +14,27 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, only
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, CrossAttentionOptions, Work, mask_rows
 from scjax.nn.cross_attention.projections import Keys, Projections
 from scjax.nn.init import ParamInit
 
 
 @dataclasses.dataclass(frozen=True)
-class ConcatOptions:
+class ConcatOptions(CrossAttentionOptions):
     """``Concat`` has no options. Without a condition it is self-attention, not zero."""
 
+    name: ClassVar[str] = "concat"
     empty_is_zero: ClassVar[bool] = False
+
+    def build(
+        self, width: int, heads: int, spec: ContextSpec, *, init: ParamInit, compute: Compute = "float32"
+    ) -> Concat:
+        """The module of this mechanism."""
+        return Concat(self, width, heads, spec, init=init, compute=compute)
+
+    def work(self, width: int, heads: int, spec: ContextSpec, queries: int, context: int) -> Work:
+        """Multiply-adds of one module and scene."""
+        return Work(2 * context * width**2, 4 * queries * width**2 + 2 * queries * (queries + context) * width)
 
 
 class Concat(Projections):
@@ -50,4 +61,4 @@ class Concat(Projections):
             value=jnp.concatenate([own.value, cache.value], 2),
             mask=jnp.concatenate([own.mask, cache.mask], 1),
         )
-        return only(x_mask, self.out(self.read(self.query(x, x_mask), keys))), AuxOutputs()
+        return mask_rows(x_mask, self.out(self.read(self.query(x, x_mask), keys))), AuxOutputs()

@@ -1,6 +1,6 @@
 """Cross-global attention: scene tokens read a dense context directly and through a few learned latents.
 
-As the release computes it (official-spec §4.5; attention-variants §4.10), or as the paper writes it.
+As in the release (official-spec §4.5; attention-variants §4.10), or as in the paper.
 """
 
 from __future__ import annotations
@@ -15,7 +15,16 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.nn.attention import attend_heads, merge_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, one_of, only, readers
+from scjax.nn.cross_attention.base import (
+    AuxOutputs,
+    ContextSpec,
+    CrossAttentionOptions,
+    Work,
+    active_rows,
+    at_least,
+    mask_rows,
+    one_of,
+)
 from scjax.nn.cross_attention.projections import Keys, Projections
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
@@ -23,7 +32,7 @@ from scjax.scene.pytree import pytree
 
 
 @dataclasses.dataclass(frozen=True)
-class CrossGlobalOptions:
+class CrossGlobalOptions(CrossAttentionOptions):
     """Options of ``CrossGlobal``.
 
     Attributes:
@@ -32,18 +41,31 @@ class CrossGlobalOptions:
         "paper": keys and values come from what they read, through the projections of the direct path.
     """
 
+    name: ClassVar[str] = "cross_global"
+
     latent_tokens: int = 32
     style: Literal["code", "paper"] = "code"
-    empty_is_zero: ClassVar[bool] = True
 
     def __post_init__(self):
         at_least(self, latent_tokens=1)
         one_of(self, style=("code", "paper"))
 
+    def build(
+        self, width: int, heads: int, spec: ContextSpec, *, init: ParamInit, compute: Compute = "float32"
+    ) -> CrossGlobal:
+        """The module of this mechanism."""
+        return CrossGlobal(self, width, heads, spec, init=init, compute=compute)
+
+    def work(self, width: int, heads: int, spec: ContextSpec, queries: int, context: int) -> Work:
+        """Multiply-adds of one module and scene."""
+        latents = self.latent_tokens
+        encode = 2 * context * width**2 + 3 * latents * width**2 + 2 * latents * context * width
+        return Work(encode, 3 * queries * width**2 + 2 * queries * (context + latents) * width)
+
 
 @pytree
 class ContextCache:
-    """The context's keys, and by head the keys and values of the latents that summarise it."""
+    """The keys of the context, and per head the keys and values of the latents that summarize it."""
 
     context: Keys
     latent_key: Float[Array, "b h latents d"]
@@ -96,7 +118,7 @@ class CrossGlobal(Projections):
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: ContextCache, trace: dict | None = None
     ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
-        """Both paths."""
+        """The sum of the direct and the coarse path."""
         query = self.query(x, x_mask)
         full = self.read(query, cache.context)
         coarse = merge_heads(
@@ -107,5 +129,5 @@ class CrossGlobal(Projections):
             trace |= {"Q": query, "attn_full": full, "attn_coarse": coarse}
             trace |= {"out_full": out_full, "out_coarse": out_coarse}
         gate = jnp.tanh(self.gate[...])
-        y = only(readers(x_mask, cache.context.mask), out_full + gate[None, None] * out_coarse)
+        y = mask_rows(active_rows(x_mask, cache.context.mask), out_full + gate[None, None] * out_coarse)
         return y, AuxOutputs(metrics={"gate": stop_gradient(gate[0])})

@@ -1,7 +1,7 @@
 """Gated cross-attention (Alayrac et al. 2022, Flamingo, arXiv:2204.14198; attention-variants §4.3).
 
-Flamingo's gates start at zero. Behind an AdaLN gate that starts at zero too, neither would ever get a gradient; there
-``start`` must differ from zero.
+Flamingo's gates start at zero. Behind an AdaLN gate that also starts at zero, neither gets a gradient. There ``start``
+must differ from zero.
 """
 
 from __future__ import annotations
@@ -15,24 +15,36 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, only, readers
+from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, CrossAttentionOptions, Work, active_rows, mask_rows
 from scjax.nn.cross_attention.projections import Keys, Projections
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 
 
 @dataclasses.dataclass(frozen=True)
-class GatedOptions:
+class GatedOptions(CrossAttentionOptions):
     """Options of ``Gated``.
 
     Attributes:
-      start: initial value of the gates before tanh; Flamingo's 0 needs a cross AdaLN that does not start at zero.
-      feed_forward: whether a gated MLP of four times the width follows, as in Flamingo. The stage has one of its own.
+      start: initial value of the gates before tanh. Flamingo's 0 needs a cross AdaLN that does not start at zero.
+      feed_forward: whether a gated MLP of four times the width follows, as in Flamingo. The stage has its own MLP.
     """
+
+    name: ClassVar[str] = "gated"
 
     start: float = 1.0
     feed_forward: bool = False
-    empty_is_zero: ClassVar[bool] = True
+
+    def build(
+        self, width: int, heads: int, spec: ContextSpec, *, init: ParamInit, compute: Compute = "float32"
+    ) -> Gated:
+        """The module of this mechanism."""
+        return Gated(self, width, heads, spec, init=init, compute=compute)
+
+    def work(self, width: int, heads: int, spec: ContextSpec, queries: int, context: int) -> Work:
+        """Multiply-adds of one module and scene."""
+        projections = 10 if self.feed_forward else 2
+        return Work(2 * context * width**2, projections * queries * width**2 + 2 * queries * context * width)
 
 
 class Gated(Projections):
@@ -55,14 +67,14 @@ class Gated(Projections):
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: Keys
     ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
-        """What the scene tokens read, through the gates."""
-        gate, rows = jnp.tanh(self.gate[...]), readers(x_mask, cache.mask)
+        """What the scene tokens read, scaled by the gates."""
+        gate, rows = jnp.tanh(self.gate[...]), active_rows(x_mask, cache.mask)
         y = gate[None, None] * self.out(self.read(self.query(x, x_mask), cache))
         metrics = {"gate": jax.lax.stop_gradient(gate[0])}
         if self.feed_forward is not None:
-            update, metrics["ffn_gate"] = self.feed_forward(only(rows, x + y))
+            update, metrics["ffn_gate"] = self.feed_forward(mask_rows(rows, x + y))
             y = y + update
-        return only(rows, y), AuxOutputs(metrics=metrics)
+        return mask_rows(rows, y), AuxOutputs(metrics=metrics)
 
 
 class FeedForward(nnx.Module):

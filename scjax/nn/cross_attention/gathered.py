@@ -1,4 +1,4 @@
-"""Attention where every query reads keys of its own, named by their indices: cost without the unread ones."""
+"""Attention in which every query reads its own keys, given by their indices; unread keys cost nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def attend_gathered(
     q: Float[Array, "b h n d"], k: Float[Array, "b h m d"], v: Float[Array, "b h m d"], index: Int[Array, "b h n w"],
     mask: Bool[Array, "b h n w"],
 ) -> Float[Array, "b h n d"]:  # fmt: skip
-    """softmax(q k' / sqrt(d)) v over the keys at ``index`` where ``mask``; rows without any give zero."""
+    """softmax(q k' / sqrt(d)) v over the keys at ``index`` where ``mask`` is True; rows without keys give zero."""
     logits = jnp.einsum("bhnd,bhnwd->bhnw", q * q.shape[-1] ** -0.5, rows_at(k, index))
     p, total = weights(logits, mask)
     return jnp.einsum("bhnw,bhnwd->bhnd", (p / total).astype(v.dtype), rows_at(v, index))
@@ -24,8 +24,10 @@ def rows_at(x: Shaped[Array, "b h m d"], index: Int[Array, "b h *i"]) -> Shaped[
     return jax.vmap(jax.vmap(lambda rows, i: rows[i]))(x, index)
 
 
-def first_of(chosen: Bool[Array, "*b m"], size: int, score: Float[Array, "*b m"] | None = None) -> tuple[Array, Array]:
+def first_of(
+    selected: Bool[Array, "*b m"], size: int, score: Float[Array, "*b m"] | None = None
+) -> tuple[Array, Array]:
     """The indices [*b, size] of the first (or the best, by ``score``) True entries, and which of them are real."""
-    order = -chosen.astype(jnp.int32) if score is None else jnp.where(chosen, -score, jnp.inf)
+    order = -selected.astype(jnp.int32) if score is None else jnp.where(selected, -score, jnp.inf)
     index = jnp.argsort(order, axis=-1, stable=True)[..., :size]
-    return index, jnp.take_along_axis(chosen, index, -1)
+    return index, jnp.take_along_axis(selected, index, -1)

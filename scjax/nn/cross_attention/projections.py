@@ -1,6 +1,6 @@
 """The projections that all softmax mechanisms share: q, k, v, out, and layer norms of full width on q and k.
 
-Their parameters have the same names everywhere, so that a model with ``full`` attention starts any other
+Their parameters have the same names everywhere, so parameters of ``full`` attention initialize any other mechanism
 (attention-variants §0, C7).
 """
 
@@ -20,11 +20,13 @@ from scjax.scene.pytree import pytree
 
 @pytree
 class Keys:
-    """Keys and values of context tokens, by head.
+    """Keys and values of context tokens, per head.
+
+    Scale and offsets are applied later, where they cost less than on a long context.
 
     Attributes:
-      key: normalised, but before the norm's scale and offset; value: before its own offset. These are applied where
-        they cost less than on a long context.
+      key: normalized, before the norm's scale and offset.
+      value: before the bias of its projection.
       mask: True at readable tokens.
     """
 
@@ -46,7 +48,7 @@ class Projections(nnx.Module):
         self.heads = heads
 
     def project(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> Keys:
-        """Keys and values. What stands at masked tokens is ignored."""
+        """Keys and values. Values at masked tokens are ignored."""
         context = jnp.where(mask[..., None], context, 0)
         assert self.k.bias is not None
         kernels = jnp.concatenate([subtract_mean(self.k.kernel[...]), self.v.kernel[...]], 1)
@@ -57,20 +59,20 @@ class Projections(nnx.Module):
         return Keys(key=split_heads(key, self.heads), value=split_heads(value, self.heads), mask=mask)
 
     def query(self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"]) -> Float[Array, "b n inner"]:
-        """Normalised queries. What stands at masked tokens is ignored."""
+        """Normalized queries. Values at masked tokens are ignored."""
         return self.q_norm(self.q(jnp.where(x_mask[..., None], x, 0)))
 
-    def towards(self, query: Float[Array, "b n inner"]) -> Float[Array, "b h n d"]:
-        """The queries, by head, that give against ``Keys.key`` the logits of ``query`` against the real keys.
+    def scaled_query(self, query: Float[Array, "b n inner"]) -> Float[Array, "b h n d"]:
+        """Queries per head whose products with ``Keys.key`` are the logits of ``query`` and the real keys.
 
-        Of the norm's affine z s + t, the query takes s; t adds the same to all logits of a row.
+        Of the key norm's z s + t, the query takes s; t adds the same to all logits of a row.
         """
         return split_heads(query * self.k_norm.scale[...][None, None], self.heads)
 
     def offset(self, attended: Float[Array, "b h n d"]) -> Float[Array, "b n inner"]:
-        """Heads joined, with the offset of the values: weights sum to one, so that it passes through.
+        """Heads joined, plus the bias of the values, which passes through since weights sum to one.
 
-        (Rows that read nothing get it too; the mechanisms zero them after the output projection.)
+        Rows that read nothing get it too; the mechanisms zero them after the output projection.
         """
         assert self.v.bias is not None
         return merge_heads(attended) + self.v.bias[...][None, None]
@@ -81,12 +83,12 @@ class Projections(nnx.Module):
         keys: Keys,
         mask: Bool[Array, "b q_or_1 m"] | Bool[Array, "b h q_or_1 m"] | None = None,
     ) -> Float[Array, "b n inner"]:
-        """Attn(query, keys, values) where ``mask`` (default: every query may read every readable token)."""
+        """Attn(query, keys, values) where ``mask`` is True (default: every query reads every readable token)."""
         mask = keys.mask[:, None] if mask is None else mask
-        return self.offset(attend_heads(self.towards(query), keys.key, keys.value, mask))
+        return self.offset(attend_heads(self.scaled_query(query), keys.key, keys.value, mask))
 
     def real_keys(self, keys: Keys) -> Float[Array, "b h m d"]:
-        """The keys themselves, with the scale and offset of their norm."""
+        """The keys with the scale and offset of their norm."""
         scale, offset = (
             split_heads(part[...][None, None], self.heads) for part in (self.k_norm.scale, self.k_norm.bias)
         )

@@ -1,10 +1,10 @@
-"""Squeezed attention (Hooper et al. 2024, arXiv:2411.09688; attention-variants §4.9): the keys of a fixed context are
-clustered once, and each head reads only keys of the clusters that its queries are close to.
+"""Squeezed attention (Hooper et al. 2024, arXiv:2411.09688; attention-variants §4.9).
 
-The original is applied to a trained model. So is the rule "threshold" here: its leaf ``threshold`` starts at -1, where
-every key is read and nothing is clustered; ``squeezed_fit`` finds its value. Training may then go on with it (the
-specification's "finetune"). The rule "top" reads a fixed share of the keys, the first of equals, and can be trained
-from the first step.
+The keys of a fixed context are clustered once, and each head reads only keys of the clusters closest to its queries.
+The original is applied to a trained model. So is the rule "threshold" here: the parameter ``threshold`` starts at -1,
+where every key is read and nothing is clustered; ``calibrate`` finds its value. Training may then continue (the
+specification's "finetune"). The rule "top" reads a fixed share of the keys (of equal scores, the first), and can be
+trained from the first step.
 """
 
 from __future__ import annotations
@@ -21,7 +21,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.nn.attention import attend_heads, split_heads
 from scjax.nn.cpu.precision import Compute
-from scjax.nn.cross_attention.base import AuxOutputs, ContextSpec, at_least, mean_over, one_of, only, readers
+from scjax.nn.cross_attention.base import (
+    AuxOutputs,
+    ContextSpec,
+    CrossAttentionOptions,
+    Work,
+    active_rows,
+    at_least,
+    mask_rows,
+    mean_over,
+    one_of,
+)
 from scjax.nn.cross_attention.clusters import kmeans, members, nearest
 from scjax.nn.cross_attention.gathered import attend_gathered, first_of, rows_at
 from scjax.nn.cross_attention.projections import Keys, Projections
@@ -30,19 +40,21 @@ from scjax.scene.pytree import pytree
 
 
 @dataclasses.dataclass(frozen=True)
-class SqueezedOptions:
+class SqueezedOptions(CrossAttentionOptions):
     """Options of ``Squeezed``.
 
     Attributes:
-      clusters: of the keys of a scene and head.
-      keep: share of the keys to read (of rule "threshold": what its calibration aims at).
+      clusters: number of clusters per scene and head.
+      keep: share of the keys to read (under rule "threshold", the target of its calibration).
       rule: "threshold" or "top", see above.
-      pool: "mean" chooses one set of keys a head by the mean score over the scene's queries; "none" one a query.
-      iterations: of k-means.
-      form: "mask" computes all scores and masks them; "gather" only those of the chosen keys.
-      capacity: keys that the gather form has room for under rule "threshold", the best being taken; 0 chooses twice
+      pool: "mean" selects one set of keys per head, by the mean score over the scene's queries; "none" one per query.
+      iterations: iterations of k-means.
+      form: "mask" computes all scores and masks them; "gather" computes only those of the selected keys.
+      capacity: largest number of keys of the gather form under rule "threshold" (the best are read); 0 chooses twice
         the share ``keep``.
     """
+
+    name: ClassVar[str] = "squeezed"
 
     clusters: int = 32
     keep: float = 0.3
@@ -51,7 +63,6 @@ class SqueezedOptions:
     iterations: int = 10
     form: Literal["mask", "gather"] = "mask"
     capacity: int = 0
-    empty_is_zero: ClassVar[bool] = True
 
     def __post_init__(self):
         at_least(self, clusters=1, iterations=0, capacity=0)
@@ -59,10 +70,22 @@ class SqueezedOptions:
         if not 0 < self.keep <= 1:
             raise ValueError(f"SqueezedOptions.keep is a share of the keys, in (0, 1], not {self.keep!r}")
 
+    def build(
+        self, width: int, heads: int, spec: ContextSpec, *, init: ParamInit, compute: Compute = "float32"
+    ) -> Squeezed:
+        """The module of this mechanism."""
+        return Squeezed(self, width, heads, spec, init=init, compute=compute)
+
+    def work(self, width: int, heads: int, spec: ContextSpec, queries: int, context: int) -> Work:
+        """Multiply-adds of one module and scene."""
+        cluster = self.iterations * context * self.clusters * width
+        read = queries * self.clusters * width + 2 * queries * self.keep * context * width
+        return Work(2 * context * width**2 + cluster, 2 * queries * width**2 + read)
+
 
 @pytree
 class Clusters:
-    """Of each scene and head: the cluster of each key, the mean of its members, and how many they are."""
+    """Per scene and head: the cluster of each key, and each cluster's mean and number of members."""
 
     label: Int[Array, "b h m"]
     mean: Float[Array, "b h c d"]
@@ -89,7 +112,7 @@ class Squeezed(Projections):
         self.options = options
 
     def encode(self, context: Float[Array, "b m d"], mask: Bool[Array, "b m"]) -> SqueezedCache:
-        """Keys, values and, where they are used, clusters."""
+        """Keys, values and, if keys are selected, clusters."""
         keys = self.project(context, mask)
         real, count = stop_gradient(self.real_keys(keys)), self.options.clusters
 
@@ -103,20 +126,20 @@ class Squeezed(Projections):
     def attend(
         self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], cache: SqueezedCache
     ) -> tuple[Float[Array, "b n d"], AuxOutputs]:
-        """What the scene tokens read of the chosen keys."""
-        query, rows = self.query(x, x_mask), readers(x_mask, cache.keys.mask)
+        """What the scene tokens read from the selected keys."""
+        query, rows = self.query(x, x_mask), active_rows(x_mask, cache.keys.mask)
         attended, share = self._if_used(
             lambda: self._sparse(query, rows, cache),
             lambda: (self.read(query, cache.keys), jnp.ones((), query.dtype)),
         )
-        return only(rows, self.out(attended)), AuxOutputs(metrics={"selected": stop_gradient(share)})
+        return mask_rows(rows, self.out(attended)), AuxOutputs(metrics={"selected": stop_gradient(share)})
 
     def scores(
         self, query: Float[Array, "b n d"], rows: Bool[Array, "b n"], cache: SqueezedCache
     ) -> Float[Array, "b h #n m"]:
-        """Share of each key by its cluster's mean, times the number of readable keys: 1 is an even share.
+        """Each key's attention share by its cluster's mean, times the number of readable keys: 1 is an even share.
 
-        (The length enters since shares shrink with it, and prompts differ in theirs.) -inf at masked keys.
+        The factor makes prompts of different lengths comparable. -inf at masked keys.
         """
         mask, clusters = cache.keys.mask, cache.clusters
         shares = cluster_shares(stop_gradient(split_heads(query, self.heads)), clusters)
@@ -127,38 +150,38 @@ class Squeezed(Projections):
         count = mask.sum(-1).astype(shares.dtype)[:, None, None, None]
         return jnp.where(mask[:, None, None], count * shares, -jnp.inf)
 
-    def chosen(self, scores: Float[Array, "b h n m"], mask: Bool[Array, "b m"]) -> Bool[Array, "b h n m"]:
-        """The keys to be read: never none, where there is one."""
+    def selected(self, scores: Float[Array, "b h n m"], mask: Bool[Array, "b m"]) -> Bool[Array, "b h n m"]:
+        """The keys to read: at least one, if any is readable."""
         if self.options.rule == "threshold":
             best = scores == scores.max(-1, keepdims=True)
             return mask[:, None, None] & (best | (scores > self.threshold[...].astype(scores.dtype)[None, None, None]))
-        wanted = jnp.ceil(self.options.keep * mask.sum(-1) - 1e-4)[:, None, None, None]
+        num_kept = jnp.ceil(self.options.keep * mask.sum(-1) - 1e-4)[:, None, None, None]
         rank = jnp.argsort(jnp.argsort(-scores, -1, stable=True), -1)
-        return mask[:, None, None] & (rank < wanted)
+        return mask[:, None, None] & (rank < num_kept)
 
     def _sparse(
         self, query: Float[Array, "b n d"], rows: Bool[Array, "b n"], cache: SqueezedCache
     ) -> tuple[Float[Array, "b n d"], Float[Array, ""]]:
         keys, scores = cache.keys, self.scores(query, rows, cache)
-        chosen = self.chosen(scores, keys.mask)
+        selected = self.selected(scores, keys.mask)
         if self.options.form == "mask":
-            attended = self.read(query, keys, chosen)
+            attended = self.read(query, keys, selected)
         else:
-            tokens, towards = keys.mask.shape[1], self.towards(query)
+            tokens, scaled_query = keys.mask.shape[1], self.scaled_query(query)
             share = self.options.keep * (1 if self.options.rule == "top" else 2)
             capacity = min(self.options.capacity or math.ceil(share * tokens), tokens)
-            index, chosen = first_of(chosen, capacity, scores)
+            index, selected = first_of(selected, capacity, scores)
             if self.options.pool == "mean":
                 key, value = (rows_at(part, index[:, :, 0]) for part in (keys.key, keys.value))
-                attended = attend_heads(towards, key, value, chosen)
+                attended = attend_heads(scaled_query, key, value, selected)
             else:
-                attended = attend_gathered(towards, keys.key, keys.value, index, chosen)
+                attended = attend_gathered(scaled_query, keys.key, keys.value, index, selected)
             attended = self.offset(attended)
-        share = chosen.sum(-1).mean(1) / jnp.maximum(keys.mask.sum(-1, keepdims=True), 1)
+        share = selected.sum(-1).mean(1) / jnp.maximum(keys.mask.sum(-1, keepdims=True), 1)
         return attended, mean_over(rows, jnp.broadcast_to(share, rows.shape).astype(query.dtype))
 
     def _if_used(self, used, unused):
-        """One of two functions' results: the second while the threshold keeps every key."""
+        """The result of ``used``, or of ``unused`` while the threshold keeps every key."""
         if self.options.rule == "top":
             return used()
         return jax.lax.cond(self.threshold[0] >= 0, used, unused)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scjax.nn.cross_attention import ContextSpec, from_name
-from scjax.nn.cross_attention.deformable import sample
+from scjax.nn.cross_attention.deformable import sample_values
 from scjax.nn.cross_attention.squeezed import cluster, cluster_shares
 from tests.factories import golden
 from tests.factories.attention_cases import HEADS, IMAGE, KEYS, QUERIES, TEXT, WIDTH, call, close, params_of, scenes
@@ -21,7 +21,7 @@ LIMITS = {
     "chunked": (from_name("full", chunk=3), {}),
     "gated": (from_name("gated"), {}),
     "saap": (from_name("saap", buckets=4, probes=4), {}),
-    "saap before it is fitted": (from_name("saap", buckets=4, probes=1, form="gather"), {"fitted": np.zeros(1)}),
+    "saap before it is fitted": (from_name("saap", buckets=4, probes=1), {"fitted": np.zeros(1)}),
     **{
         f"windowed {a}": (from_name("windowed", window=_EVERYTHING, alignment=a), {})
         for a in ("diagonal", "diagonal_rev", "fa2")
@@ -39,15 +39,15 @@ _ROUNDED = ("chunked", "saap", "windowed diagonal", "squeezed", "cross_global")
     ("limit", "x64", "tolerance"),
     [*((limit, True, 1e-10) for limit in LIMITS), *((limit, False, 1e-5) for limit in _ROUNDED)],
 )
-def test_equals_full_attention(limit, x64, tolerance):
-    """A full checkpoint loads into the others: the parameters that they share have the same names."""
+def test_limit_equals_full_attention(limit, x64, tolerance):
+    """Shared parameters have the same names, so parameters of full attention load into every mechanism."""
     options, known = LIMITS[limit]
     with jax.enable_x64(x64):
         batch, shared = _cast(scenes(IMAGE), x64), params_of(FULL)
         params = _cast({**params_of(options, IMAGE), **shared, **known}, x64)
         y, _ = call(options, params, *batch, spec=IMAGE)
-        wanted, _ = call(FULL, _cast(shared, x64), *batch, spec=IMAGE)
-        close(y, wanted * np.tanh(params["gate"][0]) if limit == "gated" else wanted, tolerance)
+        expected, _ = call(FULL, _cast(shared, x64), *batch, spec=IMAGE)
+        close(y, expected * np.tanh(params["gate"][0]) if limit == "gated" else expected, tolerance)
 
 
 def _cast(tree, x64: bool):
@@ -68,7 +68,7 @@ def test_concat_is_full_attention_to_scene_and_context():
     close(_in64(options, params, x, x_mask, context, mask), _in64(FULL, shared, x, x_mask, both, both_mask))
 
 
-def test_memory_is_more_context():
+def test_memory_tokens_extend_the_context():
     options, (x, x_mask, context, mask) = from_name("full", memory_tokens=2), scenes()
     params = params_of(options)
     more = np.concatenate([context, np.stack([params["memory"]] * 2)], 1)
@@ -78,7 +78,7 @@ def test_memory_is_more_context():
 
 
 @pytest.mark.parametrize(("sharpness", "error"), [(1.0, None), (1e3, 1e-10)])
-def test_an_agent_a_query_is_full_attention(sharpness, error):
+def test_one_agent_per_query_is_full_attention(sharpness, error):
     """n agents from n queries are the queries; as stage 2 sharpens, each query reads its own agent.
 
     One head, so that the norms give all queries one length. Larger queries sharpen both stages; smaller keys undo it
@@ -88,14 +88,14 @@ def test_an_agent_a_query_is_full_attention(sharpness, error):
     params = params_of(options, heads=1)
     params = {**params, "q_norm": {"scale": np.full(WIDTH, sharpness), "bias": np.zeros(WIDTH)}}
     params["k_norm"] = {"scale": params["k_norm"]["scale"] / sharpness, "bias": np.zeros(WIDTH)}
-    y, wanted = (_in64(o, params, x, x_mask, context, mask, heads=1) for o in (options, FULL))
+    y, expected = (_in64(o, params, x, x_mask, context, mask, heads=1) for o in (options, FULL))
     if error is None:
-        assert np.abs(y - wanted).max() > 1e-2
+        assert np.abs(y - expected).max() > 1e-2
     else:
-        close(y, wanted, error)
+        close(y, expected, error)
 
 
-def test_one_agent_tells_all_the_same():
+def test_single_agent_gives_all_queries_the_same():
     x, x_mask, context, mask = scenes()
     for pooling in ("segment", "learned", "set"):
         options = from_name("agent", tokens=1, pooling=pooling)
@@ -116,24 +116,24 @@ def test_constant_values_pass_through(name):
     options, (x, x_mask, context, mask) = SOFTMAX[name], scenes()
     params = params_of(options)
     constant = {**params, "v": {**params["v"], "kernel": 0 * params["v"]["kernel"]}}
-    wanted = params["v"]["bias"] @ params["out"]["kernel"] + params["out"]["bias"]
+    expected = params["v"]["bias"] @ params["out"]["kernel"] + params["out"]["bias"]
     single = mask & (np.arange(KEYS) == 1)[None]
     value = context[:, 1] @ params["v"]["kernel"] + params["v"]["bias"]
-    told = value @ params["out"]["kernel"] + params["out"]["bias"]
+    result = value @ params["out"]["kernel"] + params["out"]["bias"]
     if name == "gated":
-        wanted, told = (np.tanh(params["gate"]) * a for a in (wanted, told))
-    close(_in64(options, constant, x, x_mask, context, mask)[x_mask], np.broadcast_to(wanted, (x_mask.sum(), WIDTH)))
+        expected, result = (np.tanh(params["gate"]) * a for a in (expected, result))
+    close(_in64(options, constant, x, x_mask, context, mask)[x_mask], np.broadcast_to(expected, (x_mask.sum(), WIDTH)))
     y = _in64(options, params, x, x_mask, context, single)
     for scene in range(2):
-        close(y[scene][x_mask[scene]], np.broadcast_to(told[scene], (x_mask[scene].sum(), WIDTH)))
+        close(y[scene][x_mask[scene]], np.broadcast_to(result[scene], (x_mask[scene].sum(), WIDTH)))
 
 
 @functools.partial(golden.jit, static_argnums=5)
 def _sampled(value, mask, position, weights, level, spec):
-    return sample(value, mask, position, weights, level, spec)
+    return sample_values(value, mask, position, weights, level, spec)
 
 
-def test_deformable_core_with_the_weights_of_full_attention():
+def test_deformable_samples_cell_centres():
     """Sampled at all cell centres, each returns its own value; far outside there is nothing."""
     rng = np.random.default_rng(0)
     spec = ContextSpec(kind="image", grid=(2, 3))
@@ -150,22 +150,22 @@ def test_deformable_core_with_the_weights_of_full_attention():
         assert not np.any(_sampled(value, mask, position + 100, weights, level, spec))
 
 
-def test_text_is_interpolated_linearly():
+def test_deformable_text_is_interpolated_linearly():
     """Inside the readable tokens like numpy's interp; what lies a token beyond the ends is zero."""
     rng = np.random.default_rng(0)
     value, mask = rng.normal(size=(1, 1, 7, 1)), np.arange(7)[None] < 5
     value[:, :, 5:] = 0
     position = np.array([0.0, 0.25, 3.5, 4.0, -0.5, 4.5, -1.0, 5.0, 9.0])
-    wanted = np.interp(position, np.arange(5), value[0, 0, :5, 0])
-    wanted[4:6] = value[0, 0, [0, 4], 0] / 2
-    wanted[6:] = 0
+    expected = np.interp(position, np.arange(5), value[0, 0, :5, 0])
+    expected[4:6] = value[0, 0, [0, 4], 0] / 2
+    expected[6:] = 0
     with jax.enable_x64(True):
         places = position[None, :, None, None, None]
         got = _sampled(value, mask, places, np.ones((1, 9, 1, 1)), np.zeros(1, int), TEXT)
-    close(got[0, 0, :, 0], wanted)
+    close(got[0, 0, :, 0], expected)
 
 
-def test_shares_of_keys_sum_to_one():
+def test_cluster_shares_sum_to_one():
     rng = np.random.default_rng(0)
     keys, mask = rng.normal(size=(2, HEADS, KEYS, 4)), scenes()[3]
 

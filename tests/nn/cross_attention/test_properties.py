@@ -16,7 +16,7 @@ ORDERED_KEYS = _WINDOWED | _PLACED | {"squeezed top"}  # members of a cluster ar
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_masked_never_matters(case):
+def test_masked_values_never_matter(case):
     """Masked rows at random places, of NaN, of 1e30 and of numbers: values and gradients stay, to rounding."""
     spec = CASES[case][1]
     x, x_mask, context, mask = scenes(spec)
@@ -37,7 +37,7 @@ def test_what_is_masked_never_matters(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_order_of_queries(case):
+def test_permuted_queries(case):
     """y moves with x, or does not."""
     x, x_mask, context, mask = scenes(CASES[case][1])
     y = evaluate(case, x, x_mask, context, mask)[0][1]
@@ -47,7 +47,7 @@ def test_order_of_queries(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_other_queries(case):
+def test_changed_other_queries(case):
     """What query 1 reads, when the others change and one of them goes."""
     x, x_mask, context, mask = scenes(CASES[case][1])
     y = evaluate(case, x, x_mask, context, mask)[0][1]
@@ -61,7 +61,7 @@ def test_other_queries(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_order_of_keys(case):
+def test_permuted_keys(case):
     spec = CASES[case][1]
     x, x_mask, context, mask = scenes(spec)
     order = np.array([3, 1, 0, 2, 4, 5, 6, 7]) if spec.modalities == 1 else np.array([1, 0, 2, 3, 5, 4, 6, 7])
@@ -72,7 +72,7 @@ def test_order_of_keys(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_nothing_to_read(case):
+def test_empty_contexts_give_zero(case):
     """Zero with zero gradients, except for concat, whose tokens read each other; finite in every other corner."""
     spec = CASES[case][1]
     x, x_mask, context, mask = scenes(spec)
@@ -97,7 +97,7 @@ def test_nothing_to_read(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_gradients_are_derivatives(case):
+def test_gradients_match_central_differences(case):
     """Along a random direction in parameters, x and context, by central differences."""
     spec = CASES[case][1]
     x, x_mask, context, mask = scenes(spec)
@@ -117,7 +117,7 @@ def test_gradients_are_derivatives(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_scenes_of_a_batch_never_meet(case):
+def test_scenes_of_a_batch_are_independent(case):
     """Each scene of a batch as in a batch of two of itself (official-spec: the release returns rows out of order)."""
     batch = scenes(CASES[case][1])
     y = evaluate(case, *batch)[0][1]
@@ -131,7 +131,7 @@ _ALIKE = {"full", "agent segment", "agent learned", "agent set", "saap", "window
 
 
 @pytest.mark.parametrize("case", sorted({*_ALIKE, "cross_global", "full memory"}))
-def test_a_context_of_zeros_is_a_constant(case):
+def test_context_of_zeros_gives_a_constant(case):
     """The official null condition (``attend_padding``): every query reads the same, but for learned tokens."""
     x, x_mask, context, mask = scenes(CASES[case][1])
     y = evaluate(case, x, x_mask, 0 * context, mask | True)[0][1]

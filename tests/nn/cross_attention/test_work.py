@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from scjax.nn.cross_attention import ContextSpec, from_name
-from scjax.nn.cross_attention.flops import control_work
 
 # MFLOP a scene and module at width 2048: of the context alone, and of a step that finds it encoded.
 TABLE = {
@@ -17,17 +16,15 @@ IMAGE = ContextSpec(kind="image", grid=(14, 14), modalities=2)
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_table_of_work(name):
-    work = control_work(from_name(name), 2048, 16, IMAGE, queries=161, context=392)
+def test_work_matches_the_specification(name):
+    work = from_name(name).work(2048, 16, IMAGE, queries=161, context=392)
     assert [2e-6 * part for part in work] == pytest.approx(TABLE[name], rel=1e-3)
 
 
 @pytest.mark.parametrize("name", CACHED_256)
-def test_work_of_a_small_model(name):
-    assert 2e-6 * control_work(from_name(name), 256, 8, IMAGE, 161, 392).attend == pytest.approx(
-        CACHED_256[name], abs=0.6
-    )
+def test_work_of_a_cached_step_at_width_256(name):
+    assert 2e-6 * from_name(name).work(256, 8, IMAGE, 161, 392).attend == pytest.approx(CACHED_256[name], abs=0.6)
 
 
-def test_no_mechanism_no_work():
-    assert control_work(from_name("none"), 256, 8, IMAGE, 161, 392) == (0, 0)
+def test_work_of_no_mechanism_is_zero():
+    assert from_name("none").work(256, 8, IMAGE, 161, 392) == (0, 0)

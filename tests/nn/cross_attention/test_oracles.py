@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from scjax.nn.cross_attention import ContextSpec, from_name
-from scjax.nn.cross_attention.deformable import ring
+from scjax.nn.cross_attention.deformable import ring_offsets
 from scjax.nn.functional import flatten
 from tests.factories import golden
 from tests.factories.attention_cases import HEADS, IMAGE, KEYS, TEXT, WIDTH, apply, call, params_of, scenes
@@ -191,9 +191,9 @@ def test_gated_is_the_cross_attention_layer_of_mllama():
             weight.copy_(torch.tensor(value))
         x_t, context_t = torch.tensor(x), torch.tensor(context)
         refused = torch.where(torch.tensor(mask)[:, None, None], 0.0, -1e30).double().expand(2, 1, x.shape[1], KEYS)
-        told = layer(x_t, context_t, refused, None, None) - x_t
+        theirs = layer(x_t, context_t, refused, None, None) - x_t
     y = _value(options, params, (x, x_mask, context, mask), heads=1)
-    error = np.abs((y - told.numpy())[x_mask]).max()
+    error = np.abs((y - theirs.numpy())[x_mask]).max()
     print(f"gated against mllama: largest error {error:.1e}")
     assert error < 1e-6  # its norms compute in float32
 
@@ -245,8 +245,8 @@ def test_convolution_of_values(kind):
     else:
         near = functional.conv2d(cells.unflatten(-1, spec.grid), kernel, padding=2, groups=SIZE).flatten(2)
     near = near.unflatten(0, (2, spec.modalities, HEADS)).permute(0, 1, 4, 2, 3).reshape(values.shape).numpy()
-    wanted = _by_kernel_matrix(params, batch, values + near, 3)
-    error = np.abs(_value(options, params, batch, spec) - wanted).max()
+    expected = _by_kernel_matrix(params, batch, values + near, 3)
+    error = np.abs(_value(options, params, batch, spec) - expected).max()
     print(f"convolution of values, {kind}: largest error {error:.1e}")
     assert error < TOLERANCE and np.abs(near).max() > 0.1
 
@@ -271,14 +271,14 @@ def test_deformable_is_the_module_of_deformable_detr():
             getattr(layer, theirs).bias.copy_(torch.tensor(params[ours]["bias"]))
     x_t, context_t, reference = _tensors(x), _tensors(context), _tensors(params["reference"])
     place = torch.sigmoid(_linear(reference, x_t))[:, :, None].expand(-1, -1, 2, -1)
-    told, _ = layer(
+    theirs, _ = layer(
         x_t, torch.tensor(mask), context_t, reference_points=place, spatial_shapes=torch.tensor([[2, 4], [2, 4]]),
         spatial_shapes_list=[(2, 4), (2, 4)], level_start_index=torch.tensor([0, 8]),
     )  # fmt: skip
-    told = torch.where(torch.tensor(x_mask)[..., None], told, 0.0)
+    theirs = torch.where(torch.tensor(x_mask)[..., None], theirs, 0.0)
     y, (of_params, of_x, of_context) = _ours(options, params, (x, x_mask, context, mask), spec)
-    told.sin().sum().backward()
-    pairs = {"y": (y, told), "x": (of_x, x_t.grad), "context": (of_context, context_t.grad)}
+    theirs.sin().sum().backward()
+    pairs = {"y": (y, theirs), "x": (of_x, x_t.grad), "context": (of_context, context_t.grad)}
     for ours, theirs in names.items():
         pairs |= {f"{ours} kernel": (of_params[ours]["kernel"], getattr(layer, theirs).weight.grad.T)}
         pairs |= {f"{ours} bias": (of_params[ours]["bias"], getattr(layer, theirs).bias.grad)}
@@ -290,12 +290,12 @@ def test_deformable_is_the_module_of_deformable_detr():
 
 def test_initial_offsets_are_those_of_deformable_detr():
     """Its rule, for 8 heads: the compass directions, a step further each point."""
-    offsets = ring(8, 2, 3, 2).reshape(8, 2, 3, 2)
+    offsets = ring_offsets(8, 2, 3, 2).reshape(8, 2, 3, 2)
     compass = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]])
     np.testing.assert_allclose(
         offsets, compass[:, None, None] * np.array([1, 2, 3])[:, None] * np.ones((2, 1, 1)), atol=1e-6
     )
-    assert ring(4, 1, 2, 1).tolist() == [1, 2, -1, -2, 1, 2, -1, -2]
+    assert ring_offsets(4, 1, 2, 1).tolist() == [1, 2, -1, -2, 1, 2, -1, -2]
 
 
 def _softmax(logits):
@@ -348,10 +348,10 @@ def test_saap():
         best = np.argsort(-logits, -1)[:, :2]
         return np.stack([np.isin(label, row) for row in best])
 
-    wanted, share = _one_by_one(params, batch, choose)
+    expected, share = _one_by_one(params, batch, choose)
     y = _value(options, params, batch)
-    print(f"saap: {share:.2f} of the keys, largest error {np.abs(y - wanted).max():.1e}")
-    assert 0.2 < share < 0.9 and np.abs(y - wanted).max() < TOLERANCE
+    print(f"saap: {share:.2f} of the keys, largest error {np.abs(y - expected).max():.1e}")
+    assert 0.2 < share < 0.9 and np.abs(y - expected).max() < TOLERANCE
 
 
 def _kmeans(keys, count, iterations):
@@ -386,7 +386,7 @@ def test_squeezed(pool):
         kept = (len(keys) * shares > params["threshold"]) | best
         return np.broadcast_to(kept[:, label], (len(queries), len(keys)))
 
-    wanted, share = _one_by_one(params, batch, choose)
+    expected, share = _one_by_one(params, batch, choose)
     y = _value(options, params, batch)
-    print(f"squeezed {pool}: {share:.2f} of the keys, largest error {np.abs(y - wanted).max():.1e}")
-    assert 0.2 < share < 0.9 and np.abs(y - wanted).max() < TOLERANCE
+    print(f"squeezed {pool}: {share:.2f} of the keys, largest error {np.abs(y - expected).max():.1e}")
+    assert 0.2 < share < 0.9 and np.abs(y - expected).max() < TOLERANCE
