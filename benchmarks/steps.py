@@ -14,10 +14,10 @@ from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.models import codec as presets
 from scjax.models import flops
-from scjax.models.autoencoder import config as autoencoder_sizes
+from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.loss import loss
 from scjax.models.autoencoder.model import autoencoder, noise_like
-from scjax.models.denoiser import config as denoiser_sizes
+from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import Functional
@@ -30,8 +30,8 @@ REFERENCE = {
     "text": {16: 8.7},
     "image": {16: 12.3},
 }
-TEXT = denoiser_sizes.TextCondition(width=4096)
-IMAGE = denoiser_sizes.ImageCondition()
+TEXT = TextCondition(width=4096)
+IMAGE = ImageCondition()
 CONTEXT = {"unconditional": 0, "text": 512, "image": 392}
 
 
@@ -55,7 +55,7 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
     """A step on ``scenes`` of the workload, ``batch`` at a time."""
     parts = workload.batches(batch, scenes)
     if kind == "autoencoder":
-        config = autoencoder_sizes.small(compute=compute)
+        config = AutoencoderConfig.preset("small", compute=compute)
         network, codec = autoencoder(config), presets.scjax()
 
         def reconstruction(params, batch, key):
@@ -81,10 +81,10 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
     )  # fmt: skip
 
 
-def denoiser_config(kind: str, compute: str) -> denoiser_sizes.DenoiserConfig:
+def denoiser_config(kind: str, compute: str) -> DenoiserConfig:
     """The small denoiser of the reference, with its condition."""
     condition = {"unconditional": None, "text": TEXT, "image": IMAGE}[kind]
-    return denoiser_sizes.small(condition, compute=compute)
+    return DenoiserConfig.preset("small", condition=condition, compute=compute)
 
 
 def features(kind: str, scenes: int) -> TextFeatures | ImageFeatures | None:
@@ -99,7 +99,7 @@ def features(kind: str, scenes: int) -> TextFeatures | ImageFeatures | None:
     return None
 
 
-def latents(scenes, config: denoiser_sizes.DenoiserConfig, kind: str) -> LatentBatch:
+def latents(scenes, config: DenoiserConfig, kind: str) -> LatentBatch:
     """Random latents of a batch's size."""
     rng = np.random.default_rng(3)
     masks = PerType(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))

@@ -41,17 +41,17 @@ def from_official(state: Mapping[str, np.ndarray], config: AutoencoderConfig) ->
       ValueError: listing every unexpected, missing and misshapen entry.
     """
     expected = jax.eval_shape(autoencoder(config).init, jax.random.key(0))
-    return convert(state, rules(config), expected, unused_sizes(config), aliases(config))
+    return convert(state, autoencoder_rules(config), expected, unused_sizes(config), aliases(config))
 
 
 def to_official(params: Any, config: AutoencoderConfig) -> dict[str, np.ndarray]:
     """The official keys of our parameters (or of their gradients); never-used ones and aliases are absent."""
-    return export(params, rules(config))
+    return export(params, autoencoder_rules(config))
 
 
-def rules(config: AutoencoderConfig) -> _Rules:
+def autoencoder_rules(config: AutoencoderConfig) -> _Rules:
     """Official key -> (path of our parameter, layout change)."""
-    found: _Rules = {"encoder.Q": (("encoder", "query"), SAME)}
+    rules: _Rules = {"encoder.Q": (("encoder", "query"), SAME)}
     mlps = {
         "encoder.lane_mlp": ("lane_in", 2, False), "encoder.agent_mlp": ("agent_in", 2, False),
         "encoder.lane_conn_mlp": ("link_in", 2, False), "encoder.pred_lane_cond_dis": ("lane_count", 2, True),
@@ -61,24 +61,24 @@ def rules(config: AutoencoderConfig) -> _Rules:
     if config.lane_types:
         mlps["decoder.pred_lane_types"] = ("lane_types", 2, True)
     for key, (name, depth, out) in mlps.items():
-        found |= _residual_mlp(key, (key.split(".")[0], name), depth, out)
+        rules |= _residual_mlp(key, (key.split(".")[0], name), depth, out)
     linears = {
         "encoder.lane_mu": "lane_mean", "encoder.lane_log_var": "lane_logvar", "encoder.agent_mu": "agent_mean",
         "encoder.agent_log_var": "agent_logvar", "decoder.lane_mlp": "lane_in", "decoder.agent_mlp": "agent_in",
         "decoder.downsample_lane_mlp": "pair_down", "decoder.lane_conn_mlp": "pair_in",
     }  # fmt: skip
     for key, name in linears.items():
-        found |= _linear(key, (key.split(".")[0], name))
-    found |= _attention("encoder.l2q_transformer_layer", ("encoder", "query_attention"), edges=False)
+        rules |= _linear(key, (key.split(".")[0], name))
+    rules |= _attention("encoder.l2q_transformer_layer", ("encoder", "query_attention"), edges=False)
     for half, i, key in _blocks(config):
         path: Path = (half, "blocks", i)
         for official, ours in _LAYERS.items():
-            found |= _attention(f"{key}.{official}", (*path, ours), edges=ours == "lane_lane")
-        found |= _linear(f"{key}.downsample_lane_emb", (*path, "down"))
+            rules |= _attention(f"{key}.{official}", (*path, ours), edges=ours == "lane_lane")
+        rules |= _linear(f"{key}.downsample_lane_emb", (*path, "down"))
         if not _is_dead(half, i, config):
             for mlp, ours in (("node_mlp", "nodes"), ("edge_mlp", "edges")):
-                found |= _residual_mlp(f"{key}.update_edge_embeddings.{mlp}", (*path, "edge_update", ours), 2, False)
-    return found
+                rules |= _residual_mlp(f"{key}.update_edge_embeddings.{mlp}", (*path, "edge_update", ours), 2, False)
+    return rules
 
 
 def aliases(config: AutoencoderConfig) -> dict[str, str]:
@@ -121,8 +121,8 @@ def _is_dead(half: str, i: int, config: AutoencoderConfig) -> bool:
 
 
 def _linear(key: str, path: Path, bias: bool = True) -> _Rules:
-    found: _Rules = {f"{key}.weight": ((*path, "kernel"), TRANSPOSE)}
-    return found | ({f"{key}.bias": ((*path, "bias"), SAME)} if bias else {})
+    rules: _Rules = {f"{key}.weight": ((*path, "kernel"), TRANSPOSE)}
+    return rules | ({f"{key}.bias": ((*path, "bias"), SAME)} if bias else {})
 
 
 def _norm(key: str, path: Path) -> _Rules:
@@ -130,20 +130,20 @@ def _norm(key: str, path: Path) -> _Rules:
 
 
 def _residual_mlp(key: str, path: Path, depth: int, out: bool) -> _Rules:
-    found = _linear(f"{key}.transform_linear", (*path, "skip")) | _norm(f"{key}.transform_norm", (*path, "skip_norm"))
+    rules = _linear(f"{key}.transform_linear", (*path, "skip")) | _norm(f"{key}.transform_norm", (*path, "skip_norm"))
     for k in range(depth):
-        found |= _linear(f"{key}.linears.{k}", (*path, "linears", k)) | _norm(f"{key}.norms.{k}", (*path, "norms", k))
-    return found | (_linear(f"{key}.linear_out", (*path, "out")) if out else {})
+        rules |= _linear(f"{key}.linears.{k}", (*path, "linears", k)) | _norm(f"{key}.norms.{k}", (*path, "norms", k))
+    return rules | (_linear(f"{key}.linear_out", (*path, "out")) if out else {})
 
 
 def _attention(key: str, path: Path, edges: bool) -> _Rules:
-    found: _Rules = {}
+    rules: _Rules = {}
     for official, ours in _ATTENTION.items():
-        found |= _linear(f"{key}.{official}", (*path, ours), bias=official != "to_k")
+        rules |= _linear(f"{key}.{official}", (*path, ours), bias=official != "to_k")
     for official, ours in _ATTENTION_NORMS.items():
-        found |= _norm(f"{key}.{official}", (*path, ours))
+        rules |= _norm(f"{key}.{official}", (*path, ours))
     if edges:
-        found |= _linear(f"{key}.to_k_r", (*path, "edge_key"), bias=False)
-        found |= _linear(f"{key}.to_v_r", (*path, "edge_value"))
-        found |= _norm(f"{key}.attn_prenorm_r", (*path, "edge_norm"))
-    return found
+        rules |= _linear(f"{key}.to_k_r", (*path, "edge_key"), bias=False)
+        rules |= _linear(f"{key}.to_v_r", (*path, "edge_value"))
+        rules |= _norm(f"{key}.attn_prenorm_r", (*path, "edge_norm"))
+    return rules

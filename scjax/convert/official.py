@@ -16,9 +16,7 @@ from scjax.convert.autoencoder import from_official
 from scjax.convert.denoiser import convert_denoiser
 from scjax.generate.model import Component, Model
 from scjax.models import codec as codec
-from scjax.models.autoencoder import config as autoencoder_sizes
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.denoiser import config as denoiser_sizes
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.latents import LatentStatistics
 from scjax.nn.cross_attention import CrossGlobalOptions
@@ -31,7 +29,7 @@ NUPLAN_LATENTS = LatentStatistics(
     mean=PerType(agents=-0.0077851, lanes=-0.0458711), std=PerType(agents=0.9948730, lanes=1.0398721)
 )
 NUPLAN_CITIES = ("pgh", "lav", "sgp", "bos")
-_ANCHORS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1.weight"}
+_MARKER_KEYS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1.weight"}
 
 
 def convert_checkpoint(
@@ -47,18 +45,18 @@ def convert_checkpoint(
       ValueError: unreadable file, no known network in it, or entries that are unexpected, missing or misshapen.
     """
     state, components = read_state(path), {}
-    for name, anchor in _ANCHORS.items():
-        part = _subtree(state, anchor)
-        if part is None:
+    for name, marker in _MARKER_KEYS.items():
+        state_part = _subtree(state, marker)
+        if state_part is None:
             continue
         try:
-            components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(part, heads)
+            components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(state_part, heads)
         except ValueError as error:
             raise ValueError(f"{path}: {name}: {error}") from error
     if not components:
         raise ValueError(
-            f"{path} holds neither an autoencoder (key {_ANCHORS['autoencoder']}) nor a denoiser (key "
-            f"{_ANCHORS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
+            f"{path} holds neither an autoencoder (key {_MARKER_KEYS['autoencoder']}) nor a denoiser (key "
+            f"{_MARKER_KEYS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
         )
     base = into or Model(
         components={}, codec=codec.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
@@ -94,23 +92,23 @@ def read_state(path: str | Path) -> State:
     return {key: value.float().numpy() for key, value in content.items() if torch.is_tensor(value)}
 
 
-def _subtree(state: State, anchor: str) -> State | None:
+def _subtree(state: State, marker: str) -> State | None:
     """Entries beside the anchor, without the prefix that wrappers put before it; None without an anchor."""
-    prefixes = sorted((key[: -len(anchor)] for key in state if key.endswith(anchor)), key=len)
+    prefixes = sorted((key[: -len(marker)] for key in state if key.endswith(marker)), key=len)
     if not prefixes:
         return None
-    top = anchor.split(".")[0] + "."
+    top = marker.split(".")[0] + "."
     siblings = (top, "decoder.") if top == "encoder." else (top,)
     prefix = prefixes[0]
     kept = {key[len(prefix) :]: value for key, value in state.items() if key.startswith(prefix)}
     if not prefix:  # a bare state dict is taken whole, so that stray entries are reported
-        return {key: value for key, value in kept.items() if not _belongs_elsewhere(key, anchor)}
+        return {key: value for key, value in kept.items() if not _belongs_elsewhere(key, marker)}
     return {key: value for key, value in kept.items() if key.startswith(siblings)}
 
 
-def _belongs_elsewhere(key: str, anchor: str) -> bool:
+def _belongs_elsewhere(key: str, marker: str) -> bool:
     """Entries of the other network in a file that holds both."""
-    if anchor == _ANCHORS["autoencoder"]:
+    if marker == _MARKER_KEYS["autoencoder"]:
         return key.startswith("model.")
     return not key.startswith("model.") and re.match(r"(\w+\.)?(encoder|decoder)\.", key) is not None
 
@@ -133,7 +131,8 @@ def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> C
     points = _shape(state, "decoder.pred_lane_states.linear_out.weight")[0]
     types = _shape(state, "decoder.pred_agent_types.linear_out.weight")[0]
     lane_heads, agent_heads = (heads or {}).get("autoencoder", (4, 4))
-    config: AutoencoderConfig = autoencoder_sizes.official(
+    config = AutoencoderConfig.preset(
+        "official",
         lane_types=lane_in[1] - points,
         agent_types=types,
         link_types=edge[1],
@@ -165,8 +164,8 @@ def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> Comp
         condition = ImageCondition(channels=state["model.dino_proj.weight"].shape[1], grid=(cells, cells))
     lane_heads, agent_heads = (heads or {}).get("denoiser", (16, 8))
     latents = next((value.shape[1] for key, value in state.items() if key.endswith("cross_attn.latent_tokens")), 32)
-    config: DenoiserConfig = dataclasses.replace(
-        denoiser_sizes.official(condition),
+    config = dataclasses.replace(
+        DenoiserConfig.preset("official", condition=condition),
         lane_width=lane[0],
         agent_width=agent[0],
         lane_heads=lane_heads,

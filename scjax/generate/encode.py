@@ -8,12 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from scjax.generate.conditions import Condition
-from scjax.models.denoiser.config import Condition as Reads
-from scjax.models.denoiser.config import ImageCondition, TextCondition
+from scjax.models.denoiser.config import ConditionConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 
 
-def check_readable(conditions: Sequence[Condition], reads: Reads) -> None:
+def check_readable(conditions: Sequence[Condition], reads: ConditionConfig) -> None:
     """Raises ValueError where a condition holds what a network that ``reads`` this does not read, or of another
     shape."""
     kinds = {TextCondition: "texts", ImageCondition: "images"}
@@ -34,7 +33,9 @@ def check_readable(conditions: Sequence[Condition], reads: Reads) -> None:
         raise ValueError(f"Condition.depth of one call have the sizes {sizes}: bring them to one")
 
 
-def features_of(conditions: Sequence[Condition], reads: Reads) -> tuple[ConditionFeatures | None, TextFeatures | None]:
+def features_of(
+    conditions: Sequence[Condition], reads: ConditionConfig
+) -> tuple[ConditionFeatures | None, TextFeatures | None]:
     """Features of the conditions, and of what guidance leads away from; None where there is nothing to read."""
     if isinstance(reads, ImageCondition):
         return _image_features(conditions, reads), None

@@ -65,10 +65,10 @@ class LayerNorm(nnx.Module):
         self.eps = eps
 
     def __call__(self, x: Float[Array, "*b d"]) -> Float[Array, "*b d"]:
-        return standardise(x, self.eps) * _lift(self.scale[...], x.ndim) + _lift(self.bias[...], x.ndim)
+        return standardize(x, self.eps) * _lift(self.scale[...], x.ndim) + _lift(self.bias[...], x.ndim)
 
 
-def standardise(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:
+def standardize(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:
     """Zero mean and unit (biased) variance over the last axis: layer norm without parameters."""
     x = subtract_mean(x)
     return x * jax.lax.rsqrt(jnp.square(x).mean(-1, keepdims=True) + eps)

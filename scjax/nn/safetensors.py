@@ -28,8 +28,8 @@ def write_arrays(
     # safetensors writes an array's memory as it lies, whatever its strides: a transposed one would come back garbled.
     stored = {}
     for name, value in arrays.items():
-        halved = np.issubdtype(value.dtype, np.floating) and name not in exact
-        stored[name] = np.array(value, dtype if halved else None, order="C")
+        converts = np.issubdtype(value.dtype, np.floating) and name not in exact
+        stored[name] = np.array(value, dtype if converts else None, order="C")
     parts: list[dict[str, np.ndarray]] = [{}]
     size = 0.0
     for name, value in stored.items():
@@ -41,12 +41,12 @@ def write_arrays(
             size = 0.0
         parts[-1][name] = value
         size += megabytes
-    found = {}
+    hashes = {}
     for number, part in enumerate(parts, 1):
         name = "weights.safetensors" if len(parts) == 1 else f"weights-{number}.safetensors"
         (folder / name).write_bytes(safetensors.numpy.save(part))  # save_file would shut all but the owner out
-        found[name] = _sha256(folder / name)
-    return found
+        hashes[name] = _sha256(folder / name)
+    return hashes
 
 
 def read_arrays(folder: Path, files: Mapping[str, str]) -> dict[str, np.ndarray]:
@@ -59,11 +59,11 @@ def read_arrays(folder: Path, files: Mapping[str, str]) -> dict[str, np.ndarray]
       ValueError: naming a file that is missing, damaged or not the one that was written.
     """
     arrays: dict[str, np.ndarray] = {}
-    for name, wanted in files.items():
+    for name, digest in files.items():
         path = folder / name
         if not path.is_file():
             raise ValueError(f"{path} is missing: copy or export the model again")
-        if wanted and _sha256(path) != wanted:
+        if digest and _sha256(path) != digest:
             raise ValueError(f"{path} is damaged (its sha256 is not the recorded one): copy or export the model again")
         try:
             arrays |= safetensors.numpy.load_file(path)

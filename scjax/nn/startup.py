@@ -12,9 +12,9 @@ from scjax.nn.sharding import use_every_core
 
 def cache_folder() -> Path:
     """Where scjax keeps downloads: $SCJAX_CACHE, else the user's cache folder."""
-    given = os.environ.get("SCJAX_CACHE")
-    if given:
-        return Path(given)
+    folder = os.environ.get("SCJAX_CACHE")
+    if folder:
+        return Path(folder)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scjax"
 
 

@@ -49,7 +49,7 @@ def convert(
     if uncovered:
         raise ValueError(f"no rule gives the parameters {_listed('/'.join(map(str, path)) for path in uncovered)}")
 
-    problems, found = [], {}
+    problems, params = [], {}
     unexpected = state.keys() - rules.keys() - set(ignored) - aliases.keys()
     missing = rules.keys() - state.keys()
     if unexpected:
@@ -62,11 +62,11 @@ def convert(
             problems.append(f"{key}: this network has no parameter {'/'.join(map(str, path))}")
             continue
         value = np.asarray(state[key])
-        wanted = transform.backward(np.broadcast_to(np.zeros((), value.dtype), leaves[path].shape)).shape
-        if value.shape != wanted:
-            problems.append(f"misshapen: {key} is {value.shape}, this network wants {wanted}")
+        shape = transform.backward(np.broadcast_to(np.zeros((), value.dtype), leaves[path].shape)).shape
+        if value.shape != shape:
+            problems.append(f"misshapen: {key} is {value.shape}, this network wants {shape}")
         else:
-            found[path] = jnp.asarray(transform.forward(value), leaves[path].dtype)
+            params[path] = jnp.asarray(transform.forward(value), leaves[path].dtype)
     for alias in sorted(aliases.keys() & state.keys()):
         if aliases[alias] in state and not np.array_equal(state[alias], state[aliases[alias]]):
             problems.append(f"{alias} should repeat {aliases[alias]}, but their values differ")
@@ -75,7 +75,7 @@ def convert(
             "the state dict does not fit this network (is it of another model, or of another configuration?):\n  "
             + "\n  ".join(problems)
         )
-    return unflatten(found)
+    return unflatten(params)
 
 
 def export(params: Any, rules: Rules) -> dict[str, np.ndarray]:

@@ -13,18 +13,18 @@ from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.generate.model import Component, Model
 from scjax.models import codec as codec
-from scjax.models.autoencoder import config as autoencoder_sizes
+from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.counts.prior import count_table
-from scjax.models.denoiser import config as denoiser_sizes
+from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.latents import LatentStatistics
 from scjax.synthetic.source import Worlds
 
 # One block each: these tests are about what surrounds the networks, and compiling is what takes their time.
-AUTOENCODER = autoencoder_sizes.tiny(lane_width=8, lane_heads=2, lane_ff=8, agent_width=8, agent_heads=2, agent_ff=8,
+AUTOENCODER = AutoencoderConfig.preset("tiny", lane_width=8, lane_heads=2, lane_ff=8, agent_width=8, agent_heads=2, agent_ff=8,
                                      edge_width=4, encoder_blocks=1, decoder_blocks=1)  # fmt: skip
-DENOISER = denoiser_sizes.tiny(lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
+DENOISER = DenoiserConfig.preset("tiny", lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
 
 
 def make_records(folder: Path, worlds: int = 6) -> Path:

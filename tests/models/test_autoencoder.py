@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from scjax.convert.autoencoder import unused_sizes
-from scjax.models.autoencoder import Decoded, Posterior, autoencoder, noise_like, reparameterise
-from scjax.models.autoencoder import config as presets
-from scjax.models.autoencoder.loss import LossWeights, errors, loss, per_scene
+from scjax.models.autoencoder import Decoded, Posterior, autoencoder, noise_like, reparameterize
+from scjax.models.autoencoder.config import AutoencoderConfig
+from scjax.models.autoencoder.loss import LossWeights, loss, reconstruction_errors, scene_losses
 from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import count
 from scjax.scene import Crop
 from scjax.scene.per_type import PerType
 from tests.factories import parity_scenes as cases
 
-CONFIG = presets.tiny(decoder_blocks=1, edge_width=6, points=4, max_lanes=12)
+CONFIG = AutoencoderConfig.preset("tiny", decoder_blocks=1, edge_width=6, points=4, max_lanes=12)
 AGENTS, LANES = 4, 7
 
 
@@ -80,7 +80,7 @@ def run():
 
     def total(params, tokens, noise):
         posterior, decoded = apply(params, tokens, noise, method="reconstruct")
-        terms = per_scene(decoded, posterior, tokens, balanced_links=True)
+        terms = scene_losses(decoded, posterior, tokens, balanced_links=True)
         return terms["total"].sum(), (posterior, decoded, terms)
 
     def everything(params, tokens, noise):
@@ -131,7 +131,9 @@ def test_gradients_may_leave_out_the_way_through_pairs():
         agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)
     )  # fmt: skip
     for blocks in (1, 2):
-        network = autoencoder(presets.tiny(decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12))
+        network = autoencoder(
+            AutoencoderConfig.preset("tiny", decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12)
+        )
         params = network.init(jax.random.key(0))
         found = [
             jax.value_and_grad(
@@ -230,13 +232,13 @@ def test_unknown_values_are_visible_to_the_network_and_absent_from_the_loss(run,
         lane_types=np.where(tokens.lane_type_known, tokens.lane_types, -1),
     )
     with jax.enable_x64(True):
-        terms = jax.jit(lambda *args: per_scene(*args, balanced_links=True))(decoded, reference[0], hidden)
+        terms = jax.jit(lambda *args: scene_losses(*args, balanced_links=True))(decoded, reference[0], hidden)
     for name in ("agent_states", "lane_points", "lane_type"):
         np.testing.assert_allclose(terms[name], reference[2][name], 1e-10, 1e-10)
 
 
 def test_official_parameter_count():
-    config = presets.official()
+    config = AutoencoderConfig.preset("official")
     used = count(jax.eval_shape(autoencoder(config).init, jax.random.key(0)))
     unused = unused_sizes(config)
     assert sum(n for key, n in unused.items() if "prenorm" in key) == 3_072
@@ -245,10 +247,7 @@ def test_official_parameter_count():
 
 
 def test_presets_are_ordered_by_size():
-    sizes = [
-        count(jax.eval_shape(autoencoder(preset()).init, jax.random.key(0)))
-        for preset in (presets.tiny, presets.small, presets.base, presets.official)
-    ]
+    sizes = [count(jax.eval_shape(autoencoder(preset()).init, jax.random.key(0))) for preset in PRESETS]
     assert sizes == sorted(sizes)
 
 
@@ -263,7 +262,7 @@ def test_presets_are_ordered_by_size():
 )
 def test_config_says_what_is_wrong(changes, word):
     with pytest.raises(ValueError, match=word):
-        presets.tiny(**changes)
+        AutoencoderConfig.preset("tiny", **changes)
 
 
 def test_tokens_of_another_representation_are_refused(params):
@@ -295,9 +294,9 @@ def test_balanced_links_by_hand():
     logits[0, 0, 1, 0] = 0.0
     case = by_hand([[[0, 1], [0, 0]]], logits)
     common, rare = np.log(1 + 5 / np.e), np.log(6)
-    plain = per_scene(*case)
+    plain = scene_losses(*case)
     np.testing.assert_allclose(plain["lane_connection"], [(3 * common + rare) / 4], 1e-6)
-    balanced = per_scene(*case, balanced_links=True)
+    balanced = scene_losses(*case, balanced_links=True)
     np.testing.assert_allclose(balanced["lane_connection"], [(common + rare) / 2], 1e-6)
     value, logged = loss(*case, LossWeights(lane_connection=2.0), balanced_links=True)
     np.testing.assert_allclose(value, common + rare, 1e-5)
@@ -309,7 +308,7 @@ def test_lane_count_counts_where_it_should():
     for crop, official, ours in ((Crop.CENTERED, 0, 0), (Crop.PARTITIONED, 1, 1), (Crop.FORWARD, 1, 0)):
         tokens = case[2].replace(crop=np.array([crop], np.int32))
         for flag, factor in ((True, official), (False, ours)):
-            term = per_scene(case[0], case[1], tokens, official_lane_count=flag)["lane_count"]
+            term = scene_losses(case[0], case[1], tokens, official_lane_count=flag)["lane_count"]
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
 
 
@@ -319,8 +318,8 @@ def test_with_typical_counts_every_element_weighs_the_same(reference):
     tokens = pair()[0]
     weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_connections=5.0, lane_steps=7.0)
     with jax.enable_x64(True):
-        plain = per_scene(decoded, posterior, tokens, weights)
-        shared = per_scene(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
+        plain = scene_losses(decoded, posterior, tokens, weights)
+        shared = scene_losses(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
         by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_connections"] + 7 * plain["lane_steps"]
         more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
             tokens.lane_mask.sum(-1) / 2 - 1
@@ -331,7 +330,7 @@ def test_with_typical_counts_every_element_weighs_the_same(reference):
             np.testing.assert_array_equal(shared[name], plain[name])
     for wrong in ((8.0,), (8.0, 0.0)):
         with pytest.raises(ValueError, match="typical_counts must be two numbers above 0"):
-            per_scene(decoded, posterior, tokens, typical_counts=wrong)
+            scene_losses(decoded, posterior, tokens, typical_counts=wrong)
 
 
 def test_joint_error_counts_only_what_parts_linked_lanes():
@@ -340,14 +339,14 @@ def test_joint_error_counts_only_what_parts_linked_lanes():
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
     weights = LossWeights(lane_connections=1.0)
     moved = case[0].replace(lanes=case[0].lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(per_scene(moved, *case[1:], weights)["lane_connections"], [0.0], atol=1e-6)
+    np.testing.assert_allclose(scene_losses(moved, *case[1:], weights)["lane_connections"], [0.0], atol=1e-6)
     lanes = np.array(case[0].lanes)
     lanes[0, 1, 0] += [0.3, 0.1, 0.0]  # the start of the second lane
     lanes[0, 0, 0] += 5.0  # the start of the first joins nothing
     apart = case[0].replace(lanes=lanes)
-    np.testing.assert_allclose(per_scene(apart, *case[1:], weights)["lane_connections"], [0.4 / 3], 1e-5)
+    np.testing.assert_allclose(scene_losses(apart, *case[1:], weights)["lane_connections"], [0.4 / 3], 1e-5)
     unlinked = case[2].replace(links=np.zeros_like(case[2].links))
-    assert per_scene(apart, case[1], unlinked, weights)["lane_connections"] == 0
+    assert scene_losses(apart, case[1], unlinked, weights)["lane_connections"] == 0
 
 
 def test_step_error_counts_trembling_but_no_shift():
@@ -356,19 +355,19 @@ def test_step_error_counts_trembling_but_no_shift():
     weights = LossWeights(lane_steps=1.0)
     lanes = np.array(case[2].lanes)
     add_bias = case[0].replace(lanes=lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(per_scene(add_bias, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
+    np.testing.assert_allclose(scene_losses(add_bias, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
     inner = lanes.shape[2] // 2
     lanes[0, 0, inner] += [0.3, 0.0, 0.0]  # one point of the first lane: the steps before and after it are off
     steps = 2 * (lanes.shape[2] - 1) * 3
     trembling = case[0].replace(lanes=lanes)
-    np.testing.assert_allclose(per_scene(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
+    np.testing.assert_allclose(scene_losses(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
 
 
 def test_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0
     decoded, _, tokens = by_hand([[[5, 1], [2, 5]]], logits)
-    found = errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
+    found = reconstruction_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
     np.testing.assert_allclose(found["lane_points"], [0.5], 1e-5)
     assert found["agent_types"] == 1 and found["agent_positions"] == 0 and found["agent_headings"] < 1e-6
     assert (found["link_hits"], found["link_true"], found["link_predicted"]) == (1, 2, 2)
@@ -378,7 +377,7 @@ def test_reparameterise_has_the_posteriors_moments():
     mean = PerType(agents=jnp.full((1, 2000, 10), 2.0), lanes=jnp.full((1, 2000, 24), -1.0))
     logvar = jax.tree.map(lambda x: jnp.full_like(x, 2 * np.log(0.5)), mean)
     posterior = Posterior(mean=mean, logvar=logvar, lane_count_logits=jnp.zeros((1, 13)))
-    sample = reparameterise(jax.random.key(0), posterior)
+    sample = reparameterize(jax.random.key(0), posterior)
     np.testing.assert_allclose(sample.agents.mean(), 2.0, atol=0.02)
     np.testing.assert_allclose(sample.lanes.std(), 0.5, atol=0.01)
     assert abs(np.corrcoef(sample.agents.ravel(), sample.lanes.ravel()[: sample.agents.size])[0, 1]) < 0.05

@@ -43,7 +43,7 @@ def test_dense_edges_by_definition():
     np.testing.assert_allclose(DenseEdges(values).gather(p), jnp.einsum("bijc,bihj->bihc", z, p), 1e-4, 1e-4)
     n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
     wanted = n @ w[:3] + values.reshape(-1, C) @ w[3:]
-    np.testing.assert_allclose(DenseEdges(values).beside(n, w), wanted, 1e-4, 1e-4)
+    np.testing.assert_allclose(DenseEdges(values).project_with(n, w), wanted, 1e-4, 1e-4)
 
 
 @pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])

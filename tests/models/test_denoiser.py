@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.models.denoiser import config as configs
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
@@ -23,7 +22,7 @@ SMALLEST = {
     "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "known_embedding": True, "fourier_features": 2,
     "relative_geometry": True, "cross_attention": CrossGlobalOptions(latent_tokens=3),
 }  # fmt: skip
-WAVES = ("agent_fourier", "lane_fourier")
+FOURIER = ("agent_fourier", "lane_fourier")
 TEXT = TextCondition(width=6)
 SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes
 ROWS = (6, 8)
@@ -204,8 +203,8 @@ def test_given_tokens_are_marked():
 def test_fresh_waves_are_silent_and_random_ones_are_not():
     z, t, label, masks, known, _ = _cast(_scenes())
     params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "fourier_features": 0}))
-    fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in WAVES}}
-    without = {name: value for name, value in params.items() if name not in WAVES}
+    fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in FOURIER}}
+    without = {name: value for name, value in params.items() if name not in FOURIER}
     wanted = golden.jit(plain.apply)(without, z, t, label, masks, known)
     silent = _unconditional(fresh, z, t, label, masks, known)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), silent, wanted)
@@ -217,7 +216,7 @@ def test_fresh_waves_are_silent_and_random_ones_are_not():
 )
 def test_official_parameter_counts(condition, parameters):
     """As the release counts: its fixed position tables included."""
-    config = configs.official(condition)
+    config = DenoiserConfig.preset("official", condition=condition)
     abstract = jax.eval_shape(denoiser(config).init, jax.random.key(0))
     assert config.position_table_size == 236_032 + 401_408 * isinstance(condition, ImageCondition)
     assert count(abstract) + config.position_table_size == parameters
@@ -225,7 +224,7 @@ def test_official_parameter_counts(condition, parameters):
 
 @pytest.mark.parametrize("preset", ["base", "small", "tiny"])
 def test_presets_are_valid(preset):
-    config = getattr(configs, preset)(TEXT, domains=3)
+    config = DenoiserConfig.preset(preset, condition=TEXT, domains=3)
     assert config.null_label == 9 and config.known_embedding
 
 
@@ -234,7 +233,7 @@ def test_presets_are_valid(preset):
     [
         ({"lane_heads": 3}, "multiple of lane_heads"),
         ({"blocks": 0}, "positive integer"),
-        ({"fourier_features": -1}, "waves must be a positive integer"),
+        ({"fourier_features": -1}, "fourier_features must be a positive integer"),
         ({"agent_width": 7, "agent_heads": 1}, "even"),
     ],
 )

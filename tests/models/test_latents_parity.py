@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scjax.data.token_order import order, partition
-from scjax.models.denoiser.context import depth_cells, normalise_depth
+from scjax.models.denoiser.context import depth_cells, normalize_depth
 from scjax.models.denoiser.embed import image_table, position_table, time_code
 from scjax.models.latents import LatentStatistics, statistics
 from scjax.scene.per_type import PerType
@@ -49,7 +49,7 @@ def test_item_latents_parity(item):
 
 def test_item_depth_parity(item):
     inputs, outputs = item
-    depth = normalise_depth(inputs["depth_metres"])
+    depth = normalize_depth(inputs["depth_metres"])
     assert golden.relative(depth, outputs["depth_normalised"]) < 1e-5
     official = inputs["depth_official_size_u8"].astype(np.float32) / 255
     cases = [(depth, "depth_resized_{}x{}", "depth_patch_mean_{}x{}")]

@@ -7,7 +7,7 @@ import numpy as np
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.denoiser.position_head import POINTS
-from scjax.models.denoiser.relative_geometry import about_agents, about_lanes
+from scjax.models.denoiser.relative_geometry import agent_geometry, lane_geometry
 from scjax.nn.functional import flatten, unflatten
 from scjax.scene.per_type import PerType
 from tests.factories import golden
@@ -29,7 +29,7 @@ def _weight(distance, scale):
 def test_a_lane_is_told_how_far_the_next_begins():
     """One lane ends at (10, 0); another begins 0.6 m ahead and 0.8 m left of there, a third far away."""
     lanes = jnp.asarray([[_lane((-5, 0), (10, 0)), _lane((10.6, 0.8), (25, 3)), _lane((0, 900), (0, 950))]])
-    told = np.asarray(about_lanes(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
+    told = np.asarray(lane_geometry(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
     for k, scale in enumerate((1.0, 3.0, 9.0)):
         weight = _weight(1.0, scale)
         shift = weight / (weight + 0.1) / scale
@@ -42,7 +42,7 @@ def test_an_agent_is_told_of_its_lane_and_of_who_stands_in_its_way():
     lane = jnp.asarray([[_lane((-20, 0), (20, 0))]])
     agents = jnp.asarray([[[(3.0, 1.5), (13.0, 1.5)], [(6.0, 1.5), (16.0, 1.5)]]])
     masks = PerType(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
-    told = np.asarray(about_agents(agents, lane, masks))[0, 0]
+    told = np.asarray(agent_geometry(agents, lane, masks))[0, 0]
     for k, scale in enumerate((2.0, 4.0, 8.0)):
         weight = _weight(3.0, scale)
         np.testing.assert_allclose(
@@ -65,7 +65,7 @@ def test_hints_are_the_same_wherever_the_scene_lies_and_never_of_padding():
 
         def told(lanes, agents):
             lanes, agents = jnp.asarray(lanes), jnp.asarray(agents)
-            both = about_agents(agents, lanes, masks), about_lanes(lanes, masks.lanes)
+            both = agent_geometry(agents, lanes, masks), lane_geometry(lanes, masks.lanes)
             return [np.asarray(x)[np.asarray(mask)] for x, mask in zip(both, (masks.agents, masks.lanes), strict=True)]
 
         wanted = told(lanes, agents)

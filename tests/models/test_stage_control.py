@@ -12,7 +12,7 @@ import pytest
 from flax import nnx
 
 from scjax.models.denoiser.config import DenoiserConfig
-from scjax.models.denoiser.stage import Stage
+from scjax.models.denoiser.stage import AttentionStage
 from scjax.nn.cross_attention import ContextSpec, GatedOptions, from_name
 from scjax.nn.functional import flatten, functional, unflatten
 from scjax.train.ema import update_ema
@@ -35,7 +35,7 @@ class Conditioned(nnx.Module):
     """A stage that encodes what it reads."""
 
     def __init__(self, name, adaln_init, *, init):
-        self.stage = Stage(
+        self.stage = AttentionStage(
             WIDTH, HEADS, init=init, mlp_ratio=1, cross_attention=from_name(name, **OPTIONS[name]), spec=IMAGE,
             cross_adaln_init=adaln_init,
         )  # fmt: skip

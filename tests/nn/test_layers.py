@@ -17,8 +17,8 @@ def layers():
 def test_layers_together_are_the_layers_and_read_no_zeros_after_x():
     for zeros in (0, 4):
         padded = jnp.pad(X, ((0, 0), (0, 0), (0, zeros)))
-        for found, layer in zip(fused_linear(layers(), padded, zeros), layers(), strict=True):
-            np.testing.assert_allclose(found, layer(X), 1e-5, 1e-5)
+        for result, layer in zip(fused_linear(layers(), padded, zeros), layers(), strict=True):
+            np.testing.assert_allclose(result, layer(X), 1e-5, 1e-5)
 
 
 def test_layers_together_refuse_another_width():

@@ -12,6 +12,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from scjax.nn.cross_attention import OPTIONS
+
 KINDS = ("text", "image")
 PADDED_SLOTS = 192
 """Slots of a caption in the padded rows: about four times its tokens, as 512 are of the paper's prompts."""
@@ -47,18 +49,20 @@ class Entry:
 _WINDOW = {"window": 6}  # of the 40 tokens of a caption
 _ENDS = {"alignment": "fa2", "per_modality": False}
 
-MECHANISMS = {
+_SPECIAL = {
     "none": Entry("no condition", "none"),
     "concat": Entry("concatenation", "concat"),
-    "full": Entry("full", "full"),
-    "gated": Entry("gated", "gated"),
-    "linear": Entry("linear", "linear"),
-    "agent": Entry("agent", "agent"),
     "saap": Entry("saap", "saap", {"mode": "joint"}, text={"buckets": 8, "probes": 2}),
     "windowed": Entry("windowed", "windowed", text=_WINDOW),
-    "deformable": Entry("deformable", "deformable"),
     "squeezed": Entry("squeezed", "squeezed", {"rule": "top"}, text={"clusters": 8}),
-    "cross_global": Entry("cross-global", "cross_global"),
+}
+"""Mechanisms whose title or options differ from their name and their defaults."""
+
+_PLAIN = {name: Entry(name.replace("_", "-"), name) for name in OPTIONS}
+
+MECHANISMS = {
+    **_PLAIN,
+    **_SPECIAL,
     # What cross-global owes to tokens that ignore the condition, and to its parameters (§1.4, §4.10).
     "memory": Entry("full + 32 memory tokens", "full", {"memory_tokens": 32}, kinds=("text",)),
     "matched": Entry("full, parameters of cross-global", "full", {"inner_ratio": 2}, kinds=("text",)),

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from scjax.models.autoencoder.edges import DenseEdges, Edges, pair_rstd
 from scjax.nn.attention import attend, split_heads, weights
-from scjax.nn.cpu import matmul as tall
+from scjax.nn.cpu import matmul as cpu_matmul
 from scjax.nn.cpu.blockwise import blockwise_map
 from scjax.nn.cpu.precision import Compute, matmul
 from scjax.nn.init import ParamInit
@@ -34,14 +34,14 @@ class PairMasks(NamedTuple):
     agent_agent: Bool[Array, "b a a"]
 
 
-def pair_masks(mask: PerType, before: PerType | None = None) -> PairMasks:
-    """All pairs of real nodes; with ``before`` only those on the same side of the partition."""
+def pair_masks(mask: PerType, behind: PerType | None = None) -> PairMasks:
+    """All pairs of real nodes; with ``behind`` only those on the same side of the partition."""
 
     def pairs(destination: str, source: str):
         rows, columns = getattr(mask, destination)[:, :, None], getattr(mask, source)[:, None]
-        if before is None:
+        if behind is None:
             return rows & columns
-        return rows & columns & (getattr(before, destination)[:, :, None] == getattr(before, source)[:, None])
+        return rows & columns & (getattr(behind, destination)[:, :, None] == getattr(behind, source)[:, None])
 
     return PairMasks(pairs("lanes", "lanes"), pairs("agents", "lanes"), pairs("agents", "agents"))
 
@@ -78,7 +78,7 @@ class GraphAttention(nnx.Module):
         own = self.norm(x)
         read = own if sources is None else self.norm(sources)
         q, k, v = self.query(own), self.key(read), self.value(read)
-        m = attend(q, k, v, mask, self.heads) if edges is None else self._attend_edges(q, k, v, mask, edges)
+        m = attend(q, k, v, mask, self.heads) if edges is None else self._attend_with_edges(q, k, v, mask, edges)
         gate = jax.nn.sigmoid(self.gate(jnp.concatenate([m, own], -1)))
         u = m + gate * (self.skip(own) - m)
         out = self.out(u)
@@ -88,7 +88,7 @@ class GraphAttention(nnx.Module):
             trace.update(xhat=own, q=q, k=k, v=v, m=m, g=gate, u=u, attn=out, y=x)
         return x
 
-    def _attend_edges(self, q: Array, k: Array, v: Array, mask: Array, edges: Edges) -> Array:
+    def _attend_with_edges(self, q: Array, k: Array, v: Array, mask: Array, edges: Edges) -> Array:
         """Keys k_j + W_k r_ij and values v_j + W_v r_ij + b with r = LN(edge), without any array [B, L, L, width].
 
         q_i . W_k r_ij = (W_k' q_i) . r_ij, and sum_j a_ij W_v r_ij = W_v (sum_j a_ij r_ij). Of the norm's affine
@@ -152,9 +152,9 @@ class EdgeUpdate(nnx.Module):
             first_own, skip_own, own = rows
             edges = kind(own, *scene)
             hidden = jax.nn.relu(_pair_norm(self.nodes.norms[0], first_own, first_other))
-            hidden = _norm(self.nodes.norms[1], tall.linear(hidden, *second))
+            hidden = _norm(self.nodes.norms[1], cpu_matmul.linear(hidden, *second))
             n = jax.nn.relu(hidden + _pair_norm(self.nodes.skip_norm, skip_own, skip_other))
-            entered = tall.add_bias(edges.beside(n, entry[0]), entry[1])
+            entered = cpu_matmul.add_bias(edges.project_with(n, entry[0]), entry[1])
             values = _after_first(self.edges, entered).reshape(*own.shape[:2], -1, width)
             return values if then is None else then(values)
 
@@ -162,7 +162,7 @@ class EdgeUpdate(nnx.Module):
         return blockwise_map(update, (first_other, skip_other, *scene), (first_own, skip_own, own), real, real.shape[1])
 
 
-class FactorisedBlock(nnx.Module):
+class FactorizedBlock(nnx.Module):
     """Lanes among themselves, lanes to agents, agents among themselves, then the lane pairs."""
 
     def __init__(
@@ -232,12 +232,12 @@ def _mean_free_kernels(*linears: Linear) -> tuple[Array, Array]:
 
 def _mean_free_product(x: Array, *linears: Linear) -> Array:
     kernel, bias = _mean_free_kernels(*linears)
-    return tall.linear(x, kernel, bias)
+    return cpu_matmul.linear(x, kernel, bias)
 
 
 def _norm(norm: LayerNorm, x: Array) -> Array:
     """LN of mean-free rows x [pairs, C]."""
-    return tall.affine(x, tall.rstd(x, EPS), norm.scale[...], norm.bias[...])
+    return cpu_matmul.affine(x, cpu_matmul.rstd(x, EPS), norm.scale[...], norm.bias[...])
 
 
 def _after_first(mlp: ResidualMLP, entered: Array) -> Array:
@@ -262,4 +262,4 @@ def _pair_norm(norm: LayerNorm, destination: Array, source: Array) -> Array:
     """LN of destination_i + source_j, [pairs, C]."""
     rstd = pair_rstd(destination, source).reshape(-1, 1)
     both = (destination[:, :, None] + source[:, None]).reshape(-1, destination.shape[-1])
-    return tall.affine(both, rstd, norm.scale[...], norm.bias[...])
+    return cpu_matmul.affine(both, rstd, norm.scale[...], norm.bias[...])

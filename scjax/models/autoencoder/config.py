@@ -3,25 +3,93 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from scjax.nn.cpu.precision import Compute, operands
 
-# Columns that a source may not have recorded: z, length, width, height of an agent; z of a lane.
+# State that a source may not have recorded: z, length, width, height of an agent; z of a lane.
 _UNCERTAIN_AGENT_COLUMNS = (2, 6, 7, 8)
 _UNCERTAIN_LANE_DIMS = (2,)
 
 
+_CLASSES = {"lane_types": 4, "agent_types": 4, "link_types": 6}
+PRESETS: dict[str, dict[str, Any]] = {
+    # The published network: 32,434,148 parameters with its never-used ones (see ``scjax.convert.autoencoder``).
+    "official": {
+        "lane_width": 512,
+        "lane_heads": 4,
+        "lane_ff": 2048,
+        "agent_width": 256,
+        "agent_heads": 4,
+        "agent_ff": 1024,
+        "edge_width": 64,
+        "point_dims": 2,
+        "lane_types": 3,
+        "agent_types": 3,
+        "link_types": 4,
+    },
+    # Half the official widths, with z, signals, sides and known flags: the default for a GPU.
+    "base": {
+        "lane_width": 256,
+        "lane_heads": 4,
+        "lane_ff": 1024,
+        "agent_width": 128,
+        "agent_heads": 4,
+        "agent_ff": 512,
+        "edge_width": 64,
+        "point_dims": 3,
+        "known_inputs": True,
+        **_CLASSES,
+    },
+    # Trains on a CPU.
+    "small": {
+        "lane_width": 128,
+        "lane_heads": 4,
+        "lane_ff": 512,
+        "agent_width": 64,
+        "agent_heads": 4,
+        "agent_ff": 256,
+        "edge_width": 64,
+        "point_dims": 3,
+        "known_inputs": True,
+        **_CLASSES,
+    },
+    # Minutes on a laptop, for a first look.
+    "tiny": {
+        "lane_width": 96,
+        "lane_heads": 4,
+        "lane_ff": 192,
+        "agent_width": 64,
+        "agent_heads": 4,
+        "agent_ff": 128,
+        "edge_width": 16,
+        "point_dims": 3,
+        "known_inputs": True,
+        "encoder_blocks": 1,
+        "decoder_blocks": 1,
+        **_CLASSES,
+    },
+}
+"""Sizes of ``AutoencoderConfig.preset``."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AutoencoderConfig:
-    """Sizes of the network and of what it reads and writes.
+    """Sizes of the network, its inputs and its outputs.
 
     Attributes:
-      lane_types, agent_types, link_types: classes, as counted by the ``SceneCodec``; lane_types may be 0.
+      lane_width, lane_heads, lane_ff: width, attention heads and feed-forward width of the lane layers.
+      agent_width, agent_heads, agent_ff: the same of the agent layers.
+      edge_width: features per lane pair.
+      lane_types, agent_types, link_types: numbers of classes of the ``SceneCodec``; lane_types may be 0.
+      encoder_blocks, decoder_blocks: factorized blocks of each half.
+      lane_latent, agent_latent: latent numbers per token.
       points, point_dims: points per lane and coordinates per point (2: x, y; 3: x, y, z).
-      columns: numbers of an agent's state.
+      columns: state columns per agent.
       max_lanes: the lane-count head has the classes 0..max_lanes.
-      known_inputs: append flags to the input that tell recorded from filled-in values (z; z, length, width, height).
-      compute: operands of the matrix products; everything else is float32.
+      known_inputs: append flags to the inputs that separate recorded from filled-in values (z; z, length, width,
+        height).
+      compute: precision of the operands of matrix products; everything else is float32.
     """
 
     lane_width: int
@@ -61,7 +129,18 @@ class AutoencoderConfig:
             raise ValueError(
                 f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off"
             )
-        operands(self.compute)  # which raises
+        operands(self.compute)  # raises ValueError
+
+    @classmethod
+    def preset(cls, name: str, **changes: Any) -> AutoencoderConfig:
+        """The sizes of ``PRESETS[name]``, with some fields changed.
+
+        Raises:
+          ValueError: an unknown name; it lists the known ones.
+        """
+        if name not in PRESETS:
+            raise ValueError(f"there is no autoencoder preset {name!r}: choose one of {', '.join(PRESETS)}")
+        return cls(**{**PRESETS[name], **changes})
 
     @property
     def agent_flags(self) -> tuple[int, ...]:
@@ -82,44 +161,3 @@ class AutoencoderConfig:
     def lane_inputs(self) -> int:
         """Width of a lane's input vector: points, one-hot type, known flags."""
         return self.points * self.point_dims + self.lane_types + len(self.lane_flags)
-
-
-def official(*, lane_types: int = 3, agent_types: int = 3, link_types: int = 4, **changes) -> AutoencoderConfig:
-    """The published network: 32,434,148 parameters with its never-used ones (see ``scjax.convert.autoencoder``)."""
-    sizes = {
-        "lane_width": 512, "lane_heads": 4, "lane_ff": 2048, "agent_width": 256, "agent_heads": 4, "agent_ff": 1024,
-        "edge_width": 64, "point_dims": 2,
-    }  # fmt: skip
-    return _config(sizes, lane_types, agent_types, link_types, changes)
-
-
-def base(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
-    """Half the official widths, with z, signals, sides and known flags: the default for a GPU."""
-    sizes = {
-        "lane_width": 256, "lane_heads": 4, "lane_ff": 1024, "agent_width": 128, "agent_heads": 4, "agent_ff": 512,
-        "edge_width": 64, "point_dims": 3, "known_inputs": True,
-    }  # fmt: skip
-    return _config(sizes, lane_types, agent_types, link_types, changes)
-
-
-def small(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
-    """Trains on a CPU."""
-    sizes = {
-        "lane_width": 128, "lane_heads": 4, "lane_ff": 512, "agent_width": 64, "agent_heads": 4, "agent_ff": 256,
-        "edge_width": 64, "point_dims": 3, "known_inputs": True,
-    }  # fmt: skip
-    return _config(sizes, lane_types, agent_types, link_types, changes)
-
-
-def tiny(*, lane_types: int = 4, agent_types: int = 4, link_types: int = 6, **changes) -> AutoencoderConfig:
-    """Minutes on a laptop, for a first look."""
-    sizes = {
-        "lane_width": 96, "lane_heads": 4, "lane_ff": 192, "agent_width": 64, "agent_heads": 4, "agent_ff": 128,
-        "edge_width": 16, "point_dims": 3, "known_inputs": True, "encoder_blocks": 1, "decoder_blocks": 1,
-    }  # fmt: skip
-    return _config(sizes, lane_types, agent_types, link_types, changes)
-
-
-def _config(sizes: dict, lane_types: int, agent_types: int, link_types: int, changes: dict) -> AutoencoderConfig:
-    counts = {"lane_types": lane_types, "agent_types": agent_types, "link_types": link_types}
-    return AutoencoderConfig(**{**sizes, **counts, **changes})

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array
 
-from scjax.models.autoencoder.blocks import FactorisedBlock, Trace, link_head, pair_masks
+from scjax.models.autoencoder.blocks import FactorizedBlock, Trace, link_head, pair_masks
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, PairEdges
 from scjax.models.autoencoder.outputs import Decoded
@@ -17,7 +17,7 @@ from scjax.nn.layers import Linear, ResidualMLP
 from scjax.scene.per_type import PerType
 
 
-class Decoder(nnx.Module):
+class SceneDecoder(nnx.Module):
     """Two factorised blocks over all pairs of the scene, then one head per quantity."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
@@ -27,7 +27,7 @@ class Decoder(nnx.Module):
         self.agent_in = Linear(c.agent_latent, c.agent_width, **options)
         self.pair_down = Linear(c.lane_width, c.edge_width, **options)
         self.pair_in = Linear(2 * c.edge_width, c.edge_width, **options)
-        self.blocks = nnx.List([FactorisedBlock(lane, agent, c.edge_width, **options) for _ in range(c.decoder_blocks)])
+        self.blocks = nnx.List([FactorizedBlock(lane, agent, c.edge_width, **options) for _ in range(c.decoder_blocks)])
         points = c.points * c.point_dims
         self.agent_states = ResidualMLP(c.agent_width, c.agent_width, depth=3, features_out=c.columns, **options)
         self.agent_types = ResidualMLP(c.agent_width, c.agent_width, features_out=c.agent_types, **options)
@@ -46,10 +46,10 @@ class Decoder(nnx.Module):
         """
         c = self.config
         for name, width in (("agents", c.agent_latent), ("lanes", c.lane_latent)):
-            shape, wanted = getattr(latents, name).shape, (*getattr(mask, name).shape, width)
-            if shape != wanted or len(wanted) != 3:
+            shape, expected = getattr(latents, name).shape, (*getattr(mask, name).shape, width)
+            if shape != expected or len(expected) != 3:
                 raise ValueError(
-                    f"latents.{name} has shape {shape}, but its mask and the configuration call for {wanted}"
+                    f"latents.{name} has shape {shape}, but its mask and the configuration call for {expected}"
                 )
         latents, mask = jax.tree.map(jnp.asarray, (latents, mask))
         masks = pair_masks(mask)

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from scjax.nn.cpu import matmul as tall
+from scjax.nn.cpu import matmul as cpu_matmul
 from scjax.nn.layers import EPS, subtract_mean
 
 
@@ -38,10 +38,10 @@ class TypedEdges(NamedTuple):
         """sum_j p_hij z_ij."""
         return jnp.einsum("bihk,bkc->bihc", jnp.einsum("bihj,bijk->bihk", p, self._one_hot()), _normalise(self.table))
 
-    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+    def project_with(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
         own, other = jnp.split(w, [n.shape[1]])
-        return tall.product(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
+        return cpu_matmul.product(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -73,11 +73,11 @@ class PairEdges(NamedTuple):
         p = p * pair_rstd(d, s)[:, :, None]
         return p.sum(-1, keepdims=True) * d[:, :, None] + jnp.einsum("bihj,bjc->bihc", p, s)
 
-    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+    def project_with(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
         own, other = jnp.split(w, [n.shape[1]])
         pairs = (self.destination @ other)[:, :, None] + (self.source @ other)[:, None]
-        return tall.product(n, own) + pairs.reshape(-1, w.shape[1])
+        return cpu_matmul.product(n, own) + pairs.reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""
@@ -97,9 +97,9 @@ class DenseEdges(NamedTuple):
         """sum_j p_hij z_ij."""
         return subtract_mean(jnp.einsum("bihj,bijc->bihc", p * self._rstd()[:, :, None], self.values))
 
-    def beside(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
+    def project_with(self, n: Float[Array, "p n"], w: Float[Array, "nc o"]) -> Float[Array, "p o"]:
         """[n_ij; c_ij] W, pairs flattened."""
-        return tall.product(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
+        return cpu_matmul.product(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
 
     def dense(self) -> Float[Array, "b i j c"]:
         """c itself."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
-from scjax.models.autoencoder.blocks import FactorisedBlock, GraphAttention, Trace, pair_masks
+from scjax.models.autoencoder.blocks import FactorizedBlock, GraphAttention, Trace, pair_masks
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.edges import DenseEdges, TypedEdges
 from scjax.models.autoencoder.outputs import Posterior
@@ -17,7 +17,7 @@ from scjax.nn.layers import Linear, ResidualMLP
 from scjax.scene.per_type import PerType
 
 
-class Encoder(nnx.Module):
+class SceneEncoder(nnx.Module):
     """Two factorised blocks over lanes, agents and lane pairs; a query token counts what lies behind the partition."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
@@ -29,7 +29,7 @@ class Encoder(nnx.Module):
         # Nobody reads the edges after the last block, so there is no update there.
         self.blocks = nnx.List(
             [
-                FactorisedBlock(lane, agent, c.edge_width, update_edges=i + 1 < c.encoder_blocks, **options)
+                FactorizedBlock(lane, agent, c.edge_width, update_edges=i + 1 < c.encoder_blocks, **options)
                 for i in range(c.encoder_blocks)
             ]
         )
@@ -45,8 +45,8 @@ class Encoder(nnx.Module):
         check_tokens(tokens, self.config)
         tokens = jax.tree.map(jnp.asarray, tokens)
         mask = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        before = PerType(agents=tokens.agent_behind & mask.agents, lanes=tokens.lane_behind & mask.lanes)
-        masks = pair_masks(mask, before)
+        behind = PerType(agents=tokens.agent_behind & mask.agents, lanes=tokens.lane_behind & mask.lanes)
+        masks = pair_masks(mask, behind)
         agents, lanes = agent_inputs(tokens, self.config), lane_inputs(tokens, self.config)
         nodes = PerType(agents=self.agent_in(agents), lanes=self.lane_in(lanes))
         edges = self._edges(tokens, nodes.lanes.dtype)
@@ -57,7 +57,7 @@ class Encoder(nnx.Module):
         for i, block in enumerate(self.blocks):
             inner: Trace = None if trace is None else {}
             nodes, values = block(nodes, edges, masks, trace=inner)
-            query = self.query_attention(query, before.lanes[:, None], sources=nodes.lanes)
+            query = self.query_attention(query, behind.lanes[:, None], sources=nodes.lanes)
             if trace is not None and inner is not None:
                 trace.update({f"block{i}/{name}": value for name, value in inner.items()})
                 trace[f"block{i}/query"] = query[:, 0]
@@ -99,12 +99,12 @@ def check_tokens(tokens: NormalizedScene, config: AutoencoderConfig) -> None:
         raise ValueError(
             f"agent_mask has shape {tokens.agent_mask.shape}, but the autoencoder wants one batch axis [B, A]"
         )
-    wanted = {
+    expected = {
         "agents": (*tokens.agent_mask.shape, config.columns),
         "lanes": (*tokens.lane_mask.shape, config.points, config.point_dims),
         "links": (*tokens.lane_mask.shape, tokens.lane_mask.shape[1]),
     }
-    for name, shape in wanted.items():
+    for name, shape in expected.items():
         if getattr(tokens, name).shape != shape:
             raise ValueError(
                 f"tokens.{name} has shape {getattr(tokens, name).shape}, but the masks and the configuration call for "

@@ -13,11 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from scjax.models.autoencoder.outputs import Decoded, Posterior, reparameterise
+from scjax.models.autoencoder.outputs import Decoded, Posterior
 from scjax.models.codec import NormalizedScene
 from scjax.scene import AnyArray, Crop, Link
-
-__all__ = ["LossWeights", "errors", "loss", "per_scene", "reparameterise"]
 
 _COUNT_TOLERANCE = 3  # a lane count off by at most this is logged as right
 
@@ -69,7 +67,7 @@ def loss(
         "official_lane_count": official_lane_count, "balanced_links": balanced_links, "typical_counts": typical_counts
     }  # fmt: skip
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
-    terms = per_scene(decoded, posterior, tokens, weights, **options)
+    terms = scene_losses(decoded, posterior, tokens, weights, **options)
     counted = _counted(tokens, official_lane_count)
     miss = jnp.abs(posterior.lane_count_logits.argmax(-1) - lanes_after(tokens))
     logged = {name: value.mean() for name, value in terms.items()}
@@ -79,7 +77,7 @@ def loss(
     return logged["total"], logged
 
 
-def per_scene(
+def scene_losses(
     decoded: Decoded,
     posterior: Posterior,
     tokens: NormalizedScene,
@@ -100,12 +98,12 @@ def per_scene(
     count_entropy = _cross_entropy(posterior.lane_count_logits, counts, jnp.ones_like(counts, bool))
     has_lane_types = decoded.lane_type_logits.shape[-1] > 0
     terms = {
-        "agent_states": _scene_mean(_distance(decoded.agents, tokens.agents, agent_known), agent_known),
-        "lane_points": _scene_mean(_distance(decoded.lanes, tokens.lanes, lane_known), lane_known),
-        "agent_type": _scene_mean(
+        "agent_states": _mean_per_scene(_absolute_error(decoded.agents, tokens.agents, agent_known), agent_known),
+        "lane_points": _mean_per_scene(_absolute_error(decoded.lanes, tokens.lanes, lane_known), lane_known),
+        "agent_type": _mean_per_scene(
             _cross_entropy(decoded.agent_type_logits, tokens.agent_types, agent_mask), agent_mask
         ),
-        "lane_type": _scene_mean(
+        "lane_type": _mean_per_scene(
             _cross_entropy(decoded.lane_type_logits, tokens.lane_types, lane_type_known), lane_type_known
         )
         if has_lane_types
@@ -144,7 +142,7 @@ def lanes_after(tokens: NormalizedScene) -> Int[AnyArray, " b"]:
     return jnp.where(tokens.crop == Crop.PARTITIONED, after, 0)
 
 
-def errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArray, " b"]]:
+def reconstruction_errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArray, " b"]]:
     """Reconstruction errors of each scene, in unit coordinates.
 
     Returns:
@@ -157,7 +155,7 @@ def errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArra
     decoded, tokens = jax.tree.map(jnp.asarray, (decoded, tokens))
     lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
     dtype = decoded.lanes.dtype
-    gaps = _length(decoded.lanes[..., :2] - jnp.where(lane_mask[..., None, None], tokens.lanes[..., :2], 0.0))
+    gaps = _norm(decoded.lanes[..., :2] - jnp.where(lane_mask[..., None, None], tokens.lanes[..., :2], 0.0))
     agents = jnp.where(agent_mask[..., None], tokens.agents, 0.0)
     known = tokens.agent_known & agent_mask[..., None]
     turn = jnp.arctan2(
@@ -167,15 +165,15 @@ def errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArra
     lane_type_known = tokens.lane_type_known & lane_mask
     right_agents = (decoded.agent_type_logits.argmax(-1) == tokens.agent_types).astype(dtype)
     result = {
-        "lane_points": _scene_mean(gaps, jnp.broadcast_to(lane_mask[..., None], gaps.shape)),
-        "agent_positions": _scene_mean(_length(decoded.agents[..., :2] - agents[..., :2]), agent_mask),
-        "agent_headings": _scene_mean(jnp.abs(turn), agent_mask),
-        "agent_states": _scene_mean(_distance(decoded.agents, tokens.agents, known), known),
-        "agent_types": _scene_mean(right_agents, agent_mask),
+        "lane_points": _mean_per_scene(gaps, jnp.broadcast_to(lane_mask[..., None], gaps.shape)),
+        "agent_positions": _mean_per_scene(_norm(decoded.agents[..., :2] - agents[..., :2]), agent_mask),
+        "agent_headings": _mean_per_scene(jnp.abs(turn), agent_mask),
+        "agent_states": _mean_per_scene(_absolute_error(decoded.agents, tokens.agents, known), known),
+        "agent_types": _mean_per_scene(right_agents, agent_mask),
     }
     if decoded.lane_type_logits.shape[-1]:
         right_lanes = (decoded.lane_type_logits.argmax(-1) == tokens.lane_types).astype(dtype)
-        result["lane_types"] = _scene_mean(right_lanes, lane_type_known)
+        result["lane_types"] = _mean_per_scene(right_lanes, lane_type_known)
     pairs = lane_mask[:, :, None] & lane_mask[:, None] & ~jnp.eye(lane_mask.shape[1], dtype=bool)[None]
     links = decoded.link_logits.argmax(-1)
     result["link_hits"] = (pairs & (links == tokens.links) & (links > 0)).sum((1, 2)).astype(dtype)
@@ -189,13 +187,13 @@ def _counted(tokens: NormalizedScene, official: bool) -> Bool[AnyArray, " b"]:
     return crop != Crop.CENTERED if official else crop == Crop.PARTITIONED
 
 
-def _length(difference: Float[AnyArray, "*b 2"]) -> Float[AnyArray, "*b"]:
+def _norm(difference: Float[AnyArray, "*b 2"]) -> Float[AnyArray, "*b"]:
     return jnp.sqrt(jnp.square(difference).sum(-1))
 
 
-def _distance(found: AnyArray, wanted: AnyArray, known: AnyArray) -> AnyArray:
+def _absolute_error(prediction: AnyArray, target: AnyArray, known: AnyArray) -> AnyArray:
     """|found - wanted|, zero (gradient too) where unknown."""
-    return jnp.abs(jnp.where(known, found - jnp.where(known, wanted, 0.0), 0.0))
+    return jnp.abs(jnp.where(known, prediction - jnp.where(known, target, 0.0), 0.0))
 
 
 def _cross_entropy(
@@ -204,14 +202,14 @@ def _cross_entropy(
     """In at least float32; zero where masked."""
     logits = logits.astype(jnp.promote_types(logits.dtype, jnp.float32))
     # A product with one-hots, not a lookup: the gradient of a lookup is a serial scatter on a CPU.
-    picked = (jax.nn.one_hot(classes, logits.shape[-1], dtype=logits.dtype) * logits).sum(-1)
-    return jnp.where(mask, jax.nn.logsumexp(logits, -1) - picked, 0.0)
+    selected = (jax.nn.one_hot(classes, logits.shape[-1], dtype=logits.dtype) * logits).sum(-1)
+    return jnp.where(mask, jax.nn.logsumexp(logits, -1) - selected, 0.0)
 
 
 def _link_entropy(logits: AnyArray, links: AnyArray, pairs: AnyArray, balanced: bool) -> Float[AnyArray, " b"]:
     entropy = _cross_entropy(logits, links, pairs)
     if not balanced:
-        return _scene_mean(entropy, pairs)
+        return _mean_per_scene(entropy, pairs)
     classes = range(logits.shape[-1])
     members = jnp.stack([(pairs & (links == c)).sum((1, 2)) for c in classes], -1)
     sums = jnp.stack([jnp.where(links == c, entropy, 0.0).sum((1, 2)) for c in classes], -1)
@@ -230,23 +228,23 @@ def _connection_error(lanes: AnyArray, tokens: NormalizedScene, pairs: AnyArray)
     def steps(points):
         return points[:, None, :, 0] - points[:, :, None, -1]
 
-    return _scene_mean(_distance(steps(lanes), steps(true), followed), followed)
+    return _mean_per_scene(_absolute_error(steps(lanes), steps(true), followed), followed)
 
 
-def _step_error(found: AnyArray, wanted: AnyArray, known: AnyArray) -> Float[AnyArray, " b"]:
+def _step_error(prediction: AnyArray, target: AnyArray, known: AnyArray) -> Float[AnyArray, " b"]:
     """Mean |difference| of the step from each point of a lane to the next: lanes that tremble point anywhere."""
-    true, known = jnp.diff(jnp.where(known, wanted, 0.0), axis=2), known[:, :, 1:]
-    return _scene_mean(_distance(jnp.diff(found, axis=2), true, known), known)
+    true, known = jnp.diff(jnp.where(known, target, 0.0), axis=2), known[:, :, 1:]
+    return _mean_per_scene(_absolute_error(jnp.diff(prediction, axis=2), true, known), known)
 
 
 def _scene_kl(
     mean: Float[AnyArray, "b n d"], logvar: Float[AnyArray, "b n d"], mask: Bool[AnyArray, "b n"]
 ) -> Float[AnyArray, " b"]:
     divergence = -0.5 * (1 + logvar - jnp.square(mean) - jnp.exp(logvar)).mean(-1)
-    return _scene_mean(divergence, mask)
+    return _mean_per_scene(divergence, mask)
 
 
-def _scene_mean(values: Float[AnyArray, "b ..."], mask: Bool[AnyArray, "b ..."]) -> Float[AnyArray, " b"]:
+def _mean_per_scene(values: Float[AnyArray, "b ..."], mask: Bool[AnyArray, "b ..."]) -> Float[AnyArray, " b"]:
     """Mean over the masked elements of each scene; 0 where there are none."""
     batch = values.shape[0]
     return _mean_of(values.reshape(batch, -1), mask.reshape(batch, -1))

@@ -8,8 +8,8 @@ import jax
 from flax import nnx
 
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.decoder import Decoder
-from scjax.models.autoencoder.encoder import Encoder
+from scjax.models.autoencoder.decoder import SceneDecoder
+from scjax.models.autoencoder.encoder import SceneEncoder
 from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
 from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import Functional, functional
@@ -21,15 +21,15 @@ class Autoencoder(nnx.Module):
     """Encoder and decoder; all methods work on batches [B] and never mix scenes."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
-        self.encoder = Encoder(config, init=init)
-        self.decoder = Decoder(config, init=init)
+        self.encoder = SceneEncoder(config, init=init)
+        self.decoder = SceneDecoder(config, init=init)
 
     def encode(self, tokens: NormalizedScene) -> Posterior:
         """The posterior of each scene's latents."""
         return self.encoder(tokens)
 
     def decode(self, latents: PerType, mask: PerType, *, through_pairs: bool = True) -> Decoded:
-        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes; see ``Decoder``."""
+        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes; see ``SceneDecoder``."""
         return self.decoder(latents, mask, through_pairs=through_pairs)
 
     def reconstruct(self, tokens: NormalizedScene, noise: PerType | None = None) -> tuple[Posterior, Decoded]:

@@ -41,7 +41,7 @@ class Decoded:
     link_logits: Float[Array | np.ndarray, "b lanes lanes link_types"]
 
 
-def reparameterise(key: jax.Array, posterior: Posterior) -> PerType:
+def reparameterize(key: jax.Array, posterior: Posterior) -> PerType:
     """A sample mean + exp(logvar / 2) noise. Agents and lanes draw from keys of their own."""
     keys = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
     noise = jax.tree.map(lambda k, x: jax.random.normal(k, x.shape, x.dtype), keys, posterior.mean)

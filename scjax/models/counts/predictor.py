@@ -80,10 +80,10 @@ class CountPredictor(nnx.Module):
         tokens = self.token_norm(jax.nn.gelu(self.token_in(tokens)))
         query = jnp.broadcast_to(self.query[...][None], (len(mask), *self.query.shape))
         read = attend(query, self.key(tokens), self.value(tokens), mask[:, None], self.config.heads)
-        found = read.reshape(len(mask), -1) + self.domains[...][domain]
-        found = self.norm(found + jax.nn.gelu(self.hidden(found)))
-        lanes = _log_softmax(self.lanes(found))
-        inner = jax.nn.gelu(self.agents_hidden(found)[:, None] + self.known_lanes[...][None])
+        hidden = read.reshape(len(mask), -1) + self.domains[...][domain]
+        hidden = self.norm(hidden + jax.nn.gelu(self.hidden(hidden)))
+        lanes = _log_softmax(self.lanes(hidden))
+        inner = jax.nn.gelu(self.agents_hidden(hidden)[:, None] + self.known_lanes[...][None])
         return lanes[..., None] + _log_softmax(self.agents(inner))
 
 

@@ -68,13 +68,13 @@ def draw_counts(
     allowed = np.zeros(table.shape[2:], bool)
     allowed[rows, columns] = True
     # The asked layout and domain first; where the data has none of them, the other layouts, then the other domains.
-    asked = table[:, crop].astype(np.float64)
-    anywhere = table.sum(1, dtype=np.float64)
+    own_crop = table[:, crop].astype(np.float64)
+    any_crop = table.sum(1, dtype=np.float64)
     own = slice(None) if domain is None else slice(domain, domain + 1)
-    for cells in (asked[own], anywhere[own], anywhere):
+    for cells in (own_crop[own], any_crop[own], any_crop):
         cells = np.where(allowed[None], cells, 0)
         if cells.any():
             index = rng.choice(cells.size, p=(cells / cells.sum()).ravel())
-            drawn, lanes, agents = np.unravel_index(index, cells.shape)
-            return int(drawn) if domain is None else domain, int(lanes), int(agents)
+            drawn_domain, lanes, agents = np.unravel_index(index, cells.shape)
+            return int(drawn_domain) if domain is None else domain, int(lanes), int(agents)
     return domain or 0, num_lanes or max(least_lanes, 1), num_agents or max(least_agents, 1)

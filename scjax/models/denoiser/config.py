@@ -1,4 +1,4 @@
-"""Sizes and named options of the denoiser; ``official`` is the released architecture (official-spec §0, §4)."""
+"""Sizes and options of the denoiser; the preset "official" is the released architecture (official-spec §0, §4)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from scjax.nn.cross_attention import (
 )
 
 Prediction = Literal["noise", "velocity", "flow"]
-"""What a network estimates: the noise (official), sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho 2022), or
-noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
+"""The network's target: the noise (official); the velocity sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho
+2022); or noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +44,22 @@ class ImageCondition:
             raise ValueError(f"ImageCondition.grid must be (rows, columns), both positive, got {self.grid}")
 
 
-Condition = TextCondition | ImageCondition | None
+ConditionConfig = TextCondition | ImageCondition | None
 _RELEASED = CrossGlobalOptions()
+
+
+_CHANGES = {"known_embedding": True, "prediction": "velocity"}
+PRESETS: dict[str, dict[str, Any]] = {
+    # The released network, including its conventions for padding and initialization.
+    "official": {"attend_padding": True, "cross_adaln_init": "xavier"},
+    # One GPU: heads of 64.
+    "base": {"lane_width": 512, "lane_heads": 8, "agent_width": 256, "agent_heads": 4, **_CHANGES},
+    # A few CPU cores.
+    "small": {"lane_width": 256, "lane_heads": 8, "agent_width": 128, "agent_heads": 4, **_CHANGES},
+    # Minutes on a laptop, for a first look.
+    "tiny": {"lane_width": 128, "lane_heads": 4, "agent_width": 64, "agent_heads": 2, **_CHANGES},
+}
+"""Sizes and options of ``DenoiserConfig.preset``; all but "official" differ from the release in ``_CHANGES``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,19 +71,21 @@ class DenoiserConfig:
       agent_width, agent_heads: the same of the lanes-to-agents and agents-to-agents stages.
       mlp_ratio: hidden width of a stage's MLP over its width.
       blocks, l2l_stages: factorized blocks, and lanes-to-lanes stages in each.
-      lane_latent, agent_latent: latent numbers a token.
+      lane_latent, agent_latent: latent numbers per token.
       max_lanes, max_agents: largest numbers of tokens (sizes of the count tables and position tables).
-      domains, crops: the label table has a row for each pair (``domains * crop + domain``) and a last null row.
-      condition: what the scene is conditioned on besides label and counts; None for the unconditional network.
-      cross_attention: how scene tokens read the condition: the options of a mechanism (``scjax.nn.cross_attention``).
-      known_embedding: a learned vector a kind (zero at first) marks the tokens that are given. Not in the release.
-      fourier_features: learned projections of a token's latents whose sines and cosines join its embedding; 0 for none (official).
-      relative_geometry: what lies near a token joins its embedding (``denoiser.relative_geometry``). Not in the release.
-      prediction: what the network estimates, "noise" (official), "velocity" or "flow".
+      domains, crops: the label table has one row per pair (``domains * crop + domain``), and the null row last.
+      condition: the condition besides label and counts; None for the unconditional network.
+      cross_attention: how scene tokens read the condition: options of a mechanism (``scjax.nn.cross_attention``).
+      known_embedding: add a learned vector per type (zero at first) to known tokens. Not in the release.
+      fourier_features: number of learned projections of a token's latents whose sines and cosines are added to its
+        embedding; 0 for none (official).
+      relative_geometry: add features of nearby tokens to the embeddings (``denoiser.relative_geometry``). Not in the
+        release.
+      prediction: what the network predicts, "noise" (official), "velocity" or "flow".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
-      attend_padding: official convention: padded text tokens stay valid keys, and a dropped condition is a context of
-        zeros. Otherwise padded and dropped tokens are masked, and a dropped condition contributes exactly zero.
-      compute: operand precision of the products with the weights.
+      attend_padding: the official convention, in which padded text tokens are valid keys and a dropped condition is a
+        context of zeros. Otherwise padded and dropped tokens are masked, and a dropped condition adds exactly zero.
+      compute: precision of the operands of products with the weights.
     """
 
     lane_width: int = 2048
@@ -85,7 +101,7 @@ class DenoiserConfig:
     max_agents: int = 61
     domains: int = 4
     crops: int = 3
-    condition: Condition = None
+    condition: ConditionConfig = None
     cross_attention: CrossAttentionOptions = _RELEASED
     known_embedding: bool = False
     fourier_features: int = 0
@@ -110,8 +126,8 @@ class DenoiserConfig:
             raise ValueError(f'cross_adaln_init must be "zero" or "xavier", got {self.cross_adaln_init!r}')
         if not isinstance(self.cross_attention, CrossAttentionOptions):
             raise ValueError(
-                f"control must be the options of a mechanism, such as CrossGlobalOptions(), not {self.cross_attention!r}: "
-                "scjax.nn.cross_attention.named finds them by name"
+                "cross_attention must be the options of a mechanism, such as CrossGlobalOptions(), not "
+                f"{self.cross_attention!r}: scjax.nn.cross_attention.from_name finds them by name"
             )
         if (
             isinstance(self.cross_attention, GatedOptions)
@@ -119,12 +135,12 @@ class DenoiserConfig:
             and self.cross_adaln_init == "zero"
         ):
             raise ValueError(
-                'GatedOptions.start is 0 and cross_adaln_init "zero": a product of two zeros never trains. Give a '
-                'start of 1, or cross_adaln_init="xavier"'
+                'GatedOptions.start is 0 and cross_adaln_init "zero": a product of two zeros never trains. Set '
+                'start=1, or cross_adaln_init="xavier"'
             )
         if self.prediction not in get_args(Prediction):
             raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
-        operands(self.compute)  # which raises
+        operands(self.compute)  # raises ValueError
 
     def to_json(self) -> dict[str, Any]:
         """The fields as plain values; those of ``cross_attention`` with the mechanism's name."""
@@ -141,14 +157,25 @@ class DenoiserConfig:
             )
         return cls(**{**fields, "condition": condition, "cross_attention": from_name(**fields["cross_attention"])})
 
+    @classmethod
+    def preset(cls, name: str, **changes: Any) -> DenoiserConfig:
+        """The sizes of ``PRESETS[name]``, with some fields changed.
+
+        Raises:
+          ValueError: an unknown name; it lists the known ones.
+        """
+        if name not in PRESETS:
+            raise ValueError(f"there is no denoiser preset {name!r}: choose one of {', '.join(PRESETS)}")
+        return cls(**{**PRESETS[name], **changes})
+
     @property
     def null_label(self) -> int:
-        """Row of the label table for "not told": the last one."""
+        """Row of the label table for an unknown label: the last one."""
         return self.domains * self.crops
 
     @property
     def context_spec(self) -> ContextSpec:
-        """How the context tokens lie: along a text, or on the image's grid and then on the depth's."""
+        """Layout of the context tokens: along a text, or on the grid of the image and then of the depth map."""
         if isinstance(self.condition, ImageCondition):
             return ContextSpec(kind="image", grid=self.condition.grid, modalities=2)
         return ContextSpec(kind="text")
@@ -160,32 +187,6 @@ class DenoiserConfig:
         if isinstance(self.condition, ImageCondition):
             size += self.condition.grid[0] * self.condition.grid[1] * self.lane_width
         return size
-
-
-_OURS = {"known_embedding": True, "prediction": "velocity"}
-
-
-def official(condition: Condition = None) -> DenoiserConfig:
-    """The released network, including its conventions for padding and initialisation."""
-    return DenoiserConfig(condition=condition, attend_padding=True, cross_adaln_init="xavier")
-
-
-def base(condition: Condition = None, **changes) -> DenoiserConfig:
-    """One GPU: 512 / 256 wide, heads of 64."""
-    sizes = {"lane_width": 512, "lane_heads": 8, "agent_width": 256, "agent_heads": 4, **_OURS}
-    return DenoiserConfig(condition=condition, **(sizes | changes))
-
-
-def small(condition: Condition = None, **changes) -> DenoiserConfig:
-    """A few CPU cores: 256 / 128 wide, 8 / 4 heads."""
-    sizes = {"lane_width": 256, "lane_heads": 8, "agent_width": 128, "agent_heads": 4, **_OURS}
-    return DenoiserConfig(condition=condition, **(sizes | changes))
-
-
-def tiny(condition: Condition = None, **changes) -> DenoiserConfig:
-    """Minutes on a laptop, for a first look: 128 / 64 wide, 4 / 2 heads."""
-    sizes = {"lane_width": 128, "lane_heads": 4, "agent_width": 64, "agent_heads": 2, **_OURS}
-    return DenoiserConfig(condition=condition, **(sizes | changes))
 
 
 def _positive(config, *names: str) -> None:

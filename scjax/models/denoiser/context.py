@@ -35,7 +35,7 @@ class TextFeatures:
 
 @pytree
 class ImageFeatures:
-    """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalise_depth``).
+    """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalize_depth``).
 
     ``present`` is False in scenes without an image, whose features are not read; None: all have one.
     """
@@ -105,7 +105,7 @@ class ImageContext(nnx.Module):
         return PerType(agents=self.agents(lanes), lanes=lanes), valid
 
 
-def normalise_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.ndarray, "*b height width"]:
+def normalize_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.ndarray, "*b height width"]:
     """NaN -> 0, then each map to 0..1 by its own minimum and maximum (NumPy, once, when features are stored)."""
     depth = np.nan_to_num(depth, nan=0.0, posinf=None, neginf=None)
     low, high = (f(depth, axis=(-2, -1), keepdims=True) for f in (np.min, np.max))

@@ -17,7 +17,7 @@ from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.fourier_features import FourierFeatures
 from scjax.models.denoiser.position_head import POINTS, PositionHead
 from scjax.models.denoiser.relative_geometry import RelativeGeometry
-from scjax.models.denoiser.stage import Head, Stage
+from scjax.models.denoiser.stage import AttentionStage, Head
 from scjax.nn.cross_attention import AuxOutputs, NoOptions
 from scjax.nn.functional import Functional, functional
 from scjax.nn.init import ParamInit
@@ -40,7 +40,7 @@ class Block(nnx.Module):
 
     def __init__(self, config: DenoiserConfig, *, init: ParamInit):
         def stage(width, heads):
-            return Stage(
+            return AttentionStage(
                 width, heads, init=init, mlp_ratio=config.mlp_ratio, compute=config.compute,
                 cross_adaln_init=config.cross_adaln_init, spec=config.context_spec,
                 cross_attention=None if config.condition is None else config.cross_attention,
@@ -54,7 +54,7 @@ class Block(nnx.Module):
         self.l2a = stage(*agent)
         self.a2a = stage(*agent)
 
-    def stages(self) -> dict[str, tuple[str, Stage]]:
+    def stages(self) -> dict[str, tuple[str, AttentionStage]]:
         """Name -> (kind that the stage updates, stage), in the order of evaluation."""
         lane_stages = {name: ("lanes", stage) for name, stage in zip(_l2l_names(len(self.l2l)), self.l2l, strict=True)}
         return {
@@ -88,18 +88,18 @@ class Block(nnx.Module):
         sources = {"a2l": ("agents", self.agents_up), "l2a": ("lanes", self.lanes_down)}
         aux = {}
         for name, (kind, stage) in self.stages().items():
-            notes = None if trace is None else {}
+            stage_trace = None if trace is None else {}
             other, project = sources.get(name, (kind, None))
             updated, told = stage(
                 getattr(x, kind), getattr(masks, kind), modulation[name], getattr(masks, other),
-                None if project is None else project(getattr(x, other)), cache[name] if cache else None, notes,
+                None if project is None else project(getattr(x, other)), cache[name] if cache else None, stage_trace,
             )  # fmt: skip
             x = x.replace(**{kind: updated})
             if told is not None:
                 aux[name] = told
-            if trace is not None and notes is not None:
-                notes["out"] = updated
-                trace |= {f"{name}/{key}": value for key, value in notes.items()}
+            if trace is not None and stage_trace is not None:
+                stage_trace["out"] = updated
+                trace |= {f"{name}/{key}": value for key, value in stage_trace.items()}
         return x, aux
 
 
@@ -270,12 +270,14 @@ class Denoiser(nnx.Module):
                     parts = {"adaln": stage.to, "adaln_src": stage.source, "adaln_cross": stage.cross}
                     trace |= {f"b{i}/{name}/{part}": x for part, x in parts.items() if x is not None}
         for i, block in enumerate(self.blocks):
-            notes = None if trace is None else {}
-            tokens, told = block(tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], notes)
+            stage_trace = None if trace is None else {}
+            tokens, told = block(
+                tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], stage_trace
+            )
             if aux is not None:
                 aux |= {f"b{i}/{name}": value for name, value in told.items()}
-            if trace is not None and notes is not None:
-                trace |= {f"b{i}/{name}": value for name, value in notes.items()}
+            if trace is not None and stage_trace is not None:
+                trace |= {f"b{i}/{name}": value for name, value in stage_trace.items()}
         heads = modulation["heads"]
         eps = PerType(
             agents=self.agent_head(tokens.agents, heads.agents), lanes=self.lane_head(tokens.lanes, heads.lanes)

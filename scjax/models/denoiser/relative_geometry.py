@@ -40,51 +40,52 @@ class RelativeGeometry(nnx.Module):
         """Anchors [B, tokens, points, 2] a kind, finite also at padding, and masks -> [B, tokens, width] a kind."""
         agents, lanes = UNIT * points.agents, UNIT * points.lanes
         return PerType(
-            agents=self.agents(about_agents(agents, lanes, masks)), lanes=self.lanes(about_lanes(lanes, masks.lanes))
+            agents=self.agents(agent_geometry(agents, lanes, masks)),
+            lanes=self.lanes(lane_geometry(lanes, masks.lanes)),
         )
 
 
-def about_lanes(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> Float[Array, "b n f"]:
+def lane_geometry(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> Float[Array, "b n f"]:
     """Shifts from points of every lane toward points of other lanes, in the axes of the window, in units of a scale."""
     others = mask[:, None] & ~jnp.eye(mask.shape[1], dtype=bool)[None]
-    told = []
+    features = []
     for own, other in _PAIRED:
-        to = lanes[:, None, :, other] - lanes[:, :, None, own]
-        told += [_shift(to, _near(to, others, scale), scale) for scale in _SCALES["lanes"]]
-    return jnp.concatenate(told, -1)
+        offset = lanes[:, None, :, other] - lanes[:, :, None, own]
+        features += [_shift(offset, _proximity(offset, others, scale), scale) for scale in _SCALES["lanes"]]
+    return jnp.concatenate(features, -1)
 
 
-def about_agents(
+def agent_geometry(
     agents: Float[Array, "b n p 2"], lanes: Float[Array, "b m r 2"], masks: PerType
 ) -> Float[Array, "b n f"]:
     """Shifts from every agent toward the others and toward the nearest points of lanes, with the lanes' directions."""
     others = masks.agents[:, None] & ~jnp.eye(masks.agents.shape[1], dtype=bool)[None]
     centre = agents[:, :, 0]
-    to = centre[:, None] - centre[:, :, None]
-    told = [_shift(to, _near(to, others, scale), scale) for scale in _SCALES["agents"]]
+    offset = centre[:, None] - centre[:, :, None]
+    features = [_shift(offset, _proximity(offset, others, scale), scale) for scale in _SCALES["agents"]]
 
     start, along = (x.reshape(len(lanes), 1, -1, 2) for x in (lanes[:, :, :-1], lanes[:, :, 1:] - lanes[:, :, :-1]))
     from_start = centre[:, :, None] - start
     square = jnp.square(along).sum(-1) + _SHORT**2
     foot = jnp.clip((from_start * along).sum(-1) / square, 0, 1)[..., None] * along
-    to = foot - from_start
-    direction = jnp.broadcast_to(along * jax.lax.rsqrt(square)[..., None], to.shape)
+    offset = foot - from_start
+    direction = jnp.broadcast_to(along * jax.lax.rsqrt(square)[..., None], offset.shape)
     segments = jnp.repeat(masks.lanes, lanes.shape[2] - 1, -1)[:, None]
     for scale in _SCALES["on lane"]:
-        near = _near(to, segments, scale)
-        told += [_shift(to, near, scale), _mean(direction, near)]
-    return jnp.concatenate(told, -1)
+        proximity = _proximity(offset, segments, scale)
+        features += [_shift(offset, proximity, scale), _mean(direction, proximity)]
+    return jnp.concatenate(features, -1)
 
 
-def _near(to: Float[Array, "b n m 2"], mask: Bool[Array, "b n_or_1 m"], scale: float) -> Float[Array, "b n m"]:
+def _proximity(offset: Float[Array, "b n m 2"], mask: Bool[Array, "b n_or_1 m"], scale: float) -> Float[Array, "b n m"]:
     """1 at no distance, falling as a Gaussian of standard deviation ``scale``; 0 where masked."""
-    return jnp.where(mask, jnp.exp(-0.5 * jnp.square(to / scale).sum(-1)), 0.0)
+    return jnp.where(mask, jnp.exp(-0.5 * jnp.square(offset / scale).sum(-1)), 0.0)
 
 
-def _shift(to: Float[Array, "b n m 2"], near: Float[Array, "b n m"], scale: float) -> Float[Array, "b n 3"]:
-    total = near.sum(-1, keepdims=True)
-    return jnp.concatenate([_mean(to / scale, near), total / (1 + total)], -1)
+def _shift(offset: Float[Array, "b n m 2"], proximity: Float[Array, "b n m"], scale: float) -> Float[Array, "b n 3"]:
+    total = proximity.sum(-1, keepdims=True)
+    return jnp.concatenate([_mean(offset / scale, proximity), total / (1 + total)], -1)
 
 
-def _mean(values: Float[Array, "b n m 2"], near: Float[Array, "b n m"]) -> Float[Array, "b n 2"]:
-    return (near[..., None] * values).sum(2) / (near.sum(-1, keepdims=True) + _LEAST)
+def _mean(values: Float[Array, "b n m 2"], proximity: Float[Array, "b n m"]) -> Float[Array, "b n 2"]:
+    return (proximity[..., None] * values).sum(2) / (proximity.sum(-1, keepdims=True) + _LEAST)

@@ -16,7 +16,7 @@ from scjax.nn.attention import attend
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.cross_attention import AuxOutputs, ContextSpec, CrossAttentionOptions, NoOptions, build_cross_attention
 from scjax.nn.init import ParamInit
-from scjax.nn.layers import Linear, standardise
+from scjax.nn.layers import Linear, standardize
 from scjax.scene.pytree import pytree
 
 _ZERO = 0.0  # standard deviation of what starts at zero (adaLN-Zero)
@@ -37,7 +37,7 @@ class StageModulation:
     cross: Float[Array, "b 3 d"] | None
 
 
-class Stage(nnx.Module):
+class AttentionStage(nnx.Module):
     """Attention to the sources, cross attention to the condition (if any), MLP; each modulated and gated."""
 
     def __init__(
@@ -93,12 +93,12 @@ class Stage(nnx.Module):
 
         A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
         """
-        shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _rows(modulation.to)
+        shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _split_chunks(modulation.to)
         hidden = modulate(x, shift, scale)
         read = hidden
         if source is not None:
             assert modulation.source is not None
-            read = modulate(source, *_rows(modulation.source)[:2])
+            read = modulate(source, *_split_chunks(modulation.source)[:2])
         mixed = self.out(attend(self.q(hidden), self.k(read), self.v(read), source_mask[:, None], self.heads))
         x = x + gate * mixed
         if trace is not None:
@@ -106,11 +106,11 @@ class Stage(nnx.Module):
         aux, cache = None, self._complete(cache, x)
         if cache is not None:
             assert self.cross is not None and modulation.cross is not None
-            told = _scenes(cache)  # the scenes that have a condition come first
-            shift, scale, gate = _rows(modulation.cross[:told])
-            hidden = modulate(x[:told], shift, scale)
-            crossed, aux = self.cross.attend(hidden, mask[:told], cache)
-            x = jnp.concatenate([x[:told] + gate * crossed, x[told:]])
+            num_conditioned = _scenes(cache)  # the scenes that have a condition come first
+            shift, scale, gate = _split_chunks(modulation.cross[:num_conditioned])
+            hidden = modulate(x[:num_conditioned], shift, scale)
+            crossed, aux = self.cross.attend(hidden, mask[:num_conditioned], cache)
+            x = jnp.concatenate([x[:num_conditioned] + gate * crossed, x[num_conditioned:]])
             if trace is not None:
                 trace |= {"cross_in": hidden, "cross": crossed}
         update = self.down(jax.nn.gelu(self.up(modulate(x, mlp_shift, mlp_scale)), approximate=True))
@@ -142,14 +142,14 @@ class Head(nnx.Module):
         return _chunks(self.adaln(to), 2)
 
     def __call__(self, x: Float[Array, "b n d"], modulation: Float[Array, "b 2 d"]) -> Float[Array, "b n o"]:
-        return self.linear(modulate(x, *_rows(modulation)))
+        return self.linear(modulate(x, *_split_chunks(modulation)))
 
 
 def modulate(
     x: Float[Array, "b n d"], shift: Float[Array, "b 1 d"], scale: Float[Array, "b 1 d"]
 ) -> Float[Array, "b n d"]:  # fmt: skip
     """Layer norm without parameters (eps 1e-6), then x (1 + scale) + shift."""
-    return standardise(x, 1e-6) * (1 + scale) + shift
+    return standardize(x, 1e-6) * (1 + scale) + shift
 
 
 def _scenes(cache: Any) -> int:
@@ -160,5 +160,5 @@ def _chunks(x: Float[Array, "b cd"], count: int) -> Float[Array, "b c d"]:
     return x.reshape(len(x), count, -1)
 
 
-def _rows(chunks: Float[Array, "b c d"]) -> list[Float[Array, "b 1 d"]]:
+def _split_chunks(chunks: Float[Array, "b c d"]) -> list[Float[Array, "b 1 d"]]:
     return [chunks[:, i : i + 1] for i in range(chunks.shape[1])]

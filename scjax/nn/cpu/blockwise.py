@@ -49,8 +49,8 @@ def blockwise_map(
     return jax.tree.map(lambda x: x.reshape(x.shape[0], blocks * size, *x.shape[4:])[:, :length], out)
 
 
-def _walk(function: Callable[[Any, Any], Any], scenes: Any, rows: Any, wanted: Bool[Array, "b n"]) -> Any:
-    """``function`` on each scene [B, 1, ...] and block [B, n, 1, r, ...]; zeros where not ``wanted``."""
+def _walk(function: Callable[[Any, Any], Any], scenes: Any, rows: Any, active: Bool[Array, "b n"]) -> Any:
+    """``function`` on each scene [B, 1, ...] and block [B, n, 1, r, ...]; zeros where not ``active``."""
     first = jax.tree.map(lambda x: x[0], scenes), jax.tree.map(lambda x: x[0, 0], rows)
     function, consts = jax.closure_convert(function, *first)
     shapes = jax.eval_shape(function, *first, *consts)
@@ -61,31 +61,31 @@ def _walk(function: Callable[[Any, Any], Any], scenes: Any, rows: Any, wanted: B
         return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
 
     @jax.custom_vjp
-    def run(consts, scene_floats, row_floats, scene_rest, row_rest, wanted):
+    def run(consts, scene_floats, row_floats, scene_rest, row_rest, active):
         def scene_step(_, x):
             scene_floats, scene_rest, *blocks = x
             scene = _join(scene_floats, scene_rest)
 
             def row_step(_, y):
-                row_floats, row_rest, wanted = y
+                row_floats, row_rest, active = y
                 row = _join(row_floats, row_rest)
-                return None, jax.lax.cond(wanted, lambda: function(scene, row, *consts), nothing)
+                return None, jax.lax.cond(active, lambda: function(scene, row, *consts), nothing)
 
             return None, jax.lax.scan(row_step, None, tuple(blocks))[1]
 
-        return jax.lax.scan(scene_step, None, (scene_floats, scene_rest, row_floats, row_rest, wanted))[1]
+        return jax.lax.scan(scene_step, None, (scene_floats, scene_rest, row_floats, row_rest, active))[1]
 
     def forward(*args):
         return run(*args), args
 
     def backward(args, gradient):
-        consts, scene_floats, row_floats, scene_rest, row_rest, wanted = args
+        consts, scene_floats, row_floats, scene_rest, row_rest, active = args
 
         def scene_step(d_consts, x):
             scene_floats, scene_rest, *blocks = x
 
             def row_step(totals, y):
-                row_floats, row_rest, wanted, gradient = y
+                row_floats, row_rest, active, gradient = y
 
                 def work():
                     def of_floats(consts, scene_floats, row_floats):
@@ -94,17 +94,17 @@ def _walk(function: Callable[[Any, Any], Any], scenes: Any, rows: Any, wanted: B
                     *shared, d_row = jax.vjp(of_floats, consts, scene_floats, row_floats)[1](gradient)
                     return jax.tree.map(jnp.add, totals, tuple(shared)), d_row
 
-                return jax.lax.cond(wanted, work, lambda: (totals, _zeros(row_floats)))
+                return jax.lax.cond(active, work, lambda: (totals, _zeros(row_floats)))
 
             (d_consts, d_scene), d_rows = jax.lax.scan(row_step, (d_consts, _zeros(scene_floats)), tuple(blocks))
             return d_consts, (d_scene, d_rows)
 
-        xs = (scene_floats, scene_rest, row_floats, row_rest, wanted, gradient)
+        xs = (scene_floats, scene_rest, row_floats, row_rest, active, gradient)
         d_consts, (d_scenes, d_rows) = jax.lax.scan(scene_step, _zeros(consts), xs)
         return d_consts, d_scenes, d_rows, None, None, None
 
     run.defvjp(forward, backward)
-    return run(consts, scene_floats, row_floats, scene_rest, row_rest, wanted)
+    return run(consts, scene_floats, row_floats, scene_rest, row_rest, active)
 
 
 def _zeros(tree: Any) -> Any:
@@ -114,8 +114,8 @@ def _zeros(tree: Any) -> Any:
 def _split(tree: Any) -> tuple[Any, Any]:
     """The floating-point leaves and the others, with None in the gaps."""
 
-    def keep(wanted: bool) -> Any:
-        return jax.tree.map(lambda x: x if jnp.issubdtype(x.dtype, jnp.floating) is wanted else None, tree)
+    def keep(active: bool) -> Any:
+        return jax.tree.map(lambda x: x if jnp.issubdtype(x.dtype, jnp.floating) is active else None, tree)
 
     return keep(True), keep(False)
 

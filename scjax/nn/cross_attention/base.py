@@ -60,8 +60,9 @@ class Work(NamedTuple):
     attend: float
 
 
+@dataclasses.dataclass(frozen=True)
 class CrossAttentionOptions(abc.ABC):
-    """Options of a mechanism: a frozen, hashable dataclass, part of a network's config.
+    """Base of the options of a mechanism: frozen, hashable dataclasses, part of a network's config.
 
     Attributes:
       name: the mechanism's name in configs.

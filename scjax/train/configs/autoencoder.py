@@ -15,7 +15,7 @@ import dataclasses
 
 import ml_collections
 
-from scjax.models.autoencoder import config as sizes
+from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.loss import OFFICIAL_WEIGHTS
 
 VARIANTS = {
@@ -40,7 +40,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.start = ""  # model folder of an autoencoder to begin with; "shipped": the package's
     config.seed = 0
     config.steps = steps
-    config.model = dataclasses.asdict(getattr(sizes, variant)())
+    config.model = dataclasses.asdict(AutoencoderConfig.preset(variant))
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots

@@ -12,7 +12,7 @@ import dataclasses
 
 import ml_collections
 
-from scjax.models.denoiser import config as sizes
+from scjax.models.denoiser.config import DenoiserConfig
 from scjax.nn.cross_attention import OPTIONS
 
 VARIANTS = {
@@ -24,7 +24,7 @@ VARIANTS = {
 }
 
 
-def size_fields(model: sizes.DenoiserConfig) -> dict:
+def size_fields(model: DenoiserConfig) -> dict:
     """All fields but ``cross_attention``, whose options depend on its name."""
     return {name: value for name, value in dataclasses.asdict(model).items() if name != "cross_attention"}
 
@@ -53,7 +53,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
     config.steps = steps
-    config.model = size_fields(getattr(sizes, variant)())
+    config.model = size_fields(DenoiserConfig.preset(variant))
     config.cross_attention = (
         "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
     )

@@ -12,8 +12,9 @@ from scjax.generate.sample import reconstruct
 from scjax.metrics.reconstruction import reconstruction
 from scjax.models import codec as presets
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.loss import LossWeights, loss, reparameterise
+from scjax.models.autoencoder.loss import LossWeights, loss
 from scjax.models.autoencoder.model import autoencoder, noise_like
+from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.latents import LatentStatistics, statistics
 from scjax.scene.per_type import PerType
 from scjax.train.flat_params import FlatParams
@@ -72,7 +73,7 @@ def build(config) -> Stage:
 
         @jax.jit
         def sampled(params, scene, key):
-            return reparameterise(key, network.apply(params, codec.normalize(scene), method="encode"))
+            return reparameterize(key, network.apply(params, codec.normalize(scene), method="encode"))
 
         stream = training_batches(config.records, codec, pipeline_config(resolved["batch"], seed=1))
         latents, masks = [], []

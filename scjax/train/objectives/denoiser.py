@@ -22,8 +22,8 @@ from scjax.generate.compiled import decode
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load_model
 from scjax.generate.sample import sample_many
-from scjax.models.autoencoder.loss import reparameterise
 from scjax.models.autoencoder.model import autoencoder
+from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
 from scjax.models.counts.prior import count_table
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
@@ -95,7 +95,7 @@ def build(config) -> Stage:
     def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
         tokens = codec.normalize(batch.scene)
         posterior = coder.apply(coder_params, tokens, method="encode")
-        latents = reparameterise(jax.random.fold_in(key, 0), posterior)
+        latents = reparameterize(jax.random.fold_in(key, 0), posterior)
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         all_lanes = jax.random.bernoulli(jax.random.fold_in(key, 1), loss.known_lanes_share, tokens.crop.shape)
         known = PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | (all_lanes[:, None] & tokens.lane_mask))
