@@ -247,7 +247,8 @@ def test_official_parameter_count():
 
 
 def test_presets_are_ordered_by_size():
-    sizes = [count(jax.eval_shape(autoencoder(preset()).init, jax.random.key(0))) for preset in PRESETS]
+    configs = [AutoencoderConfig.preset(name) for name in ("tiny", "small", "base", "official")]
+    sizes = [count(jax.eval_shape(autoencoder(config).init, jax.random.key(0))) for config in configs]
     assert sizes == sorted(sizes)
 
 
