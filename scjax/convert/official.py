@@ -46,11 +46,11 @@ def convert_checkpoint(
     """
     state, components = read_state(path), {}
     for name, marker in _MARKER_KEYS.items():
-        state_part = _subtree(state, marker)
-        if state_part is None:
+        network_state = _subtree(state, marker)
+        if network_state is None:
             continue
         try:
-            components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(state_part, heads)
+            components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(network_state, heads)
         except ValueError as error:
             raise ValueError(f"{path}: {name}: {error}") from error
     if not components:
@@ -100,10 +100,10 @@ def _subtree(state: State, marker: str) -> State | None:
     top = marker.split(".")[0] + "."
     siblings = (top, "decoder.") if top == "encoder." else (top,)
     prefix = prefixes[0]
-    kept = {key[len(prefix) :]: value for key, value in state.items() if key.startswith(prefix)}
+    stripped = {key[len(prefix) :]: value for key, value in state.items() if key.startswith(prefix)}
     if not prefix:  # a bare state dict is taken whole, so that stray entries are reported
-        return {key: value for key, value in kept.items() if not _belongs_elsewhere(key, marker)}
-    return {key: value for key, value in kept.items() if key.startswith(siblings)}
+        return {key: value for key, value in stripped.items() if not _belongs_elsewhere(key, marker)}
+    return {key: value for key, value in stripped.items() if key.startswith(siblings)}
 
 
 def _belongs_elsewhere(key: str, marker: str) -> bool:

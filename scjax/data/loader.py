@@ -23,13 +23,13 @@ from scjax.data import token_order as ordering
 from scjax.data.caption_features import TextStore
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
-from scjax.scene.pytree import Record, pytree
+from scjax.scene.pytree import Replaceable, pytree
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
 
 
 @pytree
-class Example(Record):
+class Example(Replaceable):
     """One training example, or a batch of them.
 
     Attributes:

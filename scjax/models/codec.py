@@ -1,7 +1,7 @@
-"""What the networks see: Scene (metres) <-> NormalizedScene (unit coordinates), under a preset of types, columns and ranges.
+"""Scene (meters) <-> NormalizedScene (unit coordinates), under a preset of types, columns and ranges.
 
-Sources: official-spec §1.2-1.6 for the official presets; the ranges of the scjax preset were read off statistics of
-real 64 m tiles. Every value maps linearly, v' = 2 (v - min) / (max - min) - 1; cos and sin stay as they are.
+Sources: official-spec §1.2-1.6 for the official presets; statistics of real 64 m tiles for the ranges of the scjax
+preset. Every value maps linearly, v' = 2 (v - min) / (max - min) - 1; cos and sin stay as they are.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Crop, Link, Scene, Signal
-from scjax.scene.pytree import Record, pytree
+from scjax.scene.pytree import Replaceable, pytree
 
 Range = tuple[float, float]
 LaneClasses = Literal["signal", "lights", "none"]
@@ -23,13 +23,13 @@ _LIGHT_OF_SIGNAL = {Signal.GO: 1, Signal.STOP: 2}  # lane classes of the officia
 
 
 @pytree
-class NormalizedScene(Record):
-    """A scene, or a batch, in unit coordinates and in a preset's types; fields and masks as in ``Scene``.
+class NormalizedScene(Replaceable):
+    """A scene or a batch of scenes in unit coordinates and a preset's types; other fields and masks as in ``Scene``.
 
     Attributes:
       lane_types: the preset's lane class (signal state, or lane / green light / red light).
-      lane_type_known: False where the class was not recorded: with signal states, in scenes without any signal.
-      agent_behind, lane_behind: the given half (x <= 0) of a partitioned scene; False everywhere in other layouts.
+      lane_type_known: False where the class was not recorded: for signal states, in scenes without any signal.
+      agent_behind, lane_behind: the known half (x <= 0) of a partitioned scene; False everywhere in other crops.
       links: the preset's link ids, ``SceneCodec.links[id]``.
     """
 
@@ -51,19 +51,20 @@ class NormalizedScene(Record):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SceneCodec:
-    """The types, columns and ranges of one family of models.
+    """The types, columns and ranges of one family of models, and the conversions under them.
 
     Attributes:
-      agent_types: the classes a model knows, in the order of its logits.
-      columns: agent state columns it knows, as names of ``STATE_COLUMNS``.
-      lane_classes: what a lane's class means: its signal state; lane / green / red tokens (official nuPlan, where
-        lights are lane tokens of their own); or nothing.
-      links: the relations it knows, in the order of its logits.
-      point_dims: 2 (x, y) or 3 (x, y, z) per lane point.
-      forward: the model's own forward axis; Waymo models of the release look along +y.
-      agent_z, lane_z, speed: (min, max) in metres and m/s.
+      name: the preset's name.
+      agent_types: agent classes, in the order of the logits.
+      columns: agent state columns, as names of ``STATE_COLUMNS``.
+      lane_classes: meaning of a lane's class: "signal" its signal state; "lights" lane, green light or red light
+        (official nuPlan, where lights are separate lane tokens); "none" nothing.
+      links: relations, in the order of the logits.
+      point_dims: coordinates per lane point, 2 (x, y) or 3 (x, y, z).
+      forward: the model's forward axis; the release's Waymo models look along +y.
+      agent_z, lane_z, speed: (min, max) [m], [m], [m/s].
       sizes: per agent type, the ranges of length, width and height [m].
-      clip_lanes: bound on unit lane coordinates when they are turned back into metres.
+      clip_lanes: bound on unit lane coordinates before they are converted to meters.
     """
 
     name: str
@@ -98,13 +99,13 @@ class SceneCodec:
         return np.array([STATE_COLUMNS.index(name) for name in self.columns])
 
     def normalize(self, scene: Scene) -> NormalizedScene:
-        """``scene`` in unit coordinates. Its agents and lanes must be of this preset (see ``select``)."""
+        """``scene`` in unit coordinates. Its agents and lanes must be of this preset's types (see ``select``)."""
         type_of = np.zeros(len(AgentType), np.int32)
         type_of[list(self.agent_types)] = np.arange(len(self.agent_types))
         link_of = np.zeros(len(Link), np.int32)
         link_of[list(self.links)] = np.arange(len(self.links))
         agent_types = jnp.asarray(type_of)[scene.agent_types]
-        agents, lanes = self._turn(scene.agents, scene.lanes, 1)
+        agents, lanes = self._rotate(scene.agents, scene.lanes, 1)
         agents = self.normalize_agents(agents, agent_types, scene.crop)
         lanes = self.normalize_lanes(lanes[..., : self.point_dims], scene.crop)
         partitioned = (jnp.asarray(scene.crop) == Crop.PARTITIONED)[..., None]
@@ -118,7 +119,7 @@ class SceneCodec:
             agent_behind=partitioned & scene.agent_mask & (scene.agents[..., 0] <= 0),
             lanes=jnp.where(scene.lane_mask[..., None, None], lanes, 0.0),
             lane_types=scene.signals if signal else self._light_classes(scene),
-            lane_type_known=self._signals_told(scene) if signal else scene.lane_mask,
+            lane_type_known=self._signal_known(scene) if signal else scene.lane_mask,
             lane_mask=scene.lane_mask,
             lane_known=scene.lane_known[..., : self.point_dims],
             lane_behind=partitioned & scene.lane_mask & (scene.lanes[..., middle, 0] <= 0),
@@ -139,21 +140,21 @@ class SceneCodec:
         crop: Int[AnyArray, "*b"],
         domain: Int[AnyArray, "*b"],
     ) -> Scene:
-        """Decoder outputs as a scene in metres: headings made unit vectors, links made consistent.
+        """Decoder outputs as a scene in meters, with headings of unit length and consistent links.
 
-        A pair's relation is the one with the largest summed evidence of both directions (i to j, and its inverse
-        from j to i), so that ``links`` always satisfies ``validate``.
+        A pair's relation is the one with the largest summed log-probability of both directions (i to j, and its
+        inverse from j to i), so ``links`` always satisfies ``validate``.
         """
         full = jnp.zeros((*agents.shape[:-1], len(STATE_COLUMNS)), agents.dtype)
         metres = full.at[..., self.column_indices].set(self.denormalize_agents(agents, agent_types, crop))
         points = self.denormalize_lanes(lanes, crop)
         points = jnp.concatenate([points, jnp.zeros((*points.shape[:-1], 3 - self.point_dims), points.dtype)], -1)
-        metres, points = self._turn(metres, points, -1)
+        metres, points = self._rotate(metres, points, -1)
         heading = metres[..., 4:6]
         heading = heading / jnp.sqrt(jnp.square(heading).sum(-1, keepdims=True) + 1e-12)
         metres = metres.at[..., 4:6].set(heading).at[..., 6:9].set(jnp.maximum(metres[..., 6:9], 0.05))
         known = np.isin(STATE_COLUMNS, self.columns)
-        signals = jnp.zeros_like(lane_types)
+        signals = jnp.zeros_expand(lane_types)
         if self.lane_classes == "signal":
             signals = lane_types
         elif self.lane_classes == "lights":
@@ -163,10 +164,10 @@ class SceneCodec:
             agents=jnp.where(agent_mask[..., None], metres, 0.0),
             agent_types=jnp.where(agent_mask, jnp.asarray(self.agent_types, jnp.int32)[agent_types], 0),
             agent_mask=agent_mask,
-            agent_known=agent_mask[..., None] & _like(known, metres.ndim),
+            agent_known=agent_mask[..., None] & _expand(known, metres.ndim),
             lanes=jnp.where(lane_mask[..., None, None], points, 0.0),
             lane_mask=lane_mask,
-            lane_known=lane_mask[..., None] & _like(np.arange(3) < self.point_dims, points.ndim - 1),
+            lane_known=lane_mask[..., None] & _expand(np.arange(3) < self.point_dims, points.ndim - 1),
             signals=jnp.where(lane_mask, signals, 0).astype(jnp.int32),
             links=jnp.where(pairs, self._consistent_links(link_logits), Link.NONE).astype(jnp.int32),
             crop=crop,
@@ -176,35 +177,37 @@ class SceneCodec:
     def normalize_agents(
         self, agents: Float[AnyArray, "*b n 9"], types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
-        """Metres -> unit, nothing clipped; ``types`` are this preset's, and only ``columns`` are kept."""
+        """Meters -> unit, without clipping; ``types`` are this preset's, and only ``columns`` are rerotated."""
         low, high = self._agent_ranges(types, crop)
         return (2 * (jnp.asarray(agents) - low) / (high - low) - 1)[..., self.column_indices]
 
     def denormalize_agents(
         self, unit: Float[AnyArray, "*b n columns"], types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n columns"]:
-        """Unit -> metres; every field is clipped to [-1, 1] first (official-spec §1.6)."""
+        """Unit -> meters; every field is clipped to [-1, 1] first (official-spec §1.6)."""
         low, high = (r[..., self.column_indices] for r in self._agent_ranges(types, crop))
         return (jnp.clip(unit, -1, 1) + 1) / 2 * (high - low) + low
 
     def normalize_lanes(
         self, lanes: Float[AnyArray, "*b n points dims"], crop: Int[AnyArray, "*b"]
     ) -> Float[Array, "*b n points dims"]:
-        """Metres -> unit for the first ``point_dims`` coordinates."""
+        """Meters -> unit for the first ``point_dims`` coordinates."""
         low, high = self._lane_ranges(crop)
         return 2 * (jnp.asarray(lanes) - low) / (high - low) - 1
 
     def denormalize_lanes(
         self, unit: Float[AnyArray, "*b n points dims"], crop: Int[AnyArray, "*b"], clip: float | None = None
     ) -> Float[Array, "*b n points dims"]:
-        """Unit -> metres; clipped to ``clip_lanes``, or to ``clip`` (the collision penalty uses 1)."""
+        """Unit -> meters; clipped to ``clip_lanes``, or to ``clip`` (the collision penalty uses 1)."""
         bound = self.clip_lanes if clip is None else clip
         low, high = self._lane_ranges(crop)
         return (jnp.clip(unit, -bound, bound) + 1) / 2 * (high - low) + low
 
     def select(self, scene: Scene) -> Scene:
-        """The part of one NumPy scene that this preset can express, unpadded: foreign agent classes are left out and,
-        where lights are tokens, every lane with a known signal contributes a light token without links.
+        """The part of one NumPy scene that this preset can express, unpadded.
+
+        Agents of other classes are left out. Where lights are tokens, every lane with a known signal adds a light
+        token without links.
         """
         keep = scene.agent_mask & np.isin(scene.agent_types, self.agent_types)
         lanes = np.flatnonzero(scene.lane_mask)
@@ -218,7 +221,7 @@ class SceneCodec:
         np.fill_diagonal(links, Link.SELF)
         signals = scene.signals[rows].copy()
         if self.lane_classes != "signal":
-            signals[: len(lanes)] = Signal.UNKNOWN  # a plain lane token; only light tokens carry a state
+            signals[: len(lanes)] = Signal.UNKNOWN  # a lane token; only light tokens have a state
         return scene.replace(
             agents=scene.agents[keep], agent_types=scene.agent_types[keep], agent_mask=scene.agent_mask[keep],
             agent_known=scene.agent_known[keep], lanes=scene.lanes[rows], lane_mask=scene.lane_mask[rows],
@@ -242,24 +245,24 @@ class SceneCodec:
         return rows[..., 0], rows[..., 1]
 
     def _window(self, crop: Int[AnyArray, "*b"]) -> Float[Array, "*b 2 2"]:
-        """(min, max) of x and y: the square about the ego, or the 64 m ahead of it."""
-        centred, ahead = (-32.0, 32.0), (0.0, 64.0)
-        forward = (ahead, centred) if self.forward == "x" else (centred, ahead)
-        table = jnp.asarray([(centred, centred), (centred, centred), forward])
+        """(min, max) of x and y: the square around the ego, or the 64 m ahead of it."""
+        centered, ahead = (-32.0, 32.0), (0.0, 64.0)
+        forward = (ahead, centered) if self.forward == "x" else (centered, ahead)
+        table = jnp.asarray([(centered, centered), (centered, centered), forward])
         return table[jnp.asarray(crop)]
 
-    def _turn(self, agents, lanes, sign: int):
-        """Agents and lanes from x-forward to this preset's axes (sign 1) or back (sign -1): a quarter turn or none."""
+    def _rotate(self, agents, lanes, sign: int):
+        """Agents and lanes rotated from x-forward to this preset's axes (sign 1) or back (sign -1)."""
         if self.forward == "x":
             return jnp.asarray(agents), jnp.asarray(lanes)
         agents, lanes = jnp.asarray(agents), jnp.asarray(lanes)
-        turned = agents.at[..., 0].set(-sign * agents[..., 1]).at[..., 1].set(sign * agents[..., 0])
-        turned = turned.at[..., 4].set(-sign * agents[..., 5]).at[..., 5].set(sign * agents[..., 4])
-        return turned, lanes.at[..., 0].set(-sign * lanes[..., 1]).at[..., 1].set(sign * lanes[..., 0])
+        rotated = agents.at[..., 0].set(-sign * agents[..., 1]).at[..., 1].set(sign * agents[..., 0])
+        rotated = rotated.at[..., 4].set(-sign * agents[..., 5]).at[..., 5].set(sign * agents[..., 4])
+        return rotated, lanes.at[..., 0].set(-sign * lanes[..., 1]).at[..., 1].set(sign * lanes[..., 0])
 
     @staticmethod
-    def _signals_told(scene: Scene) -> Bool[AnyArray, "*b lanes"]:
-        """Where a source records signals at all, a lane without one has none: a state to learn, not a gap."""
+    def _signal_known(scene: Scene) -> Bool[AnyArray, "*b lanes"]:
+        """In scenes with any signal, lanes without one have none, which is known; other scenes did not record signals."""
         recorded = scene.lane_mask & (scene.signals != Signal.UNKNOWN)
         return scene.lane_mask & recorded.any(-1, keepdims=True)
 
@@ -270,23 +273,23 @@ class SceneCodec:
         return jnp.asarray(table)[scene.signals]
 
     def _consistent_links(self, logits: Float[AnyArray, "*b n n kinds"]) -> Int[Array, "*b n n"]:
-        """Log-probabilities of i -> j and of the inverse relation j -> i, summed, argmax; SELF on the diagonal.
+        """Argmax of the summed log-probabilities of i -> j and of the inverse relation j -> i; SELF on the diagonal.
 
-        Below the diagonal stand the inverses of what is above it: of equal sums the two argmaxes could disagree.
+        Entries below the diagonal are the inverses of those above: for equal sums the two argmaxes could disagree.
         """
         inverse = np.array([self.links.index(Link(INVERSE_LINK[link])) for link in self.links])
         scores = jax.nn.log_softmax(jnp.asarray(logits), -1)
         scores = scores + jnp.swapaxes(scores, -2, -3)[..., inverse]
         self_id = self.links.index(Link.SELF)
         best = jnp.argmax(scores.at[..., self_id].set(-jnp.inf), -1)
-        lower = _like(np.tri(logits.shape[-2], k=-1, dtype=bool), best.ndim)
+        lower = _expand(np.tri(logits.shape[-2], k=-1, dtype=bool), best.ndim)
         best = jnp.where(lower, jnp.asarray(inverse)[jnp.swapaxes(best, -1, -2)], best)
-        diagonal = _like(np.eye(logits.shape[-2], dtype=bool), best.ndim)
+        diagonal = _expand(np.eye(logits.shape[-2], dtype=bool), best.ndim)
         return jnp.where(diagonal, Link.SELF, jnp.asarray(self.links, jnp.int32)[best])
 
 
-def _like(array: np.ndarray, rank: int) -> np.ndarray:
-    """``array`` with leading axes of one up to ``rank``."""
+def _expand(array: np.ndarray, rank: int) -> np.ndarray:
+    """``array`` with leading axes of length one, up to ``rank`` axes."""
     return array.reshape((1,) * (rank - array.ndim) + array.shape)
 
 
@@ -295,7 +298,7 @@ _ALL_LINKS = tuple(Link)
 
 
 def scjax() -> SceneCodec:
-    """The default: four agent classes with ranges of their own, lanes with z, signal states and neighbours."""
+    """The default: four agent classes with their own ranges, lanes with z, signal states and neighbors."""
     return SceneCodec(
         name="scjax",
         agent_types=tuple(AgentType),
@@ -331,7 +334,7 @@ def official_nuplan() -> SceneCodec:
 
 
 def official_waymo() -> SceneCodec:
-    """The Waymo models of the release: +y forward, no z and height, no lane classes, neighbours among the links."""
+    """The Waymo models of the release: +y forward, no z and height, no lane classes, neighbors among the links."""
     sizes = ((-0.098, 22.929), (0.096, 12.527), (0.2, 3.5))
     return SceneCodec(
         name="official_waymo",

@@ -1,4 +1,4 @@
-"""Latents as the denoiser sees them: one scalar mean and standard deviation a kind (official-spec §2.5, §5.2)."""
+"""Standardized latents, the denoiser's data: one scalar mean and deviation per type (official-spec §2.5, §5.2)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scjax.scene.per_type import PerType
 
 @dataclasses.dataclass(frozen=True)
 class LatentStatistics:
-    """Mean and standard deviation of all latent numbers of a kind: Nodes of floats (or their dicts, from JSON)."""
+    """Mean and standard deviation of all latent numbers per type: ``PerType`` of floats (or dicts, from JSON)."""
 
     mean: PerType | Mapping[str, float]
     std: PerType | Mapping[str, float]
@@ -28,7 +28,7 @@ class LatentStatistics:
 
     @classmethod
     def identity(cls) -> LatentStatistics:
-        """Leaves latents as they are."""
+        """Mean 0 and deviation 1."""
         return cls(mean=PerType(agents=0.0, lanes=0.0), std=PerType(agents=1.0, lanes=1.0))
 
     def normalize(self, latents: PerType) -> PerType:
@@ -41,10 +41,10 @@ class LatentStatistics:
 
 
 def statistics(latents: Sequence[PerType], masks: Sequence[PerType]) -> LatentStatistics:
-    """Over the valid tokens of many batches of sampled latents [B, tokens, latent], masks [B, tokens]; float64.
+    """Statistics over the valid tokens of many batches of latents [B, tokens, latent], masks [B, tokens]; float64.
 
     Raises:
-      ValueError: if there is no valid token of a kind.
+      ValueError: there is no valid token of a type.
     """
     mean, std = {}, {}
     for kind in ("agents", "lanes"):

@@ -6,11 +6,11 @@ from typing import Any
 
 import jax
 
-from scjax.scene.pytree import Record, pytree
+from scjax.scene.pytree import Replaceable, pytree
 
 
 @pytree
-class PerType(Record):
+class PerType(Replaceable):
     """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
 
     agents: Any

@@ -8,10 +8,10 @@ from typing import Any, TypeVar, dataclass_transform
 import chex
 
 T = TypeVar("T")
-R = TypeVar("R", bound="Record")
+R = TypeVar("R", bound="Replaceable")
 
 
-class Record:
+class Replaceable:
     """Base of the records that callers copy with changes."""
 
     def replace(self: R, **changes: Any) -> R:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.scene.pytree import Record, pytree
+from scjax.scene.pytree import Replaceable, pytree
 
 AnyArray = Array | np.ndarray  # on a device or on the host
 
@@ -62,7 +62,7 @@ class Crop(enum.IntEnum):
 
 
 @pytree
-class Scene(Record):
+class Scene(Replaceable):
     """A scene, or a batch of scenes with leading axes ``*b``.
 
     Attributes:

@@ -18,7 +18,7 @@ from scjax.models.codec import SceneCodec
 from scjax.nn.cpu.backend import scenes_per_step
 from scjax.nn.functional import Params
 from scjax.nn.sharding import AXIS, scene_mesh
-from scjax.scene.pytree import Record, pytree
+from scjax.scene.pytree import Replaceable, pytree
 from scjax.train.ema import update_ema
 from scjax.train.flat_params import FlatParams, Vectors, trained
 from scjax.train.muon import muon
@@ -29,7 +29,7 @@ Objective = Callable[[Params, Example, jax.Array], tuple[jax.Array, dict[str, ja
 
 
 @pytree
-class TrainState(Record):
+class TrainState(Replaceable):
     """Step counter, parameters and their moving average as vectors (``FlatParams``), and the optimiser's moments."""
 
     step: jax.Array

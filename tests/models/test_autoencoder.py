@@ -10,7 +10,7 @@ import pytest
 from scjax.convert.autoencoder import unused_sizes
 from scjax.models.autoencoder import Decoded, Posterior, autoencoder, noise_like, reparameterize
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.loss import LossWeights, loss, reconstruction_errors, scene_losses
+from scjax.models.autoencoder.loss import LossWeights, loss, scene_errors, scene_losses
 from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import count
 from scjax.scene import Crop
@@ -368,7 +368,7 @@ def test_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0
     decoded, _, tokens = by_hand([[[5, 1], [2, 5]]], logits)
-    found = reconstruction_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
+    found = scene_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
     np.testing.assert_allclose(found["lane_points"], [0.5], 1e-5)
     assert found["agent_types"] == 1 and found["agent_positions"] == 0 and found["agent_headings"] < 1e-6
     assert (found["link_hits"], found["link_true"], found["link_predicted"]) == (1, 2, 2)

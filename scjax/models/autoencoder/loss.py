@@ -142,7 +142,7 @@ def lanes_after(tokens: NormalizedScene) -> Int[AnyArray, " b"]:
     return jnp.where(tokens.crop == Crop.PARTITIONED, after, 0)
 
 
-def reconstruction_errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArray, " b"]]:
+def scene_errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[AnyArray, " b"]]:
     """Reconstruction errors of each scene, in unit coordinates.
 
     Returns:

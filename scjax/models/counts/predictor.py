@@ -1,7 +1,7 @@
-"""f_count: how many lanes and agents a prompt asks for, as a joint distribution over (N_l, N_o).
+"""f_count: the numbers of lanes and agents for a prompt, as a joint distribution over (N_l, N_o).
 
-The paper predicts counts from condition tokens by attention; its release has no such network (official-spec §8). Ours
-gives probabilities, so that counts can be drawn, and restricted to what else is known.
+The paper predicts counts from condition tokens by attention; its release has no such network (official-spec §8). This
+network gives probabilities, so counts can be sampled and restricted to known bounds.
 """
 
 from __future__ import annotations
@@ -21,15 +21,20 @@ from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 
 _STD = 0.02
-_NEVER = -1e9  # logit of no lanes, and of no agents
+_NEVER = -1e9  # logit of zero lanes and of zero agents
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CountPredictorConfig:
-    """Sizes: ``text_width`` of a token, ``width`` inside, ``queries`` that read the tokens with ``heads`` heads.
+    """Sizes of the network.
 
-    ``sharpness`` is the power to which probabilities are raised when numbers are drawn: 1 draws them as they are
-    learnt, more keeps to the likely ones.
+    Attributes:
+      text_width: features per text token.
+      domains: number of domain labels.
+      width: hidden width per query.
+      queries, heads: learned queries that read the tokens, and their attention heads.
+      max_lanes, max_agents: largest counts.
+      sharpness: inverse temperature of sampled counts: the power to which probabilities are raised.
     """
 
     text_width: int
@@ -44,13 +49,15 @@ class CountPredictorConfig:
     def __post_init__(self):
         for field in dataclasses.fields(self):
             if getattr(self, field.name) < 1:
-                raise ValueError(f"CounterConfig.{field.name} must be at least 1, not {getattr(self, field.name)}")
+                raise ValueError(
+                    f"CountPredictorConfig.{field.name} must be at least 1, not {getattr(self, field.name)}"
+                )
         if self.width % self.heads:
-            raise ValueError(f"CounterConfig.width {self.width} must be a multiple of heads {self.heads}")
+            raise ValueError(f"CountPredictorConfig.width {self.width} must be a multiple of heads {self.heads}")
 
 
 class CountPredictor(nnx.Module):
-    """Learned queries read the tokens; lanes from what they found, agents from that and the number of lanes."""
+    """Learned queries attend to the tokens. Lanes follow from the result, agents from it and the number of lanes."""
 
     def __init__(self, config: CountPredictorConfig, *, init: ParamInit):
         width, inner = config.width, config.width * config.queries
@@ -61,7 +68,7 @@ class CountPredictor(nnx.Module):
         self.token_in, self.token_norm = Linear(config.text_width, width, init=init), LayerNorm(width)
         self.query = table(config.queries, width)
         self.key, self.value = Linear(width, width, init=init), Linear(width, width, init=init)
-        self.domains = table(config.domains + 1, inner)  # the last row: not told
+        self.domains = table(config.domains + 1, inner)  # the last row: unknown domain
         self.hidden, self.norm = Linear(inner, inner, init=init), LayerNorm(inner)
         self.lanes = Linear(inner, config.max_lanes + 1, init=init, std=_STD)
         self.known_lanes = table(config.max_lanes + 1, inner)
@@ -70,10 +77,11 @@ class CountPredictor(nnx.Module):
         self.config = config
 
     def __call__(self, text: TextFeatures, domain: Int[Array, " b"]) -> Float[Array, "b lanes agents"]:
-        """log P(N_l, N_o), a table a prompt that sums to one over numbers of at least one.
+        """log P(N_l, N_o), one table per prompt; P sums to one over counts of at least one.
 
         Args:
-          domain: label, or ``config.domains`` for "not told".
+          text: token features of the prompts.
+          domain: label, or ``config.domains`` for an unknown domain.
         """
         mask: Bool[Array, "b n"] = jnp.asarray(text.mask)
         tokens = jnp.where(mask[..., None], jnp.asarray(text.tokens), 0)
@@ -90,13 +98,13 @@ class CountPredictor(nnx.Module):
 def count_loss(
     tables: Float[Array, "b lanes agents"], num_lanes: Int[Array, " b"], num_agents: Int[Array, " b"]
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """Mean of -log P of the true numbers, and the mean absolute errors of the expected ones."""
-    chosen = tables[jnp.arange(len(tables)), num_lanes, num_agents]
+    """Mean of -log P of the true counts, and the mean absolute errors of the expected counts."""
+    log_probability = tables[jnp.arange(len(tables)), num_lanes, num_agents]
     shares = jnp.exp(tables)
     lanes = (shares.sum(2) * jnp.arange(tables.shape[1])[None]).sum(1)
     agents = (shares.sum(1) * jnp.arange(tables.shape[2])[None]).sum(1)
     errors = {"lanes_mae": jnp.abs(lanes - num_lanes).mean(), "agents_mae": jnp.abs(agents - num_agents).mean()}
-    return -chosen.mean(), {"total": -chosen.mean(), **errors}
+    return -log_probability.mean(), {"total": -log_probability.mean(), **errors}
 
 
 @functools.lru_cache(maxsize=8)

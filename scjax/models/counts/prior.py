@@ -1,6 +1,6 @@
-"""How many lanes and agents a scene has: a smoothed joint table per domain and layout, and draws from it.
+"""Prior of the numbers of lanes and agents: a smoothed joint table per domain and crop, and samples from it.
 
-The learned regressor of the paper (f_count) conditions on tokens; this is its prior, used where no count is given.
+The paper's learned regressor (f_count) conditions on tokens; this prior is used for conditions without counts.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from jaxtyping import Float
 
 from scjax.scene import MAX_AGENTS, MAX_LANES, Crop
 
-Table = Float[np.ndarray, "domains layouts lanes agents"]
+Table = Float[np.ndarray, "domains crops lanes agents"]
 
 
 def count_table(
     counts: Iterable[tuple[int, int, int, int]], domains: int, *, max_lanes: int = MAX_LANES,
     max_agents: int = MAX_AGENTS, bandwidth: float = 0.1,
 ) -> Table:  # fmt: skip
-    """Kernel-smoothed joint probabilities of (N_l, N_o) from (domain, layout, lanes, agents) of real scenes.
+    """Kernel-smoothed joint probabilities of (N_l, N_o) from (domain, crop, lanes, agents) of real scenes.
 
     The kernel is Gaussian in log counts (``bandwidth``), since thousands of scenes fill only a part of the cells.
-    Cells of zero lanes or agents stay empty. The whole table sums to 1: its marginal over domains and layouts is
-    that of the data.
+    Cells of zero lanes or agents stay empty. The whole table sums to 1; its marginal over domains and crops is that
+    of the data.
     """
     raw = np.zeros((domains, len(Crop), max_lanes + 1, max_agents + 1))
     for domain, crop, lanes, agents in counts:
@@ -51,13 +51,13 @@ def draw_counts(
     least_lanes: int = 0,
     least_agents: int = 0,
 ) -> tuple[int, int, int]:
-    """(domain, N_l, N_o), each drawn where it is not given, under the given ones and the lower bounds.
+    """A sample of (domain, N_l, N_o), conditional on the arguments that are not None and on the lower bounds.
 
-    Where the restricted table is empty it borrows from other layouts, then from other domains; where even that is
-    empty, the bounds themselves are returned.
+    If no cell of this crop and domain is allowed, all crops of the domain are used, then all domains. If still no
+    cell is allowed, the bounds themselves are returned.
 
     Raises:
-      ValueError: there is no table and something is left to draw.
+      ValueError: there is no table, and a count is None.
     """
     if table is None:
         if num_lanes is None or num_agents is None:
@@ -67,7 +67,7 @@ def draw_counts(
     columns = slice(max(least_agents, 1), None) if num_agents is None else num_agents
     allowed = np.zeros(table.shape[2:], bool)
     allowed[rows, columns] = True
-    # The asked layout and domain first; where the data has none of them, the other layouts, then the other domains.
+    # This crop and domain first; without data for them, all crops of the domain, then all domains.
     own_crop = table[:, crop].astype(np.float64)
     any_crop = table.sum(1, dtype=np.float64)
     own = slice(None) if domain is None else slice(domain, domain + 1)

@@ -90,13 +90,13 @@ class Block(nnx.Module):
         for name, (kind, stage) in self.stages().items():
             stage_trace = None if trace is None else {}
             other, project = sources.get(name, (kind, None))
-            updated, told = stage(
+            updated, aux_outputs = stage(
                 getattr(x, kind), getattr(masks, kind), modulation[name], getattr(masks, other),
                 None if project is None else project(getattr(x, other)), cache[name] if cache else None, stage_trace,
             )  # fmt: skip
             x = x.replace(**{kind: updated})
-            if told is not None:
-                aux[name] = told
+            if aux_outputs is not None:
+                aux[name] = aux_outputs
             if trace is not None and stage_trace is not None:
                 stage_trace["out"] = updated
                 trace |= {f"{name}/{key}": value for key, value in stage_trace.items()}
@@ -271,11 +271,11 @@ class Denoiser(nnx.Module):
                     trace |= {f"b{i}/{name}/{part}": x for part, x in parts.items() if x is not None}
         for i, block in enumerate(self.blocks):
             stage_trace = None if trace is None else {}
-            tokens, told = block(
+            tokens, aux_outputs = block(
                 tokens, modulation["blocks"][i], masks, None if cache is None else cache[i], stage_trace
             )
             if aux is not None:
-                aux |= {f"b{i}/{name}": value for name, value in told.items()}
+                aux |= {f"b{i}/{name}": value for name, value in aux_outputs.items()}
             if trace is not None and stage_trace is not None:
                 trace |= {f"b{i}/{name}": value for name, value in stage_trace.items()}
         heads = modulation["heads"]
