@@ -46,7 +46,7 @@ def crop_scene(
         rotation = np.cos(dyaw), np.sin(dyaw)
         points = _to_window(points, dx, dy, *rotation)
     pieces = ragged.clip_polylines(points, local_map.offsets, WINDOWS[crop], cut=crop == Crop.PARTITIONED)
-    lanes = ragged.resample_polylines(pieces, POINTS_PER_LANE)
+    lanes = ragged.resample_pieces(pieces, POINTS_PER_LANE)
     order = ragged.order_by_distance(lanes)[:max_lanes]
     source = pieces.source[order]
     agents = local_map.agents

@@ -207,7 +207,7 @@ def _assemble(segments, source, part, run, run_start, run_end) -> ClippedPolylin
     )
 
 
-def resample_polylines(pieces: ClippedPolylines, count: int) -> Float64[np.ndarray, "pieces count 3"]:
+def resample_pieces(pieces: ClippedPolylines, count: int) -> Float64[np.ndarray, "pieces count 3"]:
     """Every piece as ``count`` points equally spaced in xy arc length (z linear in the same parameter)."""
     total = len(pieces.source)
     if not total:

@@ -34,7 +34,7 @@ _STORED_NAMES = {  # field -> name in a record; all others are stored under thei
 
 
 @dataclasses.dataclass(frozen=True)
-class Record:
+class SceneRecord:
     """A local map and where it comes from.
 
     Attributes:
@@ -56,7 +56,7 @@ class Record:
 
 def make_record(
     log: Log, graph: LaneGraph, index: SegmentIndex, pose: Pose, domain: int
-) -> tuple[Record, dict[str, int]]:
+) -> tuple[SceneRecord, dict[str, int]]:
     """The record around ``pose``, and the counts of cleaned agent values.
 
     Args:
@@ -67,16 +67,16 @@ def make_record(
     local_map, counts = cut_local_map(log, graph, index, pose)
     metadata = log.metadata
     origin = (domain, metadata.location_cluster, metadata.scene_id, pose.step, pose.object_index, pose.is_recorder)
-    return Record(local_map, *origin), counts
+    return SceneRecord(local_map, *origin), counts
 
 
-def encode_record(record: Record) -> bytes:
+def encode_record(record: SceneRecord) -> bytes:
     """``record`` as safetensors bytes."""
     arrays = {_stored_name(field.name): getattr(record.local_map, field.name) for field in dataclasses.fields(LocalMap)}
     arrays["agent_known"] = (arrays["agent_known"] @ _KNOWN_BITS).astype(np.uint16)
     for name in _BOOLEANS:
         arrays[name] = arrays[name].astype(np.uint8)
-    names = [field.name for field in dataclasses.fields(Record) if field.name != "local_map"]
+    names = [field.name for field in dataclasses.fields(SceneRecord) if field.name != "local_map"]
     origin = {_stored_name(name): getattr(record, name) for name in names}
     # One key, since safetensors writes several in random order and equal records shall be equal bytes.
     metadata = {"record": json.dumps({"format": RECORD_FORMAT, **origin})}
@@ -102,7 +102,7 @@ _DTYPES = {
 }
 
 
-def decode_record(data: bytes) -> Record:
+def decode_record(data: bytes) -> SceneRecord:
     """The record in safetensors bytes, its arrays read-only views of ``data``.
 
     Raises:
@@ -119,7 +119,7 @@ def decode_record(data: bytes) -> Record:
             for name in _BOOLEANS:
                 arrays[name] = arrays[name].view(bool)
             local_map = LocalMap(**{_field_name(name): array for name, array in arrays.items()})
-            return Record(local_map, **{_field_name(name): value for name, value in origin.items()})
+            return SceneRecord(local_map, **{_field_name(name): value for name, value in origin.items()})
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"data: {len(data)} bytes, but no scene record ({error}): build the records again") from error
     raise ValueError(f"data: record format {version}, not {RECORD_FORMAT}: build the records again")
@@ -132,7 +132,7 @@ def _view(data: bytes, base: int, entry: dict[str, Any]) -> np.ndarray:
 
 
 def sample_scene(
-    record: Record,
+    record: SceneRecord,
     crop: Crop = Crop.CENTERED,
     dx: float = 0.0,
     dy: float = 0.0,

@@ -186,7 +186,7 @@ def agents_at(log: Log, index: SegmentIndex, pose: Pose, radius: float, *, squar
 def cut_tile(log: Log, graph: LaneGraph, index: SegmentIndex, pose: Pose) -> EvalTile:
     """The evaluation tile at ``pose``: 64 m x 64 m around the ego (evaluation rule, steps 5-7), values as recorded."""
     pieces = ragged.clip_polylines(to_pose_frame(graph.points, pose), graph.offsets, CENTERED_WINDOW)
-    lanes = ragged.resample_polylines(pieces, POINTS_PER_LANE)
+    lanes = ragged.resample_pieces(pieces, POINTS_PER_LANE)
     order = ragged.order_by_distance(lanes)[:MAX_LANES]
     rank = np.full(len(lanes), -1)
     rank[order] = np.arange(len(order))

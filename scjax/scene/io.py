@@ -62,22 +62,22 @@ def load_npz(path: str | Path) -> Scene:
 
 
 def save_json(scene: Scene, path: str | Path) -> None:
-    """Writes ``to_json(scene)`` to a temporary name, then renames it."""
-    text = to_json(scene).encode()
+    """Writes ``scene_to_json(scene)`` to a temporary name, then renames it."""
+    text = scene_to_json(scene).encode()
     _write(Path(path), lambda file: file.write(text))
 
 
 def load_json(path: str | Path) -> Scene:
-    """Reads a file of the form that ``to_json`` makes.
+    """Reads a file of the form that ``scene_to_json`` makes.
 
     Raises:
       FileNotFoundError: if there is no such file.
-      ValueError: as ``from_json``; names the file.
+      ValueError: as ``scene_from_json``; names the file.
     """
-    return from_json(Path(path).read_text(encoding="utf-8"), name=str(path))
+    return scene_from_json(Path(path).read_text(encoding="utf-8"), name=str(path))
 
 
-def to_json(scene: Scene) -> str:
+def scene_to_json(scene: Scene) -> str:
     """``scene`` (single or batch) as text: one agent or lane a line, with named fields, enums as words.
 
     An id is the slot in the scene's arrays; ``successors``, ``left`` and ``right`` name lanes by id. ``unknown`` lists
@@ -99,8 +99,8 @@ def to_json(scene: Scene) -> str:
     return json.dumps(header)[:-1] + f', "scenes": [\n{scenes}\n]}}\n'
 
 
-def from_json(text: str, *, name: str = "the text") -> Scene:
-    """The scene, or batch, of a text as ``to_json`` makes it, as NumPy arrays.
+def scene_from_json(text: str, *, name: str = "the text") -> Scene:
+    """The scene, or batch, of a text as ``scene_to_json`` makes it, as NumPy arrays.
 
     Written by hand, ``batch_shape`` (a list of scenes), the slots (as many as there are ids), ``signal`` (unknown),
     the lists of neighbours and ``unknown`` (empty) may be left out.

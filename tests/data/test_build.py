@@ -3,8 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from scjax.data import build_shards, records
-from scjax.data.__main__ import main
+from scjax.data import records
 from scjax.data.build import build_records, load_manifest, split_of
 from scjax.data.build_options import BuildOptions, PoseOptions
 from scjax.data.build_shards import build_shard
@@ -194,54 +193,3 @@ def test_bad_options(options):
         BuildOptions(**options)
     with pytest.raises(ValueError, match=r"poses\.spacing"):
         BuildOptions(poses=PoseOptions(spacing=-1.0))
-
-
-def test_exit_codes(source, tmp_path, capsys):
-    out = str(tmp_path / "records")
-    command = ["build", str(source), out, "--workers", "0", "--files-per-shard", "2"]
-    assert main(command) == 0
-    assert "records of" in capsys.readouterr().out
-    spoil(source)
-    assert main(command) == 3
-    assert "skipped womd/bad nan.json.gz" in capsys.readouterr().err
-    assert main([*command, "--strict"]) == 1
-    assert main([*command, "--limit", "0"]) == 1
-    assert main([*command, "--workers", "-1"]) == 1
-    assert main([*command, "--spacing", "0"]) == 1
-    assert main(["build", str(tmp_path / "nowhere"), out]) == 1
-    (tmp_path / "empty").mkdir()
-    assert main(["build", str(tmp_path / "empty"), out]) == 1
-    file = tmp_path / "file"
-    file.write_text("x")
-    assert main(["build", str(source), str(file)]) == 1
-    errors = capsys.readouterr().err
-    assert errors.count("error: ") == 7 and "Traceback" not in errors
-    for wrong in ([], ["build"], ["fly"], [*command, "--workers", "two"]):
-        with pytest.raises(SystemExit) as caught:
-            main(wrong)
-        assert caught.value.code == 2
-
-
-def test_only_bad_files(tmp_path, capsys):
-    scene_files.write_scene_file(tmp_path / "scenes", scene_files.scene_content(schema="other"))
-    assert main(["build", str(tmp_path / "scenes"), str(tmp_path / "out"), "--workers", "0"]) == 1
-    assert "none of 1 files can be used" in capsys.readouterr().err
-
-
-def test_interrupted(source, tmp_path, monkeypatch, capsys):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(build_shards, "write_shard", stop)
-    assert main(["build", str(source), str(tmp_path / "out"), "--workers", "0"]) == 130
-    assert "run the same command again" in capsys.readouterr().err
-
-
-def test_help_reads_well(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "130")
-    with pytest.raises(SystemExit):
-        main(["build", "--help"])
-    text = capsys.readouterr().out
-    for word in ("--workers", "--train-spacing", "--split-percent", "exit codes", "default 16.0"):
-        assert word in text
-    assert max(map(len, text.splitlines())) <= 130

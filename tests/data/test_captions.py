@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from scjax.data import records
-from scjax.data.__main__ import main
+from scjax.cli.data import main
 from scjax.data.build import build_records
 from scjax.data.captions import read_captions, read_official
 from scjax.language.captioner import STYLES
@@ -78,15 +78,6 @@ def test_captions_of_other_records_are_refused(folder, tmp_path):
         path.write_bytes(kept)
     with pytest.raises(ValueError, match="is not there: run python"):
         next(read_captions(folder, "nothing"))
-
-
-def test_the_command_names_mistakes(tmp_path, folder, capsys):
-    assert main(["caption", str(tmp_path)]) == 1 and "error: " in capsys.readouterr().err
-    assert main(["caption", str(folder), "--paraphrases", "0"]) == 1
-    assert "at least one text" in capsys.readouterr().err
-    assert main(["caption", str(folder), "--drop", "1.5"]) == 1 and "a probability" in capsys.readouterr().err
-    assert main(["caption", str(folder), "--workers", "-1"]) == 1
-    assert "0 or more processes" in capsys.readouterr().err
 
 
 def test_official_captions(tmp_path):

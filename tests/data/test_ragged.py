@@ -56,7 +56,7 @@ def test_clipping_twice_changes_nothing(seed):
     points, offsets = joined(walks(seed))
     once = ragged.clip_polylines(points, offsets, WINDOW)
     twice = ragged.clip_polylines(once.points, once.offsets, WINDOW)
-    np.testing.assert_allclose(ragged.resample_polylines(once, 20), ragged.resample_polylines(twice, 20), atol=1e-6)
+    np.testing.assert_allclose(ragged.resample_pieces(once, 20), ragged.resample_pieces(twice, 20), atol=1e-6)
 
 
 @given(seeds, st.booleans())
@@ -100,7 +100,7 @@ def test_a_short_whole_lane_stays():
 def test_nothing_inside_and_a_touched_corner():
     lines = [np.array([[40.0, 0, 0], [50, 0, 0]]), np.array([[64.0, 0, 0], [0, 64, 0]])]
     pieces = ragged.clip_polylines(*joined(lines), WINDOW, cut=True)
-    assert len(pieces.source) == 0 and ragged.resample_polylines(pieces, 20).shape == (0, 20, 3)
+    assert len(pieces.source) == 0 and ragged.resample_pieces(pieces, 20).shape == (0, 20, 3)
     assert ragged.piece_successors(pieces, np.array([[0, 1]]), 2).shape == (0, 2)
 
 
@@ -123,7 +123,7 @@ def test_piece_edges_need_both_true_ends():
 @settings(max_examples=60, deadline=None)
 def test_resampling_matches_interpolation(seed):
     pieces = ragged.clip_polylines(*joined(walks(seed)), (-1e3, 1e3, -1e3, 1e3))
-    for piece, got in zip(split(pieces), ragged.resample_polylines(pieces, 20), strict=True):
+    for piece, got in zip(split(pieces), ragged.resample_pieces(pieces, 20), strict=True):
         arc = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(piece[:, :2], axis=0).T))])
         want = np.stack([np.interp(np.linspace(0, arc[-1], 20), arc, piece[:, k]) for k in range(3)], -1)
         np.testing.assert_allclose(got, want, atol=1e-6)

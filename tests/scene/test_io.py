@@ -50,7 +50,7 @@ def test_json_round_trip(name, tmp_path):
 
 def test_json_is_readable():
     scene = example_scene(agents=2, lanes=3)
-    data = json.loads(scene_io.to_json(scene))
+    data = json.loads(scene_io.scene_to_json(scene))
     assert data["units"]["speed"] == "m/s" and data["version"] == 1
     ego, other = data["scenes"][0]["agents"]
     assert ego["heading"] == pytest.approx(np.arctan2(scene.agents[0, 5], scene.agents[0, 4]), abs=1e-6)
@@ -66,14 +66,14 @@ def test_holes_among_the_slots_survive():
     scene = example_scene(lanes=3)
     scene.agent_mask[1] = False
     scene.agents[1], scene.agent_known[1], scene.agent_types[1] = 0, False, 0
-    _assert_same(scene_io.from_json(scene_io.to_json(scene)), scene, 1e-6)
+    _assert_same(scene_io.scene_from_json(scene_io.scene_to_json(scene)), scene, 1e-6)
 
 
 def test_a_ring_of_two_lanes_survives():
     scene = empty(0, 2)
     scene.lane_mask[:], scene.lane_known[:] = True, True
     scene.links[:] = [[Link.SELF, Link.PREDECESSOR], [Link.PREDECESSOR, Link.SELF]]
-    _assert_same(scene_io.from_json(scene_io.to_json(scene)), scene)
+    _assert_same(scene_io.scene_from_json(scene_io.scene_to_json(scene)), scene)
 
 
 def _by_hand() -> dict:
@@ -86,7 +86,7 @@ def _by_hand() -> dict:
 def test_a_file_written_by_hand_needs_little():
     data = _by_hand()
     data["scenes"][0]["lanes"][0]["left"] = [1]
-    scene = validate(scene_io.from_json(json.dumps(data)))[0]
+    scene = validate(scene_io.scene_from_json(json.dumps(data)))[0]
     assert scene.links[1, 0] == Link.LEFT and scene.links[0, 1] == Link.RIGHT
     assert scene.agents[0].tolist() == pytest.approx([0, 0, 0.8, 5, 1, 0, 4.5, 2, 1.6])
     assert scene.agent_known.all() and scene.crop == Crop.CENTERED
@@ -140,7 +140,7 @@ def test_json_complaints_name_file_and_place(change, message, tmp_path):
 
 def test_truncated_json_is_named(tmp_path):
     path = tmp_path / "short.json"
-    path.write_text(scene_io.to_json(example_scene())[:500])
+    path.write_text(scene_io.scene_to_json(example_scene())[:500])
     with pytest.raises(ValueError, match=r"short.json is no JSON"):
         scene_io.load_json(path)
 
