@@ -1,7 +1,7 @@
-"""Token features of captions beside record shards: encoded once, then only read.
+"""Token features of the captions of records: encoded once, then only read.
 
-``text-<split>.bin`` holds the features of every different text (float16, text after text), ``text-<split>.npz`` says
-where each begins, which texts belong to a record, and from which captions and encoder they are.
+``text-<split>.bin`` holds the features of every different text (float16, text after text). ``text-<split>.npz`` holds
+where each text starts, which texts belong to a record, the hash of the captions and the name of the encoder.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scjax.data.captions import captions_path, read_captions
 from scjax.encoders.text import Encoder
 
 FORMAT = 1
-_AT_ONCE = 256  # texts
+_BATCH_SIZE = 256  # texts
 
 
 class TextStore:
@@ -30,39 +30,44 @@ class TextStore:
       encoder: name of the encoder; width: features of a token.
 
     Raises:
-      ValueError: there are none, or the captions have been written anew since.
+      ValueError: if there are none, or the captions have been written again since.
     """
 
     def __init__(self, folder: str | Path, split: str):
         index, data = _paths(Path(folder), split)
-        cure = f"run python -m scjax.data embed {folder}"
+        remedy = f"run python -m scjax.data embed {folder}"
         if not index.is_file() or not data.is_file():
-            raise ValueError(f"{index} is not there: {cure}")
+            raise ValueError(f"{index} is not there: {remedy}")
         try:
             with index.open("rb") as file, np.load(file) as content:
-                held = dict(content)
+                arrays = dict(content)
         except (ValueError, OSError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{index} is damaged ({error}): {cure} again") from error
-        if int(held["format"]) != FORMAT or str(held["captions"]) != _digest(Path(folder), split):
-            raise ValueError(f"{index} belongs to other captions, or has another format: {cure} again")
-        self.encoder, self.width = str(held["encoder"]), int(held["width"])
-        self._starts, self._first, self._texts = held["starts"], held["first"], held["texts"]
-        self._file = data
+            raise ValueError(f"{index} is damaged ({error}): {remedy} again") from error
+        if int(arrays["format"]) != FORMAT or str(arrays["captions"]) != _digest(Path(folder), split):
+            raise ValueError(f"{index} belongs to other captions, or has another format: {remedy} again")
+        self.encoder, self.width = str(arrays["encoder"]), int(arrays["width"])
+        self._token_starts, self._text_starts, self._texts = arrays["starts"], arrays["first"], arrays["texts"]
+        self._features_path = data
         self._tokens: np.ndarray | None = None
 
+    @property
+    def num_texts(self) -> int:
+        """Number of different texts."""
+        return len(self._token_starts) - 1
+
     def __len__(self) -> int:
-        """Records."""
-        return len(self._first) - 1
+        """Number of records."""
+        return len(self._text_starts) - 1
 
     def texts_of(self, record: int) -> np.ndarray:
-        """Numbers of the texts of a record."""
-        return self._texts[self._first[record] : self._first[record + 1]]
+        """Indices of the texts of a record, [texts]."""
+        return self._texts[self._text_starts[record] : self._text_starts[record + 1]]
 
     def features(self, text: int) -> Float[np.ndarray, "tokens width"]:
-        """Features of one text's tokens, float16, read-only."""
+        """Features of the tokens of one text, float16, read-only."""
         if self._tokens is None:  # opened late, so that a store can be sent to other processes
-            self._tokens = np.memmap(self._file, np.float16, "r").reshape(-1, self.width)
-        return self._tokens[self._starts[text] : self._starts[text + 1]]
+            self._tokens = np.memmap(self._features_path, np.float16, "r").reshape(-1, self.width)
+        return self._tokens[self._token_starts[text] : self._token_starts[text + 1]]
 
     def __getstate__(self):
         return vars(self) | {"_tokens": None}
@@ -78,26 +83,26 @@ def embed_captions(
     Raises:
       ValueError: no split has captions.
     """
-    folder, done = Path(folder), {}
+    folder, counts = Path(folder), {}
     for split in splits:
         if not captions_path(folder, split).is_file():
             continue
         try:
             store = TextStore(folder, split)
             if store.encoder == encoder.name:
-                done[split] = len(store._starts) - 1
+                counts[split] = store.num_texts
                 continue
         except ValueError:
             pass
         rows: list[list[int]] = []
-        numbers: dict[str, int] = {}
+        index_of: dict[str, int] = {}
         for caption in read_captions(folder, split):
             texts = [text for style in caption.texts.values() for text in style]
-            rows.append([numbers.setdefault(text, len(numbers)) for text in texts])
-        done[split] = _write(folder, split, list(numbers), rows, encoder, progress)
-    if not done:
+            rows.append([index_of.setdefault(text, len(index_of)) for text in texts])
+        counts[split] = _write(folder, split, list(index_of), rows, encoder, progress)
+    if not counts:
         raise ValueError(f"{folder} holds no captions: run python -m scjax.data caption {folder}")
-    return done
+    return counts
 
 
 def _write(
@@ -106,23 +111,27 @@ def _write(
     index, data = _paths(folder, split)
     temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in (index, data)]
     lengths = np.zeros(len(texts), np.int64)
-    index.unlink(missing_ok=True)  # it vouches for the features
+    index.unlink(missing_ok=True)  # its presence says that the features are complete
     bar = tqdm(total=len(texts), desc=f"texts of {split}", unit="text", disable=not progress)
     with temporary[1].open("wb") as file, bar:
-        for start in range(0, len(texts), _AT_ONCE):
-            part = encoder(texts[start : start + _AT_ONCE])
-            for row, one in enumerate(part):
-                lengths[start + row] = len(one.features)
-                file.write(one.features.astype(np.float16).tobytes())
-            bar.update(len(part))
+        for start in range(0, len(texts), _BATCH_SIZE):
+            encoded = encoder(texts[start : start + _BATCH_SIZE])
+            for row, text in enumerate(encoded):
+                lengths[start + row] = len(text.features)
+                file.write(text.features.astype(np.float16).tobytes())
+            bar.update(len(encoded))
     temporary[1].replace(data)
     with temporary[0].open("wb") as file:
         np.savez(
-            file, format=FORMAT, captions=_digest(folder, split), encoder=encoder.name, width=encoder.width,
+            file,
+            format=FORMAT,
+            captions=_digest(folder, split),
+            encoder=encoder.name,
+            width=encoder.width,
             starts=np.concatenate([[0], np.cumsum(lengths)]),
             first=np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64),
             texts=np.array([text for row in rows for text in row], np.int64),
-        )  # fmt: skip
+        )
     temporary[0].replace(index)
     return len(texts)
 

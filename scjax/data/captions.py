@@ -1,7 +1,7 @@
-"""Captions beside record shards, and captions of the official release.
+"""Captions of records, and captions of the official release.
 
-``captions-<split>.jsonl.gz`` holds a line a record, in record order: its facts and some texts of each style. A file
-appears whole or not at all, and names the records that it belongs to.
+``captions-<split>.jsonl.gz`` holds one line per record, in record order: its facts and some texts of each style. A file
+appears whole or not at all, and names the hash of the records that it belongs to.
 """
 
 from __future__ import annotations
@@ -24,28 +24,33 @@ from scjax.language.captioner import STYLES, write_caption
 from scjax.language.facts import Facts, extract_facts
 
 FORMAT = 2
-MISSING = "A realistic driving scene."  # what the release's loader says where a caption file is absent
 
 
 class Caption(NamedTuple):
-    """Facts of a record's centred tile, and texts of every style."""
+    """Facts of the centered crop of a record, and texts of every style."""
 
     facts: Facts
     texts: dict[str, list[str]]
 
 
 def add_captions(
-    folder: str | Path, *, paraphrases: int = 2, drop: float = 0.3, seed: int = 0, workers: int = 0,
+    folder: str | Path,
+    *,
+    paraphrases: int = 2,
+    drop: float = 0.3,
+    seed: int = 0,
+    workers: int = 0,
     progress: bool = True,
-) -> dict[str, int]:  # fmt: skip
+) -> dict[str, int]:
     """Captions every record of a folder; returns the number of records of each split.
 
     Args:
       folder: made by ``python -m scjax.data build``.
-      paraphrases: texts of each style.
-      drop: probability with which a fact that may be left out is.
-      seed: of the words; the same seed gives the same texts.
-      workers: processes that share the work; 0: this one does it.
+      paraphrases: texts of each style per record.
+      drop: probability with which an optional fact is left out.
+      seed: of the choice of words; the same seed gives the same texts.
+      workers: processes that share the work; 0: this process does it.
+      progress: whether to show a progress bar.
 
     Raises:
       ValueError: the folder holds no records, ``paraphrases`` is less than 1, ``drop`` is no probability, or
@@ -54,41 +59,45 @@ def add_captions(
     if paraphrases < 1:
         raise ValueError(f"paraphrases is {paraphrases}: write at least one text of each style")
     if not 0 <= drop <= 1:
-        raise ValueError(f"drop is {drop}: give a probability, 0 to tell all facts")
+        raise ValueError(f"drop is {drop}: give a probability, 0 to write all facts")
     if workers < 0:
         raise ValueError(f"workers is {workers}: give 0 or more processes")
-    folder, done = Path(folder), {}
+    folder, counts = Path(folder), {}
     manifest = load_manifest(folder)
     for split, entry in manifest["splits"].items():
         if not entry["records"]:
             continue
         path = captions_path(folder, split)
         temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        line = functools.partial(_line, folder, split, manifest["hash"], paraphrases, drop, seed)
-        rows, name = range(entry["records"]), f"captions of {split}"
+        caption = functools.partial(_caption_line, folder, split, manifest["hash"], paraphrases, drop, seed)
+        rows, label = range(entry["records"]), f"captions of {split}"
         with gzip.open(temporary, "wt", encoding="utf-8") as file, WorkerPool(workers, chunk_size=32) as run:
             file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}) + "\n")
-            for told in tqdm(run(line, rows), name, total=len(rows), unit="tile", disable=not progress):
-                file.write(told)
+            lines = run(caption, rows)
+            file.writelines(tqdm(lines, label, total=len(rows), unit="record", disable=not progress))
         temporary.replace(path)
-        done[split] = len(rows)
-    return done
+        counts[split] = len(rows)
+    return counts
 
 
-def _line(folder: Path, split: str, known: str, paraphrases: int, drop: float, seed: int, row: int) -> str:
-    """What is stored of a record."""
-    facts = extract_facts(records.sample_scene(records.decode_record(_tiles(folder, split, known)[row])))
-    numbers = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
+def _caption_line(
+    folder: Path, split: str, records_hash: str, paraphrases: int, drop: float, seed: int, row: int
+) -> str:
+    """The line of one record in the captions file."""
+    record = records.decode_record(_open_records(folder, split, records_hash)[row])
+    facts = extract_facts(records.sample_scene(record))
+    seeds = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
-        style: [write_caption(facts, int(numbers[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
+        style: [write_caption(facts, int(seeds[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
         for k, style in enumerate(STYLES)
     }
     return json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n"
 
 
 @functools.lru_cache(1)
-def _tiles(folder: Path, split: str, known: str):
-    """Opened once; ``known``, the hash of the records, tells those of a folder that was built anew."""
+def _open_records(folder: Path, split: str, records_hash: str):
+    """The records of a split, opened once per process; the hash distinguishes records that were built again."""
+    del records_hash
     return records.open_records(folder, split)
 
 
@@ -98,23 +107,24 @@ def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
     Raises:
       ValueError: there are none, or they belong to other records or another format.
     """
-    path, cure = captions_path(Path(folder), split), f"run python -m scjax.data caption {folder}"
+    path, remedy = captions_path(Path(folder), split), f"run python -m scjax.data caption {folder}"
     if not path.is_file():
-        raise ValueError(f"{path} is not there: {cure}")
+        raise ValueError(f"{path} is not there: {remedy}")
     with gzip.open(path, "rt", encoding="utf-8") as file:
         head = json.loads(file.readline())
         if head.get("format") != FORMAT or head.get("records") != load_manifest(folder)["hash"]:
-            raise ValueError(f"{path} was written for other records or in another format: {cure} again")
+            raise ValueError(f"{path} was written for other records or in another format: {remedy} again")
         for line in file:
             content = json.loads(line)
             yield Caption(Facts.from_json(content["facts"]), content["texts"])
 
 
 def read_official(folder: str | Path, split: str, name: str) -> str | None:
-    """The caption of a raw frame in the layout of the official release, or None where its file is absent.
+    """The caption of a frame in the folder layout of the official release, or None where its file is absent.
 
-    ``<folder>/<split>/<name>_0_captions.json``, key "BEV"; crops of the other types share it. The release says
-    ``MISSING`` instead of None, which would count as following a prompt: leave such scenes out of control metrics.
+    ``<folder>/<split>/<name>_0_captions.json``, key "BEV"; crops of the other types share it. The release
+    reads "A realistic driving scene." instead of None, which would count as following a prompt: leave such scenes out
+    of control metrics.
 
     Raises:
       ValueError: the file is no such JSON.

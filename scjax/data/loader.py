@@ -17,7 +17,7 @@ import grain
 import numpy as np
 from jaxtyping import Bool, Float
 
-from scjax.camera.raycast import CLASSES, GRID, StandIn, stand_in
+from scjax.camera.raycast import CLASSES, GRID, SemanticDepth, render
 from scjax.data import records
 from scjax.data import token_order as ordering
 from scjax.data.caption_features import TextStore
@@ -35,7 +35,7 @@ class Example(Replaceable):
     Attributes:
       scene: in the pipeline's layout and order.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
-      image, depth: what stands in for a picture of the scene (``stand_in``), or None; zeros where ``has_image`` is
+      image, depth: semantic classes and depth ahead of the ego (``render``), or None; zeros where ``has_image`` is
         False, i.e. in windows that do not lie ahead.
     """
 
@@ -145,8 +145,8 @@ def captioned(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: 
 def pictured(scene: Scene) -> Example:
     """A scene with the stand-in for its image, if its window lies ahead of the ego."""
     if int(scene.crop) == Crop.FORWARD:
-        return Example(scene=scene, **stand_in(scene)._asdict(), has_image=np.asarray(True))
-    none = StandIn(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
+        return Example(scene=scene, **render(scene)._asdict(), has_image=np.asarray(True))
+    none = SemanticDepth(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
     return Example(scene=scene, **none._asdict(), has_image=np.asarray(False))
 
 
@@ -212,7 +212,7 @@ def training_batches(
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
         scene = records.sample_scene(records.decode_record(data), crop, dx, dy, turn)
         scene = clip_counts(codec.select(scene), config.buckets[-1])
-        scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.arrange(scene)[0]
+        scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.sort_tokens(scene)[0]
         if images:
             return pictured(scene)
         if texts is None:
@@ -246,7 +246,7 @@ def validation_scenes(
     scenes = []
     for data in records.open_records(folder, split):
         scene = codec.select(records.sample_scene(records.decode_record(data), crop, 0.0, 0.0, 0.0))
-        scenes.append(ordering.arrange(clip_counts(scene, bucket))[0])
+        scenes.append(ordering.sort_tokens(clip_counts(scene, bucket))[0])
     return scenes
 
 

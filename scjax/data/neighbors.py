@@ -81,42 +81,54 @@ def infer_neighbors(points: Float64[np.ndarray, "points 3"], offsets: Int[np.nda
     Returns:
       as ``recorded_neighbors``.
     """
+    lane, sample_arc, cell, position, tangent = _sample_lanes(points, offsets)
+    pairs = KDTree(position[:, :2]).query_pairs(np.hypot(MAX_LATERAL, SAMPLE_SPACING), output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = pairs[lane[pairs[:, 0]] != lane[pairs[:, 1]]]
+    cosine = (tangent[pairs[:, 0]] * tangent[pairs[:, 1]]).sum(-1)
+    pairs = pairs[cosine > np.cos(MAX_HEADING_DIFFERENCE)]
+    a, b = pairs.T
+    offset = position[b] - position[a]
+    forward = (offset[:, :2] * tangent[a]).sum(-1)
+    lateral = tangent[a, 0] * offset[:, 1] - tangent[a, 1] * offset[:, 0]
+    beside = (np.abs(forward) <= 0.5 * cell[lane[b]] + 0.1) & (np.abs(lateral) >= MIN_LATERAL)
+    beside &= (np.abs(lateral) <= MAX_LATERAL) & ~(np.abs(offset[:, 2]) > MAX_HEIGHT_DIFFERENCE)
+    a, b, lateral = a[beside], b[beside], lateral[beside]
+    side_of_sample = 2 * a + (lateral > 0)
+    nearest = np.full(2 * len(lane), np.inf)
+    np.minimum.at(nearest, side_of_sample, np.abs(lateral))
+    first_row = np.abs(lateral) <= nearest[side_of_sample] + SECOND_ROW
+    a, b, on_left = a[first_row], b[first_row], lateral[first_row] > 0
+
+    left, right = np.where(on_left, b, a), np.where(on_left, a, b)
+    left_half, right_half = cell[lane[left]] / 2, cell[lane[right]] / 2
+    left_arc, right_arc = sample_arc[left], sample_arc[right]
+    spans = np.stack([left_arc - left_half, left_arc + left_half, right_arc - right_half, right_arc + right_half], -1)
+    return _drop_short_overlaps(*_merge_rows(np.stack([lane[left], lane[right]], -1), spans), points, offsets)
+
+
+def _sample_lanes(
+    points: np.ndarray, offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples in the middle of equal cells of at most ``SAMPLE_SPACING`` along every lane.
+
+    Returns:
+      lane and arc length [m] of each sample, cell length of each lane [m], position [m] and tangent of each sample.
+    """
     arc = arc_lengths(points, offsets)
     length = arc[offsets[1:] - 1]
     count = np.maximum(np.ceil(length / SAMPLE_SPACING).astype(int), 1)
     lane = np.repeat(np.arange(len(length)), count)
     cell = length / count
-    at = (np.arange(len(lane)) - np.repeat(np.cumsum(count) - count, count) + 0.5) * cell[lane]
+    sample_arc = (np.arange(len(lane)) - np.repeat(np.cumsum(count) - count, count) + 0.5) * cell[lane]
+    # One increasing axis for all lanes, so that a single search finds all segments.
     base = np.concatenate([[0.0], np.cumsum(length + 1.0)[:-1]])
-    left = np.searchsorted(arc + np.repeat(base, np.diff(offsets)), at + base[lane], side="right") - 1
-    left = np.clip(left, offsets[lane], offsets[lane + 1] - 2)
-    delta = points[left + 1] - points[left]
-    width = arc[left + 1] - arc[left]
-    place = points[left] + ((at - arc[left]) / width)[:, None] * delta
-    ahead = delta[:, :2] / width[:, None]
-
-    pairs = KDTree(place[:, :2]).query_pairs(np.hypot(MAX_LATERAL, SAMPLE_SPACING), output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    pairs = pairs[lane[pairs[:, 0]] != lane[pairs[:, 1]]]
-    pairs = pairs[(ahead[pairs[:, 0]] * ahead[pairs[:, 1]]).sum(-1) > np.cos(MAX_HEADING_DIFFERENCE)]
-    a, b = pairs.T
-    offset = place[b] - place[a]
-    forward = (offset[:, :2] * ahead[a]).sum(-1)
-    lateral = ahead[a, 0] * offset[:, 1] - ahead[a, 1] * offset[:, 0]
-    good = (np.abs(forward) <= 0.5 * cell[lane[b]] + 0.1) & (np.abs(lateral) >= MIN_LATERAL)
-    good &= (np.abs(lateral) <= MAX_LATERAL) & ~(np.abs(offset[:, 2]) > MAX_HEIGHT_DIFFERENCE)
-    a, b, lateral = a[good], b[good], lateral[good]
-    slot = 2 * a + (lateral > 0)
-    nearest = np.full(2 * len(lane), np.inf)
-    np.minimum.at(nearest, slot, np.abs(lateral))
-    good = np.abs(lateral) <= nearest[slot] + SECOND_ROW
-    a, b, on_left = a[good], b[good], lateral[good] > 0
-
-    # The left lane of each pair comes first.
-    high, low = np.where(on_left, b, a), np.where(on_left, a, b)
-    edge_high, edge_low = cell[lane[high]] / 2, cell[lane[low]] / 2
-    spans = np.stack([at[high] - edge_high, at[high] + edge_high, at[low] - edge_low, at[low] + edge_low], -1)
-    return _drop_short_overlaps(*_merge_rows(np.stack([lane[high], lane[low]], -1), spans), points, offsets)
+    start = np.searchsorted(arc + np.repeat(base, np.diff(offsets)), sample_arc + base[lane], side="right") - 1
+    start = np.clip(start, offsets[lane], offsets[lane + 1] - 2)
+    delta = points[start + 1] - points[start]
+    width = arc[start + 1] - arc[start]
+    position = points[start] + ((sample_arc - arc[start]) / width)[:, None] * delta
+    return lane, sample_arc, cell, position, delta[:, :2] / width[:, None]
 
 
 def _drop_short_overlaps(pairs: np.ndarray, spans: np.ndarray, points: np.ndarray, offsets: np.ndarray) -> Neighbors:

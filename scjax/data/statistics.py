@@ -1,4 +1,4 @@
-"""What a set of scenes looks like in numbers: streamed sums per column, and how many lanes and agents scenes have."""
+"""Statistics of a set of scenes: streamed sums per column of agents and lanes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ _LANE_COLUMNS = ("x", "y", "z")
 
 
 class SceneStatistics:
-    """Count, sum, sum of squares, minimum and maximum of every known value, by agent class and column, and lane column.
+    """Count, sum, sum of squares, minimum and maximum of all known values, by column of each agent type and of lanes.
 
-    ``state`` is JSON-serialisable; states of disjoint sets of scenes add up through ``merge``.
+    ``state`` is JSON-serializable; ``merge`` adds the states of disjoint sets of scenes.
     """
 
     def __init__(self) -> None:
-        self.state: dict[str, Any] = {"agents": {kind.name.lower(): {} for kind in AgentType}, "lanes": {}}
+        self.state: dict[str, Any] = {"agents": {agent_type.name.lower(): {} for agent_type in AgentType}, "lanes": {}}
 
     def add(self, scene: Scene) -> None:
-        """Takes in one scene."""
+        """Adds one scene."""
         scene = scene.to_numpy()
         agents, lanes = np.asarray(scene.agents), np.asarray(scene.lanes)
-        for kind in AgentType:
-            rows = scene.agent_mask & (scene.agent_types == kind)
-            table = self.state["agents"][kind.name.lower()]
+        for agent_type in AgentType:
+            rows = scene.agent_mask & (scene.agent_types == agent_type)
+            table = self.state["agents"][agent_type.name.lower()]
             for column, name in enumerate(STATE_COLUMNS):
                 known = rows & scene.agent_known[:, column]
                 _accumulate(table, name, _sums(agents[known, column]))
@@ -35,16 +35,16 @@ class SceneStatistics:
             _accumulate(self.state["lanes"], name, _sums(lanes[known][..., column]))
 
     def merge(self, state: dict[str, Any]) -> None:
-        """Takes in the ``state`` of another set of scenes."""
-        for kind, table in state["agents"].items():
+        """Adds the ``state`` of another set of scenes."""
+        for agent_type, table in state["agents"].items():
             for name, sums in table.items():
-                _accumulate(self.state["agents"][kind], name, sums)
+                _accumulate(self.state["agents"][agent_type], name, sums)
         for name, sums in state["lanes"].items():
             _accumulate(self.state["lanes"], name, sums)
 
     def summary(self) -> dict[str, Any]:
         """Count, mean, standard deviation, minimum and maximum of every column that has values."""
-        agents = {kind: _summary(table) for kind, table in self.state["agents"].items() if table}
+        agents = {agent_type: _summary(table) for agent_type, table in self.state["agents"].items() if table}
         return {"agents": agents, "lanes": _summary(self.state["lanes"])}
 
 
@@ -61,14 +61,14 @@ def _accumulate(table: dict[str, list[float]], name: str, sums: list[float]) -> 
     if name not in table:
         table[name] = list(sums)
         return
-    old = table[name]
-    table[name] = [old[0] + sums[0], old[1] + sums[1], old[2] + sums[2], min(old[3], sums[3]), max(old[4], sums[4])]
+    count, total, squares, low, high = table[name]
+    table[name] = [count + sums[0], total + sums[1], squares + sums[2], min(low, sums[3]), max(high, sums[4])]
 
 
 def _summary(table: dict[str, list[float]]) -> dict[str, dict[str, Any]]:
-    out = {}
+    summary = {}
     for name, (count, total, squares, low, high) in table.items():
         mean = total / count
         std = max(squares / count - mean * mean, 0.0) ** 0.5
-        out[name] = {"count": int(count), "mean": mean, "std": std, "min": low, "max": high}
-    return out
+        summary[name] = {"count": int(count), "mean": mean, "std": std, "min": low, "max": high}
+    return summary

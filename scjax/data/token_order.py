@@ -1,6 +1,6 @@
-"""Token order: position codes count along it, so it must be a function of the scene alone (official-spec §3).
+"""The order of tokens. Position codes count along it, so it is a function of the scene alone (official-spec §3).
 
-Host side, NumPy and plain lists: it runs on every access of a training example.
+Runs on the host for every training example, with NumPy and plain lists.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from jaxtyping import Bool, Float, Int
 from scjax.scene import Crop, Scene, permute
 from scjax.scene.per_type import PerType
 
-TOLERANCE = 0.5  # metres
-UNIT_TOLERANCE = TOLERANCE / 32
+TOLERANCE = 0.5  # m
+UNIT_TOLERANCE = TOLERANCE / 32  # in unit coordinates, -1..1 over a tile
 Axes = Literal["xy", "yx"]  # nuPlan models of the release sort by x first, Waymo models by y
 
 
-def order(
+def token_permutations(
     lanes: Float[np.ndarray, "lanes points 2"],
     agents: Float[np.ndarray, "agents 2"],
     *,
     axes: Axes = "xy",
     tolerance: float = UNIT_TOLERANCE,
 ) -> PerType:
-    """Permutations: new row i is old row ``perm[i]``. Agent 0 (the ego) stays first.
+    """Permutations of agents and lanes: new row i is old row ``permutation[i]``. Agent 0, the ego, stays first.
 
-    Sorted by least x, least y, greatest x, greatest y: elements whose key differs from their predecessor's by less
-    than ``tolerance`` form a group (groups chain), which is sorted by the next key. Ties keep their order.
+    Keys are minimum x, minimum y, maximum x, maximum y. Elements whose key differs from their predecessor's by less
+    than ``tolerance`` form a group, which is sorted by the next key. Ties keep their order.
 
     Args:
       lanes, agents: xy of all points and of the box centres, without padding; unit coordinates, or metres with
@@ -45,30 +45,30 @@ def order(
     )
 
 
-def arrange(scene: Scene) -> tuple[Scene, Int[np.ndarray, " agents"], Int[np.ndarray, " lanes"]]:
-    """One unpadded NumPy scene (metres) in token order, and the permutations of its agents and lanes.
+def sort_tokens(scene: Scene) -> tuple[Scene, Int[np.ndarray, " agents"], Int[np.ndarray, " lanes"]]:
+    """One unpadded NumPy scene [m] in token order, and the permutations of its agents and lanes.
 
-    In a partitioned scene the given half comes first, as it does when a scene is completed.
+    In a partitioned scene the known half comes first, as it does when a scene is completed.
     """
     lanes, agents = np.asarray(scene.lanes)[..., :2], np.asarray(scene.agents)[..., :2]
-    perms = order(lanes, agents, tolerance=TOLERANCE)
+    permutations = token_permutations(lanes, agents, tolerance=TOLERANCE)
     if scene.crop == Crop.PARTITIONED:
-        given = partition(lanes, agents)
-        ego_first = given.agents.copy()
-        ego_first[:1] = True
-        perms = PerType(
-            agents=perms.agents[np.argsort(~ego_first[perms.agents], kind="stable")],
-            lanes=perms.lanes[np.argsort(~given.lanes[perms.lanes], kind="stable")],
+        known = known_half(lanes, agents)
+        known_agents = known.agents.copy()
+        known_agents[:1] = True
+        permutations = PerType(
+            agents=permutations.agents[np.argsort(~known_agents[permutations.agents], kind="stable")],
+            lanes=permutations.lanes[np.argsort(~known.lanes[permutations.lanes], kind="stable")],
         )
-    return permute(scene, perms.agents, perms.lanes), perms.agents, perms.lanes
+    return permute(scene, permutations.agents, permutations.lanes), permutations.agents, permutations.lanes
 
 
-def partition(
+def known_half(
     lanes: Float[np.ndarray, "lanes points 2"], agents: Float[np.ndarray, "agents 2"], *, axes: Axes = "xy"
 ) -> PerType:
-    """The given half of a partitioned scene: agents at x <= 0, lanes whose middle point (10th of 20) is at x <= 0."""
-    first = "xy".index(axes[0])
-    return PerType(agents=agents[:, first] <= 0, lanes=lanes[:, lanes.shape[1] // 2 - 1, first] <= 0)
+    """The known half of a partitioned scene: agents at x <= 0, lanes whose middle point (10th of 20) is at x <= 0."""
+    axis = "xy".index(axes[0])
+    return PerType(agents=agents[:, axis] <= 0, lanes=lanes[:, lanes.shape[1] // 2 - 1, axis] <= 0)
 
 
 def in_view(
@@ -76,9 +76,9 @@ def in_view(
 ) -> Bool[np.ndarray, " agents"]:
     """Agents within ``half_angle`` [rad] of straight ahead of agent 0, the ego, which always counts."""
     offset = agents - agents[:1]
-    ahead = (offset[:, 0] > 0) & (np.abs(np.arctan2(offset[:, 1], offset[:, 0])) <= half_angle)
-    ahead[:1] = True
-    return ahead
+    inside = (offset[:, 0] > 0) & (np.abs(np.arctan2(offset[:, 1], offset[:, 0])) <= half_angle)
+    inside[:1] = True
+    return inside
 
 
 def _sort(items, keys: list[list[float]], tolerance: float) -> list[int]:

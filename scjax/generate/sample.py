@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from scjax.data.token_order import arrange
+from scjax.data.token_order import sort_tokens
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
@@ -177,7 +177,7 @@ class _Request:
         self.original = known
         self.known, self.agent_order, self.lane_order = None, np.arange(0), np.arange(0)
         if known is not None:
-            self.known, self.agent_order, self.lane_order = arrange(known)
+            self.known, self.agent_order, self.lane_order = sort_tokens(known)
 
     def finish(self, scene: Scene) -> Scene:
         """Unpadded, and every known element exactly as it was given, in its given place."""

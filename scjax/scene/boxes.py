@@ -1,31 +1,31 @@
-"""Which agent boxes overlap, and by how much, exactly; in float64 on the host, without compilation."""
+"""Exact overlap of agent boxes; float64 on the host, without compilation."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
-_LEVEL = 1e-9  # metres by which an edge must rise over a wall to count as crossing it
-TOUCH = 1e-6  # metres of penetration that rounding alone can make of two boxes that touch
+_PARALLEL = 1e-9  # m; an edge that rises less over a side of a box is parallel to it
+TOUCH = 1e-6  # m; rounding alone gives boxes that touch up to this penetration
 
 
 def overlaps(agents: Float[np.ndarray, "agents 9"]) -> Bool[np.ndarray, "agents agents"]:
-    """Pairs of boxes that share ground area; touching is not enough, and no box overlaps itself. Heights play no part.
+    """Pairs of boxes that share ground area; touching is not enough, and no box overlaps itself. Heights do not matter.
 
-    Two convex shapes are apart exactly if one of their edge normals parts them; boxes have two each.
+    Separating axis theorem: two convex shapes are disjoint exactly if a normal of one of their edges separates them.
     """
     agents = np.asarray(agents, np.float64)
     ahead = agents[:, 4:6] / np.maximum(np.linalg.norm(agents[:, 4:6], axis=-1, keepdims=True), 1e-12)
     axes = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], -1)], 1)  # [agents, 2 axes, xy]
     half = agents[:, 6:8] / 2
-    apart = agents[None, :, :2] - agents[:, None, :2]
-    centre = np.abs(np.einsum("ijx,iax->ija", apart, axes))  # distance of the centres along the axes of box i
+    offset = agents[None, :, :2] - agents[:, None, :2]
+    distance = np.abs(np.einsum("ijx,iax->ija", offset, axes))  # of the centers along the axes of box i
     cosines = np.abs(np.einsum("iax,jbx->ijab", axes, axes))
     reach = half[:, None, :] + np.einsum("ijab,jb->ija", cosines, half)
-    depth = (reach - centre).min(-1)
-    found = np.minimum(depth, depth.T) > TOUCH
-    np.fill_diagonal(found, False)
-    return found
+    depth = (reach - distance).min(-1)
+    overlap = np.minimum(depth, depth.T) > TOUCH
+    np.fill_diagonal(overlap, False)
+    return overlap
 
 
 def intersection_areas(
@@ -36,9 +36,11 @@ def intersection_areas(
     The outline of the shared area consists of the parts of either outline inside the other box; Green's theorem sums
     it up edge by edge.
     """
-    middle = np.asarray(first, np.float64)[:, None, :2]
-    one, two = corners(first) - middle, corners(second) - middle
-    return np.maximum(_outline_inside(one, two, shared=True) + _outline_inside(two, one, shared=False), 0.0)
+    center = np.asarray(first, np.float64)[:, None, :2]
+    first_corners, second_corners = corners(first) - center, corners(second) - center
+    area = _outline_inside(first_corners, second_corners, shared=True)
+    area = area + _outline_inside(second_corners, first_corners, shared=False)
+    return np.maximum(area, 0.0)
 
 
 def corners(boxes: Float[np.ndarray, "boxes 9"]) -> Float64[np.ndarray, "boxes 4 2"]:
@@ -53,20 +55,20 @@ def corners(boxes: Float[np.ndarray, "boxes 9"]) -> Float64[np.ndarray, "boxes 4
 
 
 def _outline_inside(edges: np.ndarray, hull: np.ndarray, *, shared: bool) -> np.ndarray:
-    """Half the sum of cross(p, q) over the parts p q of each outline inside ``hull`` [pairs, 4, 2], counter-clockwise.
+    """Half the sum of cross(p, q) over the parts p q of each outline inside ``hull`` [pairs, 4, 2].
 
-    Parts on the hull's own outline count where ``shared``.
+    Both outlines are counter-clockwise. Parts on the outline of the hull count only if ``shared``.
     """
     start, along = edges, np.roll(edges, -1, 1) - edges
-    wall = np.roll(hull, -1, 1) - hull
-    inward = np.stack([-wall[..., 1], wall[..., 0]], -1) / np.maximum(np.linalg.norm(wall, axis=-1), 1e-12)[..., None]
-    depth = np.einsum("nehx,nhx->neh", start[:, :, None] - hull[:, None], inward)  # of the start, behind each wall
+    side = np.roll(hull, -1, 1) - hull
+    inward = np.stack([-side[..., 1], side[..., 0]], -1) / np.maximum(np.linalg.norm(side, axis=-1), 1e-12)[..., None]
+    depth = np.einsum("nehx,nhx->neh", start[:, :, None] - hull[:, None], inward)  # of the start, inside each side
     slope = np.einsum("nex,nhx->neh", along, inward)
-    level = np.abs(slope) < _LEVEL
-    at = -depth / np.where(level, 1.0, slope)
-    enter = np.where(~level & (slope > 0), at, 0.0).max(-1).clip(0, 1)
-    leave = np.where(~level & (slope < 0), at, 1.0).min(-1).clip(0, 1)
-    outside = level & ((depth < -_LEVEL) if shared else (depth <= _LEVEL))
+    parallel = np.abs(slope) < _PARALLEL
+    crossing = -depth / np.where(parallel, 1.0, slope)
+    enter = np.where(~parallel & (slope > 0), crossing, 0.0).max(-1).clip(0, 1)
+    leave = np.where(~parallel & (slope < 0), crossing, 1.0).min(-1).clip(0, 1)
+    outside = parallel & ((depth < -_PARALLEL) if shared else (depth <= _PARALLEL))
     leave = np.where(outside.any(-1), enter, np.maximum(leave, enter))
     p, q = start + enter[..., None] * along, start + leave[..., None] * along
     return 0.5 * (p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]).sum(-1)

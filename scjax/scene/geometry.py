@@ -1,7 +1,7 @@
-"""Frames, polylines and oriented boxes: masked, jitted, differentiable, with any batch axes in front.
+"""Frames, polylines and oriented boxes: masked, jitted and differentiable, with any leading batch axes.
 
 A planar pose is (x, y, yaw) of a frame in its parent, [*b, 3]; applying it takes points of the frame into the parent.
-Batch axes of a pose must equal the leading axes of what it is applied to; missing ones are filled in on the right.
+Batch axes of a pose must equal the leading axes of its argument; missing ones are added on the right.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def se2_apply(pose: Float[AnyArray, "... 3"], points: Float[AnyArray, "... 2"]) 
 
 
 def se2_rotate(yaw: Values, vectors: Float[AnyArray, "... 2"]) -> Float[Array, "... 2"]:
-    """Vectors [*b, ..., 2] turned by ``yaw`` [*b] counter-clockwise."""
+    """Vectors [*b, ..., 2] rotated by ``yaw`` [*b] counter-clockwise [rad]."""
     vectors, yaw = jnp.asarray(vectors), _expand(yaw, jnp.ndim(vectors) - 1, 0)
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
     x, y = vectors[..., 0], vectors[..., 1]
@@ -41,7 +41,7 @@ def se2_rotate(yaw: Values, vectors: Float[AnyArray, "... 2"]) -> Float[Array, "
 
 
 def se2_compose(outer: Float[AnyArray, "*b 3"], inner: Float[AnyArray, "*b 3"]) -> Float[Array, "*b 3"]:
-    """The pose ``inner``, given in the frame ``outer``, in the parent of ``outer``."""
+    """The pose ``inner`` of the frame ``outer``, expressed in the parent of ``outer``."""
     outer, inner = jnp.asarray(outer), jnp.asarray(inner)
     return jnp.concatenate([se2_apply(outer, inner[..., :2]), wrap_angle(outer[..., 2:] + inner[..., 2:])], -1)
 
@@ -68,7 +68,7 @@ def matrix_from_quaternion(quaternion: Float[AnyArray, "*b 4"]) -> Float[Array, 
 
 
 def matrix_from_yaw(yaw: Float[AnyArray, "*b"]) -> Float[Array, "*b 3 3"]:
-    """Rotation matrix of a turn about z, counter-clockwise [rad]."""
+    """Matrix of a counter-clockwise rotation about z by ``yaw`` [rad]."""
     half = jnp.asarray(yaw) / 2
     return matrix_from_quaternion(jnp.stack([jnp.cos(half), 0 * half, 0 * half, jnp.sin(half)], -1))
 
@@ -80,15 +80,15 @@ def se3_apply(
 ) -> Float[Array, "... 3"]:
     """Points [*b, ..., 3] of the frame with this rotation and origin, in the parent's coordinates."""
     rank = jnp.ndim(points) - 1
-    turned = (_expand(rotation, rank, 2) * jnp.asarray(points)[..., None, :]).sum(-1)
-    return turned + _expand(translation, rank, 1)
+    rotated = (_expand(rotation, rank, 2) * jnp.asarray(points)[..., None, :]).sum(-1)
+    return rotated + _expand(translation, rank, 1)
 
 
 def se3_compose(
     outer: tuple[Float[AnyArray, "*b 3 3"], Float[AnyArray, "*b 3"]],
     inner: tuple[Float[AnyArray, "*b 3 3"], Float[AnyArray, "*b 3"]],
 ) -> tuple[Float[Array, "*b 3 3"], Float[Array, "*b 3"]]:
-    """The frame (rotation, translation) ``inner``, given in the frame ``outer``, in the parent of ``outer``."""
+    """The frame (rotation, translation) ``inner`` of the frame ``outer``, expressed in the parent of ``outer``."""
     rotation = (jnp.asarray(outer[0])[..., :, :, None] * jnp.asarray(inner[0])[..., None, :, :]).sum(-2)
     return rotation, se3_apply(*outer, inner[1])
 
@@ -106,9 +106,9 @@ def se3_inverse(
 
 @jax.jit
 def move(scene: Scene, pose: Float[AnyArray, "*b 3"]) -> Scene:
-    """``scene``, given in the frame at ``pose`` (x, y, yaw), in the parent's coordinates; padding stays zero.
+    """A scene of the frame at ``pose`` (x, y, yaw), in the parent's coordinates; padding stays zero.
 
-    To look at a scene from an agent at pose p, move it by ``se2_inverse(p)``. Layout and contents are not touched.
+    To see a scene from an agent at pose p, move it by ``se2_inverse(p)``. The crop field does not change.
     """
     agents, lanes = jnp.asarray(scene.agents), jnp.asarray(scene.lanes)
     agents = agents.at[..., :2].set(se2_apply(pose, agents[..., :2]))
@@ -119,9 +119,9 @@ def move(scene: Scene, pose: Float[AnyArray, "*b 3"]) -> Scene:
 
 @jax.jit
 def move_se3(scene: Scene, rotation: Float[AnyArray, "*b 3 3"], translation: Float[AnyArray, "*b 3"]) -> Scene:
-    """As ``move`` for a spatial frame. Boxes stay upright: a heading is the ground direction of the turned box axis.
+    """As ``move`` for a spatial frame. Boxes stay upright: the heading is the ground direction of the rotated box axis.
 
-    Where z is not known its fill takes part as if it were true; ``*_known`` is passed on as it is.
+    Unknown z values are moved like known ones; ``*_known`` does not change.
     """
     agents = jnp.asarray(scene.agents)
     flat = jnp.zeros_like(agents[..., :1])
@@ -147,7 +147,7 @@ def arc_length(
 ) -> Float[Array, "*b points"]:
     """Distance along the polyline to every point, over x and y only [m].
 
-    ``mask`` marks the leading points that are real; behind them the arc stays at its end value.
+    ``mask`` marks the leading points that are real; after them the arc length stays at its end value.
     """
     points = jnp.asarray(points)
     steps = _safe_sqrt(jnp.square(jnp.diff(points[..., :2], axis=-2)).sum(-1))
@@ -164,18 +164,18 @@ def resample(
 ) -> Float[Array, "*b num_points dims"]:
     """``num_points`` >= 2 points equally spaced in xy arc length; further columns (z) follow the same parameter.
 
-    ``mask`` marks the leading points that are real. A polyline of one point, or of no length, repeats its first point.
+    ``mask`` marks the leading points that are real. A polyline of one point or of length 0 repeats its first point.
     """
     points = jnp.asarray(points)
     arc = arc_length(points, mask)
     last = points.shape[-2] - 1 if mask is None else jnp.asarray(mask).sum(-1, keepdims=True) - 1
-    wanted = arc[..., -1:] * _leading(np.linspace(0, 1, num_points), arc.ndim)
-    # Segment k holds a point when arc[k] <= s: counted densely, since searchsorted knows no batch axes.
-    segment = (arc[..., None, 1:] <= wanted[..., :, None]).sum(-1)
+    target = arc[..., -1:] * _leading(np.linspace(0, 1, num_points), arc.ndim)
+    # Index of the segment that holds each target, by counting: searchsorted has no batch axes.
+    segment = (arc[..., None, 1:] <= target[..., :, None]).sum(-1)
     segment = jnp.clip(segment, 0, jnp.maximum(last - 1, 0))
     start, end = (jnp.take_along_axis(arc, index, -1) for index in (segment, segment + 1))
     span = end - start
-    share = jnp.where(span > 0, (wanted - start) / jnp.where(span > 0, span, 1.0), 0.0)[..., None]
+    share = jnp.where(span > 0, (target - start) / jnp.where(span > 0, span, 1.0), 0.0)[..., None]
     first, second = (jnp.take_along_axis(points, index[..., None], -2) for index in (segment, segment + 1))
     # With a single real point the second one is padding, and an infinite one would turn 0 * inf into NaN.
     return first + share * jnp.where(share > 0, second - first, 0.0)
@@ -219,9 +219,9 @@ def box_corners(agents: Float[AnyArray, "*b n 9"]) -> Float[Array, "*b n 4 2"]:
 def box_penetration(
     agents: Float[AnyArray, "*b n 9"], mask: Bool[AnyArray, "*b n"] | None = None
 ) -> Float[Array, "*b n n"]:
-    """How deep every pair of boxes overlaps, by the separating axis theorem [m]; -inf for masked pairs and itself.
+    """Penetration depth of every pair of boxes by the separating axis theorem [m]; -inf for masked pairs and itself.
 
-    Positive: the smallest shift that parts the two boxes. Negative: they are apart, by at least that much.
+    Positive: the smallest shift that separates the two boxes. Negative: they are apart by at least that much.
     """
     agents = jnp.asarray(agents)
     corners = box_corners(agents)
@@ -230,9 +230,9 @@ def box_penetration(
     # [*b, box of the axis i, axis, box j, corner]: all corners on the two axes of every box.
     reach = (axes[..., :, :, None, None, :] * corners[..., None, None, :, :, :]).sum(-1)
     low, high = reach.min(-1), reach.max(-1)
-    centre = (agents[..., None, :2] * axes).sum(-1)[..., None]
+    center = (agents[..., None, :2] * axes).sum(-1)[..., None]
     half = agents[..., 6:8][..., None] / 2
-    depth = (jnp.minimum(high, centre + half) - jnp.maximum(low, centre - half)).min(-2)
+    depth = (jnp.minimum(high, center + half) - jnp.maximum(low, center - half)).min(-2)
     depth = jnp.minimum(depth, jnp.swapaxes(depth, -1, -2))
     allowed = _leading(~np.eye(agents.shape[-2], dtype=bool), depth.ndim)
     if mask is not None:
@@ -255,14 +255,16 @@ def _safe_sqrt(square: Array) -> Array:
 
 
 def _expand(array: Values, rank: int, own: int) -> Array:
-    """``array`` [*b, own axes] with unit axes behind ``*b``, so that it meets something of ``rank`` leading axes."""
+    """``array`` [*b, own axes] with unit axes after ``*b``, to broadcast against ``rank`` leading axes."""
     array = jnp.asarray(array)
     lead = array.shape[: array.ndim - own]
     if len(lead) > rank:
-        raise ValueError(f"a frame with batch axes {lead} cannot be applied to something of {rank} leading axes")
+        raise ValueError(
+            f"a frame with batch axes {lead} cannot be applied to an array of {rank} leading axes: drop some of them"
+        )
     return array.reshape(*lead, *(1,) * (rank - len(lead)), *array.shape[array.ndim - own :])
 
 
 def _leading(array: np.ndarray, rank: int) -> Array:
-    """``array`` with leading axes of one up to ``rank``."""
+    """``array`` with leading unit axes up to ``rank``."""
     return jnp.asarray(array.reshape((1,) * (rank - array.ndim) + array.shape))

@@ -1,18 +1,17 @@
-"""Scenes in files: ``.npz`` (exact, fast) and JSON (to read and to write by hand). Single scenes or batches."""
+"""Scenes in files: ``.npz`` (exact, fast) and JSON (readable, writable by hand); single scenes or batches."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from scjax.scene import POINTS_PER_LANE, STATE_COLUMNS, AgentType, Crop, Link, Scene, Signal, empty, stack, validate
+from scjax.scene.files import write_file, write_text
 
 NPZ_VERSION = 1
 JSON_FORMAT, JSON_VERSION = "scjax-scene", 1
@@ -32,7 +31,7 @@ def save_npz(scene: Scene, path: str | Path) -> None:
       ValueError: if the scene breaks an invariant (``scjax.scene.validate``).
     """
     arrays = {_FILE_NAMES.get(name, name): array for name, array in validate(scene.to_numpy()).to_dict().items()}
-    _write(Path(path), lambda file: np.savez(file, allow_pickle=False, format_version=NPZ_VERSION, **arrays))
+    write_file(Path(path), lambda file: np.savez(file, allow_pickle=False, format_version=NPZ_VERSION, **arrays))
 
 
 def load_npz(path: str | Path) -> Scene:
@@ -58,13 +57,12 @@ def load_npz(path: str | Path) -> Scene:
     for name, field in fields.items():
         if arrays[name].dtype.kind != field.dtype.kind:
             raise ValueError(f"{path}: {name} is {arrays[name].dtype}, not {field.dtype}: write it with save_npz")
-    return _checked(path, Scene(**{name: arrays[name] for name in fields}))
+    return _validated(path, Scene(**{name: arrays[name] for name in fields}))
 
 
 def save_json(scene: Scene, path: str | Path) -> None:
     """Writes ``scene_to_json(scene)`` to a temporary name, then renames it."""
-    text = scene_to_json(scene).encode()
-    _write(Path(path), lambda file: file.write(text))
+    write_text(Path(path), scene_to_json(scene))
 
 
 def load_json(path: str | Path) -> Scene:
@@ -78,7 +76,7 @@ def load_json(path: str | Path) -> Scene:
 
 
 def scene_to_json(scene: Scene) -> str:
-    """``scene`` (single or batch) as text: one agent or lane a line, with named fields, enums as words.
+    """``scene`` (single or batch) as text: one line per agent or lane, with named fields and enums as words.
 
     An id is the slot in the scene's arrays; ``successors``, ``left`` and ``right`` name lanes by id. ``unknown`` lists
     the state columns that were filled, not recorded. Numbers are rounded to 1e-7; headings are stored as angles.
@@ -91,19 +89,23 @@ def scene_to_json(scene: Scene) -> str:
     flat = {name: value.reshape(math.prod(lead), *value.shape[len(lead) :]) for name, value in host.to_dict().items()}
     single = [Scene(**{name: np.asarray(value[i]) for name, value in flat.items()}) for i in range(math.prod(lead))]
     header = {
-        "format": JSON_FORMAT, "version": JSON_VERSION, "units": _UNITS, "batch_shape": list(lead),
-        "agent_slots": host.agent_mask.shape[-1], "lane_slots": host.lane_mask.shape[-1],
+        "format": JSON_FORMAT,
+        "version": JSON_VERSION,
+        "units": _UNITS,
+        "batch_shape": list(lead),
+        "agent_slots": host.agent_mask.shape[-1],
+        "lane_slots": host.lane_mask.shape[-1],
         "points_per_lane": host.lanes.shape[-2],
-    }  # fmt: skip
+    }
     scenes = ",\n".join(_scene_text(scene) for scene in single)
     return json.dumps(header)[:-1] + f', "scenes": [\n{scenes}\n]}}\n'
 
 
 def scene_from_json(text: str, *, name: str = "the text") -> Scene:
-    """The scene, or batch, of a text as ``scene_to_json`` makes it, as NumPy arrays.
+    """The scene, or batch of scenes, in a text that ``scene_to_json`` wrote, as NumPy arrays.
 
-    Written by hand, ``batch_shape`` (a list of scenes), the slots (as many as there are ids), ``signal`` (unknown),
-    the lists of neighbours and ``unknown`` (empty) may be left out.
+    A text written by hand may leave out ``batch_shape`` (default: a list of scenes), the slots (as many as there are
+    ids), ``signal`` (unknown), the lists of neighbors and ``unknown`` (empty).
 
     Raises:
       ValueError: on text that is no JSON, another version, or a missing or wrong field; starts with ``name``.
@@ -113,7 +115,9 @@ def scene_from_json(text: str, *, name: str = "the text") -> Scene:
     except json.JSONDecodeError as error:
         raise ValueError(f"{name} is no JSON ({error}): it may be cut short, write it again") from error
     if not isinstance(data, dict) or data.get("format") != JSON_FORMAT:
-        raise ValueError(f'{name} is no scene: it must be an object with "format": "{JSON_FORMAT}" (scene_io.to_json)')
+        raise ValueError(
+            f'{name} is no scene: it must be an object with "format": "{JSON_FORMAT}" (scjax.scene.io.scene_to_json)'
+        )
     _check_version(name, data.get("version"), JSON_VERSION)
     items = _field(data, "scenes", name)
     lead = tuple(data.get("batch_shape", [len(items)]))
@@ -125,23 +129,25 @@ def scene_from_json(text: str, *, name: str = "the text") -> Scene:
         return Scene(**{field: np.zeros((*lead, *value.shape), value.dtype) for field, value in fields})
     batch = stack([_read_scene(item, slots, f"{name}, scene {i}") for i, item in enumerate(items)])
     shaped = {field: value.reshape((*lead, *value.shape[1:])) for field, value in batch.to_dict().items()}
-    return _checked(name, Scene(**shaped))
+    return _validated(name, Scene(**shaped))
 
 
 def _scene_text(scene: Scene) -> str:
     agents = [
         {
-            "id": int(i), "type": AgentType(int(scene.agent_types[i])).name.lower(),
+            "id": int(i),
+            "type": AgentType(int(scene.agent_types[i])).name.lower(),
             **{column: _number(value) for column, value in zip(STATE_COLUMNS[:4], scene.agents[i, :4], strict=True)},
             "heading": _number(np.arctan2(*scene.agents[i, 5:3:-1].astype(np.float64))),
             **{column: _number(value) for column, value in zip(STATE_COLUMNS[6:], scene.agents[i, 6:], strict=True)},
             "unknown": [STATE_COLUMNS[c] for c in np.flatnonzero(~scene.agent_known[i])],
         }
         for i in np.flatnonzero(scene.agent_mask)
-    ]  # fmt: skip
+    ]
     lanes = [
         {
-            "id": int(i), "signal": Signal(int(scene.signals[i])).name.lower(),
+            "id": int(i),
+            "signal": Signal(int(scene.signals[i])).name.lower(),
             "successors": np.flatnonzero(scene.links[i] == Link.PREDECESSOR).tolist(),
             "left": np.flatnonzero(scene.links[:, i] == Link.LEFT).tolist(),
             "right": np.flatnonzero(scene.links[:, i] == Link.RIGHT).tolist(),
@@ -149,7 +155,7 @@ def _scene_text(scene: Scene) -> str:
             "points": [[_number(value) for value in point] for point in scene.lanes[i]],
         }
         for i in np.flatnonzero(scene.lane_mask)
-    ]  # fmt: skip
+    ]
     rows = {"agents": agents, "lanes": lanes}
     lists = ", ".join(f'"{key}": [' + ",".join(f"\n  {json.dumps(row)}" for row in rows[key]) + "]" for key in rows)
     crop = Crop(int(scene.crop)).name.lower()
@@ -165,7 +171,7 @@ def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
     scene = _blank(num_agents, num_lanes, slots[2], Crop(crop), data.get("domain", 0))
     for agent in agents:
         i, where = agent["id"], f"{name}, agent {agent['id']}"
-        _free(scene.agent_mask, i, where)
+        _take_slot(scene.agent_mask, i, where)
         heading = _value(agent, "heading", where)
         state = {column: _value(agent, column, where) for column in STATE_COLUMNS if column not in ("cos", "sin")}
         state |= {"cos": math.cos(heading), "sin": math.sin(heading)}
@@ -174,7 +180,7 @@ def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
         scene.agent_known[i] = _known(agent, STATE_COLUMNS, where)
     for lane in lanes:
         i, where = lane["id"], f"{name}, lane {lane['id']}"
-        _free(scene.lane_mask, i, where)
+        _take_slot(scene.lane_mask, i, where)
         points = _points(_field(lane, "points", where), where)
         if points.shape != (slots[2], 3):
             raise ValueError(f"{where} has points of shape {list(points.shape)}: give {slots[2]} points of x, y, z")
@@ -188,7 +194,7 @@ def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
 
 
 def _blank(agents: int, lanes: int, points: int, crop: Crop = Crop.CENTERED, domain: int = 0) -> Scene:
-    """Padding only, with ``points`` points a lane."""
+    """Padding only, with ``points`` points per lane."""
     arrays = empty(agents, lanes, crop=crop, domain=domain).to_dict()
     return Scene(**{**arrays, "lanes": np.zeros((lanes, points, 3), np.float32)})
 
@@ -219,7 +225,7 @@ def _number(value: Any) -> float:
 
 def _field(data: Any, key: str, where: str) -> Any:
     if not isinstance(data, dict) or key not in data:
-        raise ValueError(f"{where}: the field {key!r} is missing: see scjax.scene.io.to_json for the format")
+        raise ValueError(f"{where}: the field {key!r} is missing: see scjax.scene.io.scene_to_json for the format")
     return data[key]
 
 
@@ -244,22 +250,22 @@ def _points(rows: Any, where: str) -> np.ndarray:
         raise ValueError(f"{where}: points must be a list of [x, y, z] numbers ({error})") from error
 
 
-def _enum(kinds: Any, word: Any, where: str) -> int:
-    words = [kind.name.lower() for kind in kinds]
+def _enum(enum_type: Any, word: Any, where: str) -> int:
+    words = [member.name.lower() for member in enum_type]
     if word not in words:
-        raise ValueError(f"{where}: {word!r} is no {kinds.__name__}: choose one of {words}")
+        raise ValueError(f"{where}: {word!r} is no {enum_type.__name__}: choose one of {words}")
     return words.index(word)
 
 
 def _known(data: dict, columns: tuple[str, ...], where: str) -> list[bool]:
     unknown = data.get("unknown", [])
-    if foreign := set(unknown) - set(columns):
-        raise ValueError(f"{where}: unknown names {sorted(foreign)}, which are no columns: choose from {list(columns)}")
+    if invalid := set(unknown) - set(columns):
+        raise ValueError(f"{where}: unknown names {sorted(invalid)}, which are no columns: choose from {list(columns)}")
     return [column not in unknown for column in columns]
 
 
-def _free(mask: Any, i: Any, where: str) -> None:
-    """Takes slot ``i``."""
+def _take_slot(mask: Any, i: Any, where: str) -> None:
+    """Marks slot ``i`` as real; ValueError if it is already."""
     if mask[i]:
         raise ValueError(f"{where}: the id is used twice: ids must differ")
     mask[i] = True
@@ -267,25 +273,13 @@ def _free(mask: Any, i: Any, where: str) -> None:
 
 def _check_version(name: str | Path, version: Any, supported: int) -> None:
     if version is None:
-        raise ValueError(f"{name} has no format version: it was not written by scjax.scene.io")
+        raise ValueError(f"{name} has no format version: it was not written by scjax.scene.io: write it again")
     if int(version) != supported:
         raise ValueError(f"{name} has format version {int(version)}, this scjax reads {supported}: update or re-export")
 
 
-def _checked(name: str | Path, scene: Scene) -> Scene:
+def _validated(name: str | Path, scene: Scene) -> Scene:
     try:
         return validate(scene)
     except ValueError as error:
         raise ValueError(f"{name} holds an invalid scene: {error}") from error
-
-
-def _write(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
-    """To a temporary name in the same folder, then renamed: readers never see half a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            write(file)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

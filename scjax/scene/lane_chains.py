@@ -1,4 +1,4 @@
-"""Lanes that only follow each other are one lane: merging the chains of a lane graph."""
+"""Merging the degree-2 chains of a lane graph: lanes that only follow each other become one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from jaxtyping import Int
 
 
 def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
-    """Chains of lanes that only follow each other, and the joins between the chains.
+    """Chains of lanes that only follow each other, and the edges between the chains.
 
-    j is merged into i when j is the only successor of i and i the only predecessor of j. Chains are ordered by their
+    Lane j is merged into i if j is the only successor of i and i the only predecessor of j. Chains are ordered by their
     first lane; closed rings come last and start at their smallest lane.
+
+    Args:
+      count: number of lanes.
+      joins: pairs (i, j), lane j follows lane i.
+
+    Returns:
+      chains: lanes of each chain, in driving direction.
+      edges: (a, b), chain b follows chain a.
     """
     successors: list[list[int]] = [[] for _ in range(count)]
     predecessors: list[list[int]] = [[] for _ in range(count)]
@@ -20,7 +28,7 @@ def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[
     follower = {i: s[0] for i, s in enumerate(successors) if len(s) == 1 and predecessors[s[0]] == [i] and s[0] != i}
     merged = set(follower.values())
     chains, used = [], set()
-    # Second pass: what is left belongs to closed rings.
+    # After the starts of open chains, the lanes left over belong to closed rings.
     for start in [i for i in range(count) if i not in merged] + sorted(merged):
         if start in used:
             continue

@@ -1,4 +1,4 @@
-"""The two-kind PyTree: whatever there is once for agents and once for lanes (latents, masks, noise, given flags)."""
+"""A pair of values, one for agents and one for lanes: latents, masks, noise, flags of known elements."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from scjax.scene.pytree import Replaceable, pytree
 
 @pytree
 class PerType(Replaceable):
-    """Agents and lanes side by side; code maps over the pair with ``jax.tree.map`` instead of treating each kind."""
+    """Values of agents and of lanes; code maps over the pair with ``jax.tree.map`` instead of treating each type."""
 
     agents: Any
     lanes: Any
 
 
-def generated_mask(masks: PerType, given: PerType | None) -> PerType:
-    """True at the tokens that are made: valid and not given."""
-    return masks if given is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, given)
+def generated_mask(masks: PerType, known: PerType | None) -> PerType:
+    """True at the tokens that are generated: valid and not known."""
+    return masks if known is None else jax.tree.map(lambda mask, flag: mask & ~flag, masks, known)

@@ -1,7 +1,7 @@
-"""The one scene type: a driving scene, or a batch of scenes, as padded and masked arrays in SI units.
+"""The scene type: one moment of a driving scene, or a batch of them, as padded and masked arrays in SI units.
 
-Everything that makes, trains on, draws or exports scenes speaks this type. Frame: x forward, y left, z up, the ego
-(agent 0) at the origin facing +x. A batch is a scene with leading axes; padding is all zeros, never read.
+Networks read and write this type; ``Log`` is the type with time. Frame: x forward, y left, z up, the ego (agent 0) at
+the origin facing +x. A batch is a scene with leading axes. Padding is all zeros and never read.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ STATE_COLUMNS = ("x", "y", "z", "speed", "cos", "sin", "length", "width", "heigh
 POINTS_PER_LANE = 20
 MAX_LANES = 100
 MAX_AGENTS = 61
-TILE_SIZE = 64.0  # metres, edge of the square window
+TILE_SIZE = 64.0  # m, edge of the square window
 
 
 class AgentType(enum.IntEnum):
+    """Class of an agent; STATIC are cones, barriers and other obstacles."""
+
     VEHICLE = 0
     PEDESTRIAN = 1
     CYCLIST = 2
@@ -31,7 +33,7 @@ class AgentType(enum.IntEnum):
 
 
 class Signal(enum.IntEnum):
-    """State of the signal that controls a lane. UNKNOWN also stands for "no signal": sources rarely tell them apart."""
+    """State of the signal that controls a lane. UNKNOWN includes "no signal": sources rarely distinguish the two."""
 
     UNKNOWN = 0
     GO = 1
@@ -69,8 +71,8 @@ class Scene(Replaceable):
       agents: box centre x, y, z [m], speed [m/s], cos and sin of the heading, length, width, height [m].
       agent_types: ``AgentType``.
       agent_mask: True for real agents; agent 0 is the ego.
-      agent_known: False where the source did not record the value and a fill (0, class mean) stands in its place.
-      lanes: centrelines in driving direction, equally spaced in xy arc length [m]; z above the ground under the ego.
+      agent_known: False where the source did not record the value and a fill (0, class mean) replaces it.
+      lanes: centerlines in driving direction, equally spaced in xy arc length [m]; z above the ground under the ego.
       lane_mask: True for real lanes.
       lane_known: as ``agent_known``, for x, y, z of the whole lane.
       signals: ``Signal`` of each lane.
@@ -125,7 +127,7 @@ class Scene(Replaceable):
 
 
 def empty(num_agents: int, num_lanes: int, *, crop: Crop = Crop.CENTERED, domain: int = 0) -> Scene:
-    """A NumPy scene of padding only, to be filled in: [num_agents], [num_lanes] slots, no batch axes."""
+    """A NumPy scene of padding only, to be filled in: num_agents and num_lanes slots, no batch axes."""
     return Scene(
         agents=np.zeros((num_agents, len(STATE_COLUMNS)), np.float32),
         agent_types=np.zeros(num_agents, np.int32),
@@ -147,31 +149,46 @@ def pad(scene: Scene, num_agents: int, num_lanes: int) -> Scene:
     Raises:
       ValueError: if the scene has more slots than that; masked slots are not dropped silently.
     """
-    grow_agents, grow_lanes = num_agents - scene.agent_mask.shape[-1], num_lanes - scene.lane_mask.shape[-1]
-    if grow_agents < 0 or grow_lanes < 0:
+    extra_agents = num_agents - scene.agent_mask.shape[-1]
+    extra_lanes = num_lanes - scene.lane_mask.shape[-1]
+    if extra_agents < 0 or extra_lanes < 0:
         raise ValueError(
             f"cannot pad a scene of {scene.agent_mask.shape[-1]} agent and {scene.lane_mask.shape[-1]} lane slots "
             f"to {num_agents} and {num_lanes}: choose larger sizes or crop the scene first"
         )
     lead = [(0, 0)] * len(scene.batch_shape)
-    agents, lanes = [*lead, (0, grow_agents)], [*lead, (0, grow_lanes)]
+    agents, lanes = [*lead, (0, extra_agents)], [*lead, (0, extra_lanes)]
     widths = {
-        "agents": [*agents, (0, 0)], "agent_types": agents, "agent_mask": agents, "agent_known": [*agents, (0, 0)],
-        "lanes": [*lanes, (0, 0), (0, 0)], "lane_mask": lanes, "lane_known": [*lanes, (0, 0)],
-        "signals": lanes, "links": [*lanes, (0, grow_lanes)], "crop": lead, "domain": lead,
-    }  # fmt: skip
-    # np.pad refuses the empty widths of the scalars layout and domain.
+        "agents": [*agents, (0, 0)],
+        "agent_types": agents,
+        "agent_mask": agents,
+        "agent_known": [*agents, (0, 0)],
+        "lanes": [*lanes, (0, 0), (0, 0)],
+        "lane_mask": lanes,
+        "lane_known": [*lanes, (0, 0)],
+        "signals": lanes,
+        "links": [*lanes, (0, extra_lanes)],
+        "crop": lead,
+        "domain": lead,
+    }
+    # np.pad refuses the empty widths of the scalars crop and domain.
     padded = {name: np.pad(np.asarray(getattr(scene, name)), width) for name, width in widths.items() if width}
     return scene.replace(**padded)
 
 
 def permute(scene: Scene, agents: np.ndarray, lanes: np.ndarray) -> Scene:
-    """Row i of the result is row ``agents[i]`` / ``lanes[i]`` of one NumPy scene (also selects and repeats rows)."""
+    """One NumPy scene whose row i is row ``agents[i]`` / ``lanes[i]`` of ``scene``; also selects and repeats rows."""
     return scene.replace(
-        agents=scene.agents[agents], agent_types=scene.agent_types[agents], agent_mask=scene.agent_mask[agents],
-        agent_known=scene.agent_known[agents], lanes=scene.lanes[lanes], lane_mask=scene.lane_mask[lanes],
-        lane_known=scene.lane_known[lanes], signals=scene.signals[lanes], links=scene.links[np.ix_(lanes, lanes)],
-    )  # fmt: skip
+        agents=scene.agents[agents],
+        agent_types=scene.agent_types[agents],
+        agent_mask=scene.agent_mask[agents],
+        agent_known=scene.agent_known[agents],
+        lanes=scene.lanes[lanes],
+        lane_mask=scene.lane_mask[lanes],
+        lane_known=scene.lane_known[lanes],
+        signals=scene.signals[lanes],
+        links=scene.links[np.ix_(lanes, lanes)],
+    )
 
 
 def unpadded(scene: Scene) -> Scene:
@@ -210,17 +227,23 @@ def validate(scene: Scene) -> Scene:
     """``scene`` itself, if every invariant of the type holds (host-side check, any batch axes).
 
     Raises:
-      ValueError: that names the first field at fault, what is wrong and how to mend it.
+      ValueError: naming the first field at fault, what is wrong and how to mend it.
     """
     host = scene.to_numpy()
     lead, num_agents, num_lanes = host.batch_shape, host.agent_mask.shape[-1], host.lane_mask.shape[-1]
-    expected = {
-        "agents": (*lead, num_agents, 9), "agent_types": (*lead, num_agents), "agent_known": (*lead, num_agents, 9),
-        "lanes": (*lead, num_lanes, *host.lanes.shape[-2:-1], 3), "lane_mask": (*lead, num_lanes),
-        "lane_known": (*lead, num_lanes, 3), "signals": (*lead, num_lanes), "links": (*lead, num_lanes, num_lanes),
-        "crop": lead, "domain": lead,
-    }  # fmt: skip
-    for name, shape in expected.items():
+    shapes = {
+        "agents": (*lead, num_agents, 9),
+        "agent_types": (*lead, num_agents),
+        "agent_known": (*lead, num_agents, 9),
+        "lanes": (*lead, num_lanes, *host.lanes.shape[-2:-1], 3),
+        "lane_mask": (*lead, num_lanes),
+        "lane_known": (*lead, num_lanes, 3),
+        "signals": (*lead, num_lanes),
+        "links": (*lead, num_lanes, num_lanes),
+        "crop": lead,
+        "domain": lead,
+    }
+    for name, shape in shapes.items():
         if getattr(host, name).shape != shape:
             raise ValueError(
                 f"{name} has shape {getattr(host, name).shape}, but agent_mask {host.agent_mask.shape} and lane_mask "
@@ -236,22 +259,23 @@ def validate(scene: Scene) -> Scene:
         raise ValueError("agents have a length, width or height of 0 m or less: fill it with the mean of its class")
     norm = np.hypot(host.agents[..., 4], host.agents[..., 5])[host.agent_mask]
     if (np.abs(norm - 1) > 1e-2).any():
-        raise ValueError("cos and sin of a heading (agent columns 4 and 5) are not a unit vector: normalise them")
-    for name, mask, kinds in (
+        raise ValueError("cos and sin of a heading (agent columns 4 and 5) are not a unit vector: normalize them")
+    for name, mask, enum_type in (
         ("agent_types", host.agent_mask, AgentType),
         ("signals", host.lane_mask, Signal),
         ("links", host.lane_mask[..., :, None] & host.lane_mask[..., None, :], Link),
         ("crop", np.ones(lead, bool), Crop),
     ):
         values = getattr(host, name)[mask]
-        if values.size and not (0 <= values.min() and values.max() < len(kinds)):
-            raise ValueError(f"{name} holds values outside 0..{len(kinds) - 1} ({kinds.__name__})")
+        if values.size and not (0 <= values.min() and values.max() < len(enum_type)):
+            highest = len(enum_type) - 1
+            raise ValueError(f"{name} holds values outside 0..{highest}: use values of {enum_type.__name__}")
     pairs = host.lane_mask[..., :, None] & host.lane_mask[..., None, :]
     transposed = np.swapaxes(host.links, -1, -2)
     diagonal = np.broadcast_to(np.eye(num_lanes, dtype=bool), pairs.shape)
     if (host.links[pairs & diagonal] != Link.SELF).any() or (host.links[pairs & ~diagonal] == Link.SELF).any():
         raise ValueError("links must be SELF exactly on the diagonal of real lanes")
-    # Two lanes may be each other's predecessor (a ring of two): then the pair reads PREDECESSOR both ways.
+    # Two lanes that precede each other (a ring of two) have PREDECESSOR in both directions.
     ring = (host.links == Link.PREDECESSOR) & (transposed == Link.PREDECESSOR)
     if ((INVERSE_LINK[host.links.clip(0, 5)] != transposed) & pairs & ~ring).any():
         raise ValueError("links[i, j] and links[j, i] disagree: the inverse of predecessor is successor, of left right")

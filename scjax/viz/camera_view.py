@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from scjax.camera.raycast import CLASSES, FAR, HALF_ANGLE, look, stand_in
+from scjax.camera.raycast import CLASSES, HALF_ANGLE, MAX_DEPTH, cast_rays, render
 from scjax.scene import Scene
 from scjax.viz.bev import AGENT_COLORS, INK, plot_scene
 from scjax.viz.grid import save_figure
@@ -39,17 +39,18 @@ def camera_view_grid(scenes: Sequence[Scene], *, path: str | Path | None = None,
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(scenes), 4, squeeze=False)
     for row, scene in zip(panels, scenes, strict=True):
-        view, features = look(scene), stand_in(scene)
+        hits, features = cast_rays(scene), render(scene)
         plot_scene(scene, ax=row[0])
-        reach = FAR * np.tan(np.deg2rad(HALF_ANGLE))
-        row[0].plot([FAR, 0, FAR], [reach, 0, -reach], color=INK, lw=0.6, ls="--")
-        row[1].imshow(_COLORS[view.kind], aspect="auto", interpolation="nearest")
+        reach = MAX_DEPTH * np.tan(np.deg2rad(HALF_ANGLE))
+        row[0].plot([MAX_DEPTH, 0, MAX_DEPTH], [reach, 0, -reach], color=INK, lw=0.6, ls="--")
+        row[1].imshow(_COLORS[hits.classes], aspect="auto", interpolation="nearest")
         row[2].imshow(np.einsum("krc,kx->rcx", features.image, _COLORS), aspect="auto", interpolation="nearest")
-        row[3].imshow(features.depth * FAR, vmin=0, vmax=FAR, aspect="auto", cmap="viridis_r", interpolation="nearest")
+        depth = features.depth * MAX_DEPTH
+        row[3].imshow(depth, vmin=0, vmax=MAX_DEPTH, aspect="auto", cmap="viridis_r", interpolation="nearest")
         for panel in row[1:]:
             panel.set(xticks=[], yticks=[])
         row[0].set(xlabel="", ylabel="", xticklabels=[], yticklabels=[])
-    titles = ("scene", "rays: " + ", ".join(CLASSES), "cells by share", f"depth, 0..{FAR:g} m")
+    titles = ("scene", "rays: " + ", ".join(CLASSES), "cells by share", f"depth, 0..{MAX_DEPTH:g} m")
     for panel, title in zip(panels[0], titles, strict=True):
         panel.set_title(title, fontsize=6, color=INK)
     if path is not None:

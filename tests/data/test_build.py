@@ -30,7 +30,7 @@ def stamps(folder):
     return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.arrayrecord")}
 
 
-def test_build_and_read_back(source, tmp_path):
+def test_build_records_match_manifest_and_index(source, tmp_path):
     out = tmp_path / "records"
     manifest = build_records(source, out, OPTIONS)
     assert manifest == load_manifest(out)
@@ -60,7 +60,7 @@ def test_build_and_read_back(source, tmp_path):
     assert not list(out.glob(".*"))
 
 
-def test_training_poses_can_equal_the_standard_ones(source, tmp_path):
+def test_build_without_extra_training_poses(source, tmp_path):
     options = BuildOptions(split_percent=0.0, train_poses=PoseOptions())
     manifest = build_records(source, tmp_path / "records", options)
     assert manifest["splits"]["train"]["records"] == 12 and manifest["splits"]["val"]["records"] == 0
@@ -113,14 +113,14 @@ def test_killed_build_continues(source, tmp_path):
         assert (whole / name).read_bytes() == (out / name).read_bytes()
 
 
-def test_shards_of_an_earlier_plan_go(source, tmp_path):
+def test_build_removes_shards_of_earlier_plans(source, tmp_path):
     out = tmp_path / "records"
     build_records(source, out, OPTIONS)
     manifest = build_records(source, out, BuildOptions(split_percent=30.0, files_per_shard=16))
     assert set(stamps(out)) == {name for entry in manifest["splits"].values() for name in entry["shards"]}
 
 
-def test_two_processes_give_the_same_bytes(source, tmp_path):
+def test_build_workers_give_the_same_bytes(source, tmp_path):
     one = build_records(source, tmp_path / "one", OPTIONS)
     two = build_records(source, tmp_path / "two", OPTIONS, workers=2)
     assert one == two
@@ -128,7 +128,7 @@ def test_two_processes_give_the_same_bytes(source, tmp_path):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def spoil(source):
+def write_bad_scenes(source):
     bad = scene_files.scene_content("bad nan", TRAIN[1])
     bad["map"][0]["x"][5] = float("nan")
     scene_files.write_scene_file(source / "womd", bad)
@@ -142,9 +142,9 @@ def spoil(source):
     scene_files.write_scene_file(source / "womd", parked)
 
 
-def test_bad_files_are_listed(source, tmp_path):
+def test_build_lists_bad_files(source, tmp_path):
     good = build_records(source, tmp_path / "good", OPTIONS)
-    spoil(source)
+    write_bad_scenes(source)
     manifest = build_records(source, tmp_path / "records", OPTIONS)
     reasons = {entry["file"]: entry["reason"] for entry in manifest["skipped"]}
     assert set(reasons) == {f"womd/bad {name}.json.gz" for name in ("nan", "truncated", "schema", "map")}
@@ -154,15 +154,15 @@ def test_bad_files_are_listed(source, tmp_path):
     assert manifest["splits"]["train"]["records"] == good["splits"]["train"]["records"]
 
 
-def test_strict_stops_at_the_first_bad_file(source, tmp_path):
-    spoil(source)
+def test_build_strict_stops_at_bad_file(source, tmp_path):
+    write_bad_scenes(source)
     with pytest.raises(ValueError, match="--strict"):
         build_records(source, tmp_path / "records", OPTIONS, strict=True)
     with pytest.raises(ValueError, match="to its end"):
         load_manifest(tmp_path / "records")
 
 
-def test_the_split_is_by_cluster_and_stable():
+def test_split_of_is_stable():
     assert split_of("womd", "womd_000", 10.0) == "train"
     names = [f"cluster {k}" for k in range(4000)]
     held = {name for name in names if split_of("womd", name, 10.0) == "val"}
@@ -181,14 +181,14 @@ def test_build_notices_changed_files(source, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", "{}", json.dumps({"format": 99, "record_format": 1})])
-def test_damaged_manifests(tmp_path, text):
+def test_load_manifest_damaged_file(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match="build the records again"):
         load_manifest(tmp_path)
 
 
 @pytest.mark.parametrize("options", [{"split_percent": 100.0}, {"files_per_shard": 0}])
-def test_bad_options(options):
+def test_build_options_refuse_bad_values(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         BuildOptions(**options)
     with pytest.raises(ValueError, match=r"poses\.spacing"):

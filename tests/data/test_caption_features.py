@@ -23,7 +23,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_every_text_of_every_record_is_there(folder):
+def test_text_store_holds_every_text(folder):
     for split in ("train", "val"):
         store = TextStore(folder, split)
         captions = list(read_captions(folder, split))
@@ -35,13 +35,13 @@ def test_every_text_of_every_record_is_there(folder):
                 np.testing.assert_array_equal(store.features(int(number)), expected)
 
 
-def test_what_is_embedded_already_is_left_alone(folder):
+def test_embed_captions_skips_embedded_splits(folder):
     again = Words()
     embed_captions(folder, again, progress=False)
     assert again.calls == []
 
 
-def test_one_split_can_be_embedded_alone(folder, tmp_path):
+def test_embed_captions_single_split(folder, tmp_path):
     for path in (folder / "manifest.json", captions_path(folder, "train"), captions_path(folder, "val")):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     assert list(embed_captions(tmp_path, Words(), splits=("val",), progress=False)) == ["val"]
@@ -50,7 +50,7 @@ def test_one_split_can_be_embedded_alone(folder, tmp_path):
         TextStore(tmp_path, "train")
 
 
-def test_batches_carry_a_caption_of_their_scene(folder):
+def test_training_batches_carry_captions(folder):
     store = TextStore(folder, "train")
     config = PipelineConfig(batch_size=4, buckets=((61, 100),), text_slots=40, jitter_position=0.0)
     batches = training_batches(folder, scjax(), config, texts=store)
@@ -69,7 +69,7 @@ def test_batches_carry_a_caption_of_their_scene(folder):
     np.testing.assert_array_equal(next(resumed).tokens, expected.tokens)
 
 
-def test_missing_and_stale_texts_are_told(folder, tmp_path):
+def test_text_store_refuses_missing_and_stale_files(folder, tmp_path):
     with pytest.raises(ValueError, match=r"python -m scjax\.data embed"):
         TextStore(tmp_path, "train")
     with pytest.raises(ValueError, match="holds no captions"):

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from scjax.data import records
 from scjax.cli.data import main
+from scjax.data import records
 from scjax.data.build import build_records
 from scjax.data.captions import read_captions, read_official
 from scjax.language.captioner import STYLES
@@ -23,7 +23,7 @@ def folder(tmp_path_factory):
     return made / "records"
 
 
-def test_every_record_has_its_facts_and_texts(folder):
+def test_captions_cover_every_record(folder):
     tiles = records.open_records(folder, "train")
     captions = list(read_captions(folder, "train"))
     assert len(captions) == len(tiles)
@@ -33,7 +33,7 @@ def test_every_record_has_its_facts_and_texts(folder):
     assert not list(folder.glob(".captions*"))
 
 
-def test_processes_write_what_one_writes(folder):
+def test_captions_do_not_depend_on_workers(folder):
     path = folder / "captions-train.jsonl.gz"
     kept = path.read_bytes()
     try:
@@ -43,7 +43,7 @@ def test_processes_write_what_one_writes(folder):
         path.write_bytes(kept)
 
 
-def test_all_facts_can_be_told(folder):
+def test_captions_without_drop_are_longer(folder):
     path = folder / "captions-train.jsonl.gz"
     kept, some = path.read_bytes(), list(read_captions(folder, "train"))
     try:
@@ -56,7 +56,7 @@ def test_all_facts_can_be_told(folder):
     assert sum(less != more for texts in pairs for less, more in zip(*texts, strict=True)) > len(pairs)
 
 
-def test_records_that_were_built_anew_are_read_anew(tmp_path):
+def test_captions_follow_rebuilt_records(tmp_path):
     for seed in (1, 2):
         shutil.rmtree(tmp_path / "records", ignore_errors=True)
         build_records(Worlds(seed, 3), tmp_path / "records")
@@ -66,7 +66,7 @@ def test_records_that_were_built_anew_are_read_anew(tmp_path):
             assert caption.facts == extract_facts(records.sample_scene(records.decode_record(tiles[row])))
 
 
-def test_captions_of_other_records_are_refused(folder, tmp_path):
+def test_read_captions_refuses_other_records(folder, tmp_path):
     path = folder / "captions-train.jsonl.gz"
     kept = path.read_bytes()
     lines = gzip.decompress(kept).decode().splitlines()
@@ -80,7 +80,7 @@ def test_captions_of_other_records_are_refused(folder, tmp_path):
         next(read_captions(folder, "nothing"))
 
 
-def test_official_captions(tmp_path):
+def test_read_official(tmp_path):
     (tmp_path / "val").mkdir()
     path = tmp_path / "val" / "log_7_0_captions.json"
     path.write_text(json.dumps({"BEV": "The scene is a T-intersection.", "FRONT": "x"}))

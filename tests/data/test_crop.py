@@ -11,7 +11,7 @@ from scjax.scene import AgentType, Crop, Link, Signal, pad, validate
 
 
 def local_map(lanes, successors=(), neighbors=(), overlap_spans=(), agents=(), types=None, off_road=None) -> LocalMap:
-    """A context from lists; agents are (x, y)."""
+    """A local map from lists; agents are (x, y)."""
     lanes = [np.asarray(line, float) for line in lanes]
     states = np.zeros((len(agents) + 1, 9))
     states[1:, :2] = np.reshape(agents, (-1, 2))
@@ -40,7 +40,7 @@ def starts(scene):
     return [tuple(np.round(lane[0, :2].astype(float), 3)) for lane in scene.lanes]
 
 
-def test_lanes_come_nearest_first_with_their_signals():
+def test_crop_lanes_by_distance_with_signals():
     lanes = [straight((-40, 9), (40, 9)), straight((-9, 1), (9, 1)), straight((50, 0), (70, 0))]
     scene = validate(crop_scene(local_map(lanes)))
     assert starts(scene) == [(-9, 1), (-32, 9)]
@@ -48,7 +48,7 @@ def test_lanes_come_nearest_first_with_their_signals():
     np.testing.assert_allclose(np.diff(scene.lanes[1, :, 0]), 64 / 19, rtol=1e-5)
 
 
-def test_links_follow_true_ends():
+def test_crop_links_need_true_ends():
     lanes = [straight((-9, 0), (0, 0)), straight((0, 0), (9, 3)), straight((0, 0), (40, 0)), straight((40, 0), (20, 9))]
     scene = validate(crop_scene(local_map(lanes, successors=[(0, 1), (0, 2), (2, 3)])))
     rank = {start: i for i, start in enumerate(map(tuple, scene.lanes[:, -1, :2].astype(float).round(3)))}
@@ -58,7 +58,7 @@ def test_links_follow_true_ends():
     assert scene.links[ahead, last] == Link.NONE  # the join lies outside the window
 
 
-def test_partition_cuts_every_lane_at_the_ego_and_chains_the_parts():
+def test_crop_partitioned_cuts_and_links_lanes():
     weave = [straight((-20, 5), (10, 5)) + straight((10, 9), (-10, 9), (-10, 12), (20, 12))]
     scene = validate(crop_scene(local_map(weave), Crop.PARTITIONED))
     assert scene.crop == Crop.PARTITIONED and len(scene.lanes) == 4
@@ -71,15 +71,15 @@ def test_partition_cuts_every_lane_at_the_ego_and_chains_the_parts():
         assert abs(scene.lanes[i, -1, 0]) == 0
 
 
-def test_forward_window_starts_at_the_ego():
+def test_crop_forward_starts_at_ego():
     lanes = [straight((-70, 0), (70, 0)), straight((-9, 5), (-1, 5))]
     scene = validate(crop_scene(local_map(lanes, agents=[(-1, 0), (60, 0), (40, 0)]), Crop.FORWARD))
     np.testing.assert_allclose(scene.lanes[0, [0, -1], 0], [0, 64])
     assert len(scene.lanes) == 1
-    np.testing.assert_allclose(scene.agents[:, 0], [0, 60, 40])  # kept in the context's order
+    np.testing.assert_allclose(scene.agents[:, 0], [0, 60, 40])  # kept in the order of the local map
 
 
-def test_neighbours_follow_pieces():
+def test_crop_neighbors_follow_pieces():
     right = straight((-40, 0), (40, 0))
     left = straight((-40, 3), (-10, 3), (-10, 40), (10, 40), (10, 3), (40, 3))  # leaves the window and comes back
     # Side by side only up to x = -10: arc 0..30 of both.
@@ -97,7 +97,7 @@ def test_neighbours_follow_pieces():
     assert (cut.links == Link.LEFT).sum() == 1 and before[i] and before[j]
 
 
-def test_only_the_nearest_stay_within_the_limits():
+def test_crop_keeps_nearest_within_limits():
     lanes = [straight((-9, y), (9, y)) for y in range(1, 21)]
     successors = [(i, i + 1) for i in range(19)]
     agents = [(x, 0) for x in range(1, 21)]
@@ -108,42 +108,42 @@ def test_only_the_nearest_stay_within_the_limits():
     validate(pad(scene, 61, 100))
 
 
-def test_parked_vehicles_are_optional():
-    ctx = local_map([straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)],
+def test_crop_parked_vehicles_are_optional():
+    scene_map = local_map([straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)],
                   off_road=[True, False])  # fmt: skip
-    assert crop_scene(ctx).agent_types.tolist() == [0, AgentType.STATIC]
-    assert len(crop_scene(ctx, off_road=True).agents) == 3
+    assert crop_scene(scene_map).agent_types.tolist() == [0, AgentType.STATIC]
+    assert len(crop_scene(scene_map, off_road=True).agents) == 3
 
 
-def test_unknown_elevation_is_flagged():
-    ctx = dataclasses.replace(local_map([straight((-9, 0), (9, 0))]), lane_z_known=np.array([False]))
-    assert crop_scene(ctx).lane_known.tolist() == [[True, True, False]]
+def test_crop_flags_unknown_elevation():
+    scene_map = dataclasses.replace(local_map([straight((-9, 0), (9, 0))]), lane_z_known=np.array([False]))
+    assert crop_scene(scene_map).lane_known.tolist() == [[True, True, False]]
 
 
-def test_a_window_without_lanes_has_its_ego():
+def test_crop_without_lanes_keeps_ego():
     scene = validate(crop_scene(local_map([straight((50, 0), (60, 0))])))
     assert scene.lanes.shape == (0, 20, 3) and scene.links.shape == (0, 0) and len(scene.agents) == 1
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(list(Crop)))
 @settings(max_examples=60, deadline=None)
-def test_moving_the_window_is_moving_the_world(seed, crop):
+def test_crop_moved_window_equals_moved_world(seed, crop):
     rng = np.random.default_rng(seed)
     lanes = [np.cumsum(rng.normal(0, 6, (12, 3)) * [1, 1, 0.1], 0) + rng.uniform(-30, 30, 3) for _ in range(5)]
     agents = rng.uniform(-40, 40, (10, 2))
     successors = rng.integers(0, 5, (4, 2))
-    ctx = local_map(lanes, successors, agents=agents)
+    scene_map = local_map(lanes, successors, agents=agents)
     dx, dy, dyaw = *rng.uniform(-5, 5, 2), rng.uniform(-3, 3)
     cos, sin = np.cos(dyaw), np.sin(dyaw)
     turn = np.array([[cos, -sin], [sin, cos]])
-    moved = ctx.agents.copy()
+    moved = scene_map.agents.copy()
     moved[:, :2] = (moved[:, :2] - (dx, dy)) @ turn
     moved[:, 4:6] = moved[:, 4:6] @ turn
-    points = ctx.points.copy()
+    points = scene_map.points.copy()
     points[:, :2] = (points[:, :2] - (dx, dy)) @ turn
     order = np.argsort(np.r_[-1.0, np.hypot(*moved[1:, :2].T)])
-    world = dataclasses.replace(ctx, points=points, agents=moved[order])
-    got, want = crop_scene(ctx, crop, dx=dx, dy=dy, dyaw=dyaw), crop_scene(world, crop)
+    world = dataclasses.replace(scene_map, points=points, agents=moved[order])
+    got, want = crop_scene(scene_map, crop, dx=dx, dy=dy, dyaw=dyaw), crop_scene(world, crop)
     validate(got)
     np.testing.assert_allclose(got.lanes, want.lanes, atol=1e-4)
     np.testing.assert_allclose(got.agents, want.agents, atol=1e-4)
@@ -154,8 +154,10 @@ def test_moving_the_window_is_moving_the_world(seed, crop):
 
 
 @pytest.mark.parametrize("crop", list(Crop))
-def test_float32_contexts_work_too(crop):
-    ctx = local_map([straight((-70, 1), (70, 1))])
-    ctx = dataclasses.replace(ctx, points=ctx.points.astype(np.float32), offsets=ctx.offsets.astype(np.int32))
-    scene = validate(crop_scene(ctx, crop))
+def test_crop_accepts_float32(crop):
+    scene_map = local_map([straight((-70, 1), (70, 1))])
+    scene_map = dataclasses.replace(
+        scene_map, points=scene_map.points.astype(np.float32), offsets=scene_map.offsets.astype(np.int32)
+    )
+    scene = validate(crop_scene(scene_map, crop))
     assert scene.lanes.dtype == np.float32 and scene.links.dtype == np.int32

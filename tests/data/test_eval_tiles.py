@@ -12,7 +12,7 @@ from scjax.data.readers.scene_json import read_log
 from scjax.data.tiles import cut_tile, find_poses
 from scjax.scene import Link, validate
 
-TOLERANCE = 1e-3  # metres
+TOLERANCE = 1e-3  # m
 
 
 @pytest.fixture(scope="module")
@@ -32,22 +32,27 @@ def check_tile(golden, tile, ours, pose):
     np.testing.assert_allclose(ours.lanes[..., 2], rows(golden, "lanes_z", "lane_offsets", tile), atol=TOLERANCE)
     edges = rows(golden, "edges", "edge_offsets", tile)
     assert sorted(map(tuple, edges)) == sorted(map(tuple, ours.successors))
-    shown = ours.main | ours.all
+    listed = ours.main | ours.all
     agents = rows(golden, "agents", "agent_offsets", tile)
-    np.testing.assert_allclose(ours.agents.states[shown], agents, atol=TOLERANCE)
-    for name, values in (("agent_type", ours.agents.types), ("agent_source", ours.agents.source),
-                         ("agent_main", ours.main), ("agent_all", ours.all)):  # fmt: skip
-        np.testing.assert_array_equal(values[shown], rows(golden, name, "agent_offsets", tile), err_msg=name)
+    np.testing.assert_allclose(ours.agents.states[listed], agents, atol=TOLERANCE)
+    columns = {
+        "agent_type": ours.agents.types,
+        "agent_source": ours.agents.source,
+        "agent_main": ours.main,
+        "agent_all": ours.all,
+    }
+    for name, values in columns.items():
+        np.testing.assert_array_equal(values[listed], rows(golden, name, "agent_offsets", tile), err_msg=name)
     distance = rows(golden, "agent_lane_dist", "agent_offsets", tile)
-    np.testing.assert_allclose(ours.agents.lane_distance[shown], distance, atol=TOLERANCE)
-    found = [pose.x, pose.y, pose.yaw, pose.ground]
-    np.testing.assert_allclose(found, golden["tile_pose"][tile], atol=1e-5)
+    np.testing.assert_allclose(ours.agents.lane_distance[listed], distance, atol=TOLERANCE)
+    pose_values = [pose.x, pose.y, pose.yaw, pose.ground]
+    np.testing.assert_allclose(pose_values, golden["tile_pose"][tile], atol=1e-5)
     assert (pose.step, pose.object_index) == (golden["tile_step"][tile], golden["tile_object"][tile])
     assert pose.is_recorder == golden["tile_is_sdc"][tile]
 
 
-def off_course(points, line):
-    """Greatest distance of ``points`` [n, 2] from the polyline ``line`` [m, 2], drawn on by 5 cm at both ends."""
+def max_distance(points, line):
+    """Greatest distance of ``points`` [n, 2] from the polyline ``line`` [m, 2], extended by 5 cm at both ends."""
     ends = np.stack([line[0] - line[1], line[-1] - line[-2]])
     ends *= 0.05 / np.linalg.norm(ends, axis=1, keepdims=True)
     line = np.concatenate([line[:1] + ends[:1], line, line[-1:] + ends[1:]])
@@ -57,7 +62,7 @@ def off_course(points, line):
 
 
 def check_record(record, tile):
-    """The scene of a record is the tile, up to the order of lanes that are equally near; returns grazing lanes."""
+    """The scene of a record is the tile, up to the order of equally near lanes; returns the number of grazing lanes."""
     scene = validate(records.sample_scene(records.decode_record(records.encode_record(record))))
     assert len(scene.lanes) == len(tile.lanes) and len(scene.agents) == tile.main.sum()
     error = np.abs(scene.lanes[:, None, :, :2] - tile.lanes[None, ..., :2]).max((2, 3))
@@ -67,8 +72,8 @@ def check_record(record, tile):
     assert (np.diff(distance[match]) > -TOLERANCE).all()
     grazing = np.flatnonzero(error.min(1) > TOLERANCE)
     for lane in grazing:
-        # Where a lane runs almost along the border, 0.1 mm to the side move the end by millimetres along the lane.
-        assert off_course(scene.lanes[lane, :, :2].astype(float), tile.lanes[match[lane], :, :2]) < TOLERANCE
+        # Where a lane runs almost along the border, 0.1 mm sideways move its end by millimeters along the lane.
+        assert max_distance(scene.lanes[lane, :, :2].astype(float), tile.lanes[match[lane], :, :2]) < TOLERANCE
         assert error[lane].min() < 0.05
     known = scene.lane_known[:, 2]
     np.testing.assert_array_equal(known, ~np.isnan(tile.lanes[match, 0, 2]))
@@ -83,7 +88,7 @@ def check_record(record, tile):
     return len(grazing)
 
 
-def test_every_tile_and_its_record(golden, eval_dir, data_dir):
+def test_eval_tiles_golden(golden, eval_dir, data_dir):
     """Per scene: counts as in counts_real_train.csv, tiles as stored, and records that give the same scene."""
     with (eval_dir / "counts_real_train.csv").open() as file:
         counts = {row["scene_id"]: row for row in csv.DictReader(file)}

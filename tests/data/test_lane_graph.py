@@ -16,7 +16,7 @@ def graph_of(tmp_path, **changes):
     return build_graph(read_log(scene_files.write_scene_file(tmp_path, scene_files.scene_content(**changes))))
 
 
-def test_forks_stay_and_chains_merge(tmp_path):
+def test_build_graph_merges_chains_and_keeps_forks(tmp_path):
     graph = graph_of(tmp_path)
     # 1, 2, 3, 4 and 5+6; the bike lane is gone.
     assert graph.num_lanes == 5
@@ -27,12 +27,12 @@ def test_forks_stay_and_chains_merge(tmp_path):
 
 
 @pytest.mark.parametrize(("gap", "lanes"), [(0.04, 1), (0.06, 2)])
-def test_inferred_joins_end_at_five_centimetres(tmp_path, gap, lanes):
+def test_build_graph_joins_up_to_five_centimeters(tmp_path, gap, lanes):
     graph = graph_of(tmp_path, map=[scene_files.lane(1, (0, 0), (20, 0)), scene_files.lane(2, (20 + gap, 0), (40, 0))])
     assert graph.num_lanes == lanes and len(graph.successors) == 0
 
 
-def test_given_topology_overrides_geometry(tmp_path):
+def test_build_graph_prefers_recorded_topology(tmp_path):
     lanes = [
         scene_files.lane("a", (0, 0), (20, 0), successors=["c", "not here"], predecessors=[]),
         scene_files.lane("b", (20, 0), (40, 0), successors=[], predecessors=[]),
@@ -42,19 +42,19 @@ def test_given_topology_overrides_geometry(tmp_path):
     assert sorted(map(tuple, graph.successors)) == [(0, 2), (1, 2)]
 
 
-def test_duplicate_points_and_single_points_go(tmp_path):
+def test_build_graph_drops_duplicates_and_points(tmp_path):
     double = scene_files.lane(1, (0, 0), (10, 0))
     double |= {key: [double[key][0], *double[key]] for key in "xyz"}
     graph = graph_of(tmp_path, map=[double, {**scene_files.lane(2, (0, 9), (5, 9)), "x": [1], "y": [9], "z": [0]}])
     assert graph.num_lanes == 1 and len(graph.points) == 21
 
 
-def test_no_usable_lane_is_an_error(tmp_path):
+def test_build_graph_refuses_maps_without_lanes(tmp_path):
     with pytest.raises(ValueError, match="no lane with two distinct points"):
         graph_of(tmp_path, map=[scene_files.lane(1, (0, 0), (9, 0)) | {"subtype": "bike_lane"}])
 
 
-def test_signals_follow_merged_lanes(tmp_path):
+def test_build_graph_signals_of_merged_lanes(tmp_path):
     graph = graph_of(tmp_path)
     assert graph.signals[1, [0, 19, 20]].tolist() == [Signal.GO, Signal.GO, Signal.STOP]
     assert not graph.signals[[0, 2, 3, 4]].any()
@@ -62,7 +62,7 @@ def test_signals_follow_merged_lanes(tmp_path):
 
 @given(st.sets(st.tuples(st.integers(0, 7), st.integers(0, 7)), max_size=16))
 @settings(max_examples=200, deadline=None)
-def test_compaction_properties(joins):
+def test_merge_degree2_chains_properties(joins):
     chains, successors = merge_degree2_chains(8, joins)
     assert sorted(lane for chain in chains for lane in chain) == list(range(8))
     last, first = {chain[-1]: k for k, chain in enumerate(chains)}, {chain[0]: k for k, chain in enumerate(chains)}
@@ -78,12 +78,12 @@ def test_compaction_properties(joins):
     assert all(i == j or out[i] != 1 or into[j] != 1 for i, j in successors)
 
 
-def test_rings_start_at_their_smallest_lane():
+def test_merge_degree2_chains_ring():
     chains, successors = merge_degree2_chains(4, {(3, 1), (1, 2), (2, 3)})
     assert chains == [[0], [1, 2, 3]] and successors.tolist() == [[1, 1]]
 
 
-def test_neighbours_by_geometry(tmp_path):
+def test_infer_neighbors(tmp_path):
     graph = graph_of(tmp_path)
     # 4 is to the left of 1 and of 2; 5+6 comes the other way; 3 turns away.
     assert {(3, 0), (3, 1)} <= set(map(tuple, graph.neighbors))
@@ -92,7 +92,7 @@ def test_neighbours_by_geometry(tmp_path):
     np.testing.assert_allclose(span, [150, 300, 0, 150], atol=2.0)
 
 
-def test_recorded_neighbours_map_to_merged_lanes_and_skip_oncoming_ones(tmp_path):
+def test_recorded_neighbors_of_merged_lanes(tmp_path):
     def lane(name, start, end, left=(), right=(), successors=()):
         return scene_files.lane(name, start, end, left_neighbors=list(left), right_neighbors=list(right),
                                successors=list(successors), predecessors=[])  # fmt: skip

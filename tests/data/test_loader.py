@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scjax.data.loader import BatchLoader, PipelineConfig, bucket_of, clip_counts, training_batches, validation_scenes
-from scjax.data.token_order import arrange
+from scjax.data.token_order import sort_tokens
 from scjax.models.codec import official_nuplan, scjax
 from scjax.scene import AgentType, Crop, Scene, unpadded, validate
 from tests.factories.examples import example_scene
@@ -70,7 +70,7 @@ def test_validation_is_the_recorded_pose_in_token_order(records):
     assert all(equal(scene, other) for scene, other in zip(scenes, validation_scenes(records, scjax()), strict=True))
     for scene in scenes:
         validate(scene)
-        assert np.array_equal(arrange(scene)[1], np.arange(len(scene.agent_mask)))
+        assert np.array_equal(sort_tokens(scene)[1], np.arange(len(scene.agent_mask)))
         assert np.allclose(scene.agents[0, :2], 0, atol=1e-4)
 
 

@@ -34,7 +34,7 @@ def split(pieces):
 
 @given(seeds, st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_pieces_are_exactly_what_lies_inside(seed, snap):
+def test_clip_agrees_with_shapely(seed, snap):
     lines = walks(seed, snap=snap)
     pieces = ragged.clip_polylines(*joined(lines), WINDOW, min_length=0.0)
     assert (np.abs(pieces.points[:, :2]) <= 32).all()
@@ -52,7 +52,7 @@ def test_pieces_are_exactly_what_lies_inside(seed, snap):
 
 @given(seeds)
 @settings(max_examples=60, deadline=None)
-def test_clipping_twice_changes_nothing(seed):
+def test_clip_is_idempotent(seed):
     points, offsets = joined(walks(seed))
     once = ragged.clip_polylines(points, offsets, WINDOW)
     twice = ragged.clip_polylines(once.points, once.offsets, WINDOW)
@@ -62,22 +62,22 @@ def test_clipping_twice_changes_nothing(seed):
 @given(seeds, st.booleans())
 @example(27387017, True)  # nothing lies inside
 @settings(max_examples=150, deadline=None)
-def test_a_cut_leaves_every_piece_on_one_side(seed, snap):
+def test_clip_cut_separates_sides(seed, snap):
     lines = walks(seed, snap=snap)
     whole, cut = (ragged.clip_polylines(*joined(lines), WINDOW, cut=flag) for flag in (False, True))
     for piece, follows in zip(split(cut), cut.follows, strict=True):
         assert (piece[:, 0] <= 0).all() or (piece[:, 0] >= 0).all()
-        assert not follows or abs(piece[0, 0]) < ragged.MIN_PIECE
+        assert not follows or abs(piece[0, 0]) < ragged.MIN_PIECE_LENGTH
     # Short parts may go, their runs may not; ends of polylines stay reachable.
     assert (~cut.follows).sum() == len(whole.source)
     assert set(cut.source[cut.has_start]) == set(whole.source[whole.has_start])
     assert set(cut.source[cut.has_end]) == set(whole.source[whole.has_end])
     lost = (whole.arc[:, 1] - whole.arc[:, 0]).sum() - (cut.arc[:, 1] - cut.arc[:, 0]).sum()
     crossings = sum((line[:-1, 0] * line[1:, 0] <= 0).sum() for line in lines)
-    assert -1e-6 <= lost <= ragged.MIN_PIECE * crossings
+    assert -1e-6 <= lost <= ragged.MIN_PIECE_LENGTH * crossings
 
 
-def test_a_lane_that_returns_gives_two_pieces():
+def test_clip_returning_lane_gives_two_pieces():
     line = np.array([[0.0, 20, 0], [0, 40, 2], [10, 40, 3], [10, 20, 5]])
     pieces = ragged.clip_polylines(*joined([line]), WINDOW)
     assert pieces.source.tolist() == [0, 0]
@@ -87,31 +87,31 @@ def test_a_lane_that_returns_gives_two_pieces():
 
 
 @pytest.mark.parametrize(("length", "kept"), [(0.49, 0), (0.51, 1)])
-def test_short_pieces_go(length, kept):
+def test_clip_drops_short_pieces(length, kept):
     line = np.array([[32.0 - length, 0, 0], [40, 0, 0]])
     assert len(ragged.clip_polylines(*joined([line]), WINDOW).source) == kept
 
 
-def test_a_short_whole_lane_stays():
+def test_clip_keeps_short_whole_lanes():
     pieces = ragged.clip_polylines(*joined([np.array([[0.0, 0, 0], [0.2, 0, 0]])]), WINDOW)
     assert pieces.has_start.all() and pieces.has_end.all() and len(pieces.source) == 1
 
 
-def test_nothing_inside_and_a_touched_corner():
+def test_clip_empty_window_and_corner():
     lines = [np.array([[40.0, 0, 0], [50, 0, 0]]), np.array([[64.0, 0, 0], [0, 64, 0]])]
     pieces = ragged.clip_polylines(*joined(lines), WINDOW, cut=True)
     assert len(pieces.source) == 0 and ragged.resample_pieces(pieces, 20).shape == (0, 20, 3)
     assert ragged.piece_successors(pieces, np.array([[0, 1]]), 2).shape == (0, 2)
 
 
-def test_a_short_part_hands_its_links_on():
+def test_clip_short_part_keeps_links():
     before, line = np.array([[-20.0, 0, 0], [-0.2, 0, 0]]), np.array([[-0.2, 0, 0], [20, 0, 0]])
     pieces = ragged.clip_polylines(*joined([before, line]), WINDOW, cut=True)
     assert len(pieces.source) == 2 and split(pieces)[1][0, 0] == 0.0
     assert ragged.piece_successors(pieces, np.array([[0, 1]]), 2).tolist() == [[0, 1]]
 
 
-def test_piece_edges_need_both_true_ends():
+def test_piece_successors_need_true_ends():
     lines = [np.array([[0.0, 0, 0], [50, 0, 0]]), np.array([[50.0, 0, 0], [50, 9, 0], [0, 9, 0]])]
     pieces = ragged.clip_polylines(*joined(lines), WINDOW)
     assert len(pieces.source) == 2
@@ -121,7 +121,7 @@ def test_piece_edges_need_both_true_ends():
 
 @given(seeds)
 @settings(max_examples=60, deadline=None)
-def test_resampling_matches_interpolation(seed):
+def test_resample_pieces_agrees_with_interp(seed):
     pieces = ragged.clip_polylines(*joined(walks(seed)), (-1e3, 1e3, -1e3, 1e3))
     for piece, got in zip(split(pieces), ragged.resample_pieces(pieces, 20), strict=True):
         arc = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(piece[:, :2], axis=0).T))])
@@ -131,7 +131,7 @@ def test_resampling_matches_interpolation(seed):
 
 @given(seeds, st.sampled_from([1e-3, 0.1, 2.0]))
 @settings(max_examples=60, deadline=None)
-def test_simplified_lines_stay_within_the_tolerance(seed, tolerance):
+def test_simplify_stays_within_tolerance(seed, tolerance):
     lines = walks(seed, step=1.0)
     points, offsets = ragged.simplify_polylines(*joined(lines), tolerance)
     for line, thin in zip(lines, np.split(points, offsets[1:-1]), strict=True):
@@ -142,7 +142,7 @@ def test_simplified_lines_stay_within_the_tolerance(seed, tolerance):
         assert full * (1 - 2 * ragged.MAX_SHORTENING) <= short <= full + 1e-9
 
 
-def test_straight_lines_become_two_points():
+def test_simplify_straight_line():
     line = np.stack([np.linspace(0, 50, 101), np.linspace(3, 4, 101), np.full(101, np.nan)], -1)
     points, offsets = ragged.simplify_polylines(*joined([line, line + 1]), 1e-4)
     assert len(points) == 4 and offsets.tolist() == [0, 2, 4] and np.isnan(points[:, 2]).all()

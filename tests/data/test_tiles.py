@@ -16,7 +16,7 @@ def prepared(tmp_path, scene=None):
     return log, graph, index_segments(graph)
 
 
-def test_the_recording_car_comes_first(tmp_path):
+def test_find_poses_recording_car_first(tmp_path):
     log, _, index = prepared(tmp_path)
     poses = find_poses(log, index)
     # x = -20, -10 (too near), 0, 10 (too near); the van at step 0 is 10.6 m from the first, at step 30 it is at -3.
@@ -28,7 +28,7 @@ def test_the_recording_car_comes_first(tmp_path):
     assert len(find_poses(log, index, spacing=4.0, max_poses=3)) == 3
 
 
-def test_denser_poses_begin_with_the_given_ones(tmp_path):
+def test_find_poses_extends_first_poses(tmp_path):
     log, _, index = prepared(tmp_path)
     first = find_poses(log, index)
     dense = find_poses(log, index, spacing=4.0, max_poses=40, first=first)
@@ -39,7 +39,7 @@ def test_denser_poses_begin_with_the_given_ones(tmp_path):
     assert find_poses(log, index, max_poses=1, first=first) == first
 
 
-def test_only_vehicles_that_drive_on_lanes_become_egos(tmp_path):
+def test_find_poses_needs_driving_vehicles(tmp_path):
     scene = scene_files.scene_content()
     scene["objects"] += [
         scene_files.moving_object((10, 8), (3.0, 0.0)),
@@ -52,20 +52,20 @@ def test_only_vehicles_that_drive_on_lanes_become_egos(tmp_path):
     assert {p.object_index for p in find_poses(log, index, spacing=1.0, max_poses=99)} == {8}
 
 
-def test_without_a_recording_car_any_vehicle_will_do(tmp_path):
+def test_find_poses_without_recording_car(tmp_path):
     log, _, index = prepared(tmp_path, scene_files.scene_content(sdc_index=None))
     poses = find_poses(log, index, spacing=8.0)
     assert {p.object_index for p in poses} == {0, 1} and not any(p.is_recorder for p in poses)
 
 
 @pytest.mark.parametrize("argument", ["spacing", "max_poses", "recorder_stride", "other_stride"])
-def test_bad_arguments(tmp_path, argument):
+def test_find_poses_refuses_bad_values(tmp_path, argument):
     log, _, index = prepared(tmp_path)
     with pytest.raises(ValueError, match=f"{argument} is 0"):
         find_poses(log, index, **{argument: 0.0 if argument == "spacing" else 0})
 
 
-def test_agents_of_a_pose(tmp_path):
+def test_agents_at_pose(tmp_path):
     log, graph, index = prepared(tmp_path)
     pose = find_poses(log, index)[1]
     agents = agents_at(log, index, pose, 32.0, square=True)
@@ -77,7 +77,7 @@ def test_agents_of_a_pose(tmp_path):
     assert tile.all.sum() == tile.main.sum() + 1
 
 
-def test_ground_without_agent_elevation_is_that_of_the_lane(tmp_path):
+def test_pose_ground_from_lane(tmp_path):
     scene = scene_files.scene_content()
     scene["objects"][0] |= {"z": None}
     log, _, index = prepared(tmp_path, scene)
@@ -87,7 +87,7 @@ def test_ground_without_agent_elevation_is_that_of_the_lane(tmp_path):
     assert find_poses(log, index)[0].ground == pytest.approx(10.8)
 
 
-def test_tiles_do_not_depend_on_where_the_map_lies(tmp_path):
+def test_cut_tile_is_invariant_to_rigid_motion(tmp_path):
     log, graph, index = prepared(tmp_path)
     turn, shift = 0.7, np.array([-8330.0, 4711.0, -200.0])
     cos, sin = np.cos(turn), np.sin(turn)

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from scjax.data.token_order import arrange, in_view, order, partition
+from scjax.data.token_order import in_view, known_half, sort_tokens, token_permutations
 from scjax.scene import Crop
 from tests.factories import golden
 
@@ -20,15 +20,15 @@ def vectors(parity_dir):
 
 
 @pytest.mark.parametrize("source", AXES)
-def test_ordering_parity(vectors, source):
+def test_token_order_parity(vectors, source):
     inputs, outputs = vectors
     seen = 0
     for case in sorted({key.split("/")[0] for key in inputs}):
         crop = int(inputs[f"{case}/scene_type"])
         agents, lanes = inputs[f"{case}/agent_states"][:, :2], inputs[f"{case}/lane_points"]
-        perms = order(lanes, agents, axes=AXES[source])
+        perms = token_permutations(lanes, agents, axes=AXES[source])
         agents, lanes = agents[perms.agents], lanes[perms.lanes]
-        given = partition(lanes, agents, axes=AXES[source])
+        given = known_half(lanes, agents, axes=AXES[source])
         links = inputs[f"{case}/lane_connections"][np.ix_(perms.lanes, perms.lanes)]
         values = {
             "agent_perm": perms.agents,
@@ -45,7 +45,7 @@ def test_ordering_parity(vectors, source):
     assert seen == sum(f"/{source}/" in key for key in outputs)
 
 
-def test_arrange_agrees_with_unit_order():
+def test_sort_tokens_agrees_with_unit_order():
     from scjax.scene import empty
 
     rng = np.random.default_rng(0)
@@ -54,34 +54,34 @@ def test_arrange_agrees_with_unit_order():
     scene = empty(20, 30)
     scene.agents[:, :2], scene.lanes[..., :2] = agents, lanes
     scene.agent_mask[:], scene.lane_mask[:] = True, True
-    perms = order(lanes / 32, agents / 32)
-    arranged, agent_perm, lane_perm = arrange(scene)
+    perms = token_permutations(lanes / 32, agents / 32)
+    arranged, agent_perm, lane_perm = sort_tokens(scene)
     np.testing.assert_array_equal(agent_perm, perms.agents)
     np.testing.assert_array_equal(lane_perm, perms.lanes)
     np.testing.assert_array_equal(arranged.lanes, scene.lanes[lane_perm])
 
-    partitioned, agent_perm, _ = arrange(scene.replace(crop=np.asarray(Crop.PARTITIONED, np.int32)))
-    given = partition(partitioned.lanes[..., :2], partitioned.agents[..., :2])
+    partitioned, agent_perm, _ = sort_tokens(scene.replace(crop=np.asarray(Crop.PARTITIONED, np.int32)))
+    given = known_half(partitioned.lanes[..., :2], partitioned.agents[..., :2])
     assert agent_perm[0] == 0
     assert (np.diff(given.lanes.astype(int)) <= 0).all() and (np.diff(given.agents[1:].astype(int)) <= 0).all()
 
 
-def test_order_of_nothing_and_of_the_ego_alone():
-    perms = order(np.zeros((0, 20, 2), np.float32), np.zeros((1, 2), np.float32))
+def test_token_permutations_of_nothing_and_ego_alone():
+    perms = token_permutations(np.zeros((0, 20, 2), np.float32), np.zeros((1, 2), np.float32))
     assert perms.lanes.shape == (0,) and perms.agents.tolist() == [0]
 
 
-def test_ties_keep_their_order():
-    perms = order(np.zeros((4, 20, 2), np.float32), np.zeros((5, 2), np.float32))
+def test_token_permutations_keep_order_of_ties():
+    perms = token_permutations(np.zeros((4, 20, 2), np.float32), np.zeros((5, 2), np.float32))
     assert perms.lanes.tolist() == [0, 1, 2, 3] and perms.agents.tolist() == [0, 1, 2, 3, 4]
 
 
-def test_order_is_fast():
+def test_token_permutations_are_fast():
     rng = np.random.default_rng(0)
     lanes, agents = rng.uniform(-1, 1, (30, 20, 2)), rng.uniform(-1, 1, (20, 2))
     best = np.inf
     for _ in range(20):
         start = time.perf_counter()
-        order(lanes, agents)
+        token_permutations(lanes, agents)
         best = min(best, time.perf_counter() - start)
     assert best < 1e-3  # typically 0.05 ms; it runs on every training access

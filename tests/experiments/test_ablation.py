@@ -26,7 +26,7 @@ from experiments.studies.ablation.report import (
 )
 from experiments.studies.ablation.requests import padded, requests_of
 from experiments.studies.ablation.run import ablate, check_bases, run_config, runs_of
-from scjax.camera.raycast import CLASSES, GRID, stand_in
+from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
@@ -164,7 +164,7 @@ def test_image_requests_are_of_forward_windows_with_another_scenes_image(folder)
     requests = requests_of("image", str(folder / "records"), 4, tiny_model())
     for scene, own, shuffled in zip(requests.references, requests.own, requests.shuffled, strict=True):
         assert own.crop == Crop.FORWARD and int(scene.crop) == Crop.FORWARD
-        np.testing.assert_array_equal(own.image, stand_in(scene).image)
+        np.testing.assert_array_equal(own.image, render(scene).image)
         assert (own.num_lanes, own.num_agents, own.domain) == (shuffled.num_lanes, shuffled.num_agents, shuffled.domain)
         assert not np.array_equal(own.image, shuffled.image)
     assert not requests.asked and requests.context == 392

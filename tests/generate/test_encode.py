@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.camera.raycast import CLASSES, GRID, stand_in
+from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.generate.conditions import Condition
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten, unflatten
@@ -23,7 +23,7 @@ FIXED = {"num_lanes": 5, "num_agents": 4, "domain": 0, "crop": Crop.FORWARD}
 
 
 def seen(seed: int) -> Condition:
-    features = stand_in(example_scene(seed, agents=10, lanes=8, crop=Crop.FORWARD))
+    features = render(example_scene(seed, agents=10, lanes=8, crop=Crop.FORWARD))
     return Condition(image=features.image, depth=features.depth, **FIXED)
 
 

@@ -17,8 +17,8 @@ from scjax.generate.prompts import best, encode_prompts, prompt_warnings
 from scjax.generate.sample import with_counts
 from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import TextCondition
+from tests.factories.repair_scenes import chain, queue
 from tests.factories.worlds import tiny_model
-from tests.scene.test_repair import chain, queue
 
 WIDTH = 5
 

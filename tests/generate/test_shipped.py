@@ -13,7 +13,7 @@ import pytest
 import scjax
 from scjax.cli.demo import PROMPTS
 from scjax.data import records
-from scjax.data.token_order import arrange
+from scjax.data.token_order import sort_tokens
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.generate.conditions import Condition
@@ -58,7 +58,7 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
     """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
     coder, config = autoencoder(model.autoencoder.config), model.denoiser.config
     tiles = records.open_records(make_records(tmp_path), "train")
-    scenes = [arrange(records.sample_scene(records.decode_record(tile), Crop.CENTERED))[0] for tile in tiles]
+    scenes = [sort_tokens(records.sample_scene(records.decode_record(tile), Crop.CENTERED))[0] for tile in tiles]
     scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
     tokens = model.codec.normalize(stack(scenes, (16, 28)))
     clean = jax.jit(lambda params: coder.apply(params, tokens, method="encode").mean)(model.autoencoder.params)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.data.token_order import order, partition
+from scjax.data.token_order import known_half, token_permutations
 from scjax.models.denoiser.context import depth_cells, normalize_depth
 from scjax.models.denoiser.embed import image_table, position_table, time_code
 from scjax.models.latents import LatentStatistics, statistics
@@ -26,8 +26,8 @@ def item(parity_dir):
 def test_item_latents_parity(item):
     inputs, outputs = item
     agents, lanes = inputs["agent_states"][:, :2], inputs["lane_points"]
-    perms = order(lanes, agents)
-    known = partition(lanes[perms.lanes], agents[perms.agents])
+    perms = token_permutations(lanes, agents)
+    known = known_half(lanes[perms.lanes], agents[perms.agents])
     np.testing.assert_array_equal(known.agents, outputs["agent_partition_mask"])
     np.testing.assert_array_equal(known.lanes, outputs["lane_partition_mask"])
 

@@ -26,11 +26,11 @@ from tests.factories.traffic import agent, eval_tiles
         (agent(2.8, 1.8, 45, 0, (2, 2, 1)), False),
     ],
 )
-def test_pairs(other, expected):
+def test_overlaps_hand_made_pairs(other, expected):
     np.testing.assert_array_equal(overlaps(np.stack([agent(0, 0), other])), [[False, expected], [expected, False]])
 
 
-def test_rigid_motion_and_order_do_not_matter():
+def test_overlaps_is_invariant_to_motion_and_order():
     rng = np.random.default_rng(1)
     agents = np.stack([agent(*rng.uniform(-8, 8, 2), rng.uniform(-180, 180)) for _ in range(20)])
     before = overlaps(agents)
@@ -45,7 +45,7 @@ def test_rigid_motion_and_order_do_not_matter():
     np.testing.assert_array_equal(overlaps(agents[order]), before[np.ix_(order, order)])
 
 
-def test_against_dense_points():
+def test_overlaps_agrees_with_dense_points():
     """A box pair overlaps exactly if some point of a fine grid in one lies in the other (up to the grid)."""
     rng = np.random.default_rng(2)
     u, v = np.meshgrid(np.linspace(-0.5, 0.5, 81), np.linspace(-0.5, 0.5, 41))
@@ -63,7 +63,7 @@ def test_against_dense_points():
         assert inside.all(-1).any() or not overlaps(shrunk)[0, 1]
 
 
-def test_golden_overlaps(eval_dir):
+def test_overlaps_golden(eval_dir):
     cases = json.loads((eval_dir / "golden_metrics.json").read_text())["design"]["obb"]
     tiles = {
         variant: eval_tiles(eval_dir, "real_train", variant=variant) for variant in {case["agents"] for case in cases}
@@ -78,7 +78,7 @@ def test_golden_overlaps(eval_dir):
         assert ratios["scenes_vehicle_overlap"][0] == case["flags_scene_any_iou01_iou10_veh"][3]
 
 
-def test_shared_areas_are_those_of_polygons():
+def test_intersection_areas_agree_with_shapely():
     rng = np.random.default_rng(0)
     turns = (0, 90, 180, None)  # parallel outlines are the hard case
 

@@ -32,7 +32,7 @@ def test_wrap_angle():
     assert jax.grad(geometry.wrap_angle)(4.0) == pytest.approx(1)
 
 
-def test_se2_against_complex_numbers():
+def test_se2_apply_agrees_with_complex_numbers():
     pose, points = _poses(5), RNG.normal(size=(5, 7, 4, 2)).astype(np.float32)
     moved = np.asarray(geometry.se2_apply(pose, points))
     turned = (points[..., 0] + 1j * points[..., 1]) * np.exp(1j * pose[:, 2])[:, None, None]
@@ -59,7 +59,7 @@ def test_se3_inverse_and_compose():
     np.testing.assert_allclose(there_and_back, points, atol=1e-5)
 
 
-def test_quaternions():
+def test_matrix_from_quaternion_is_a_rotation():
     matrices = _rotations(20)
     np.testing.assert_allclose(matrices @ matrices.swapaxes(-1, -2), np.eye(3) * np.ones((20, 1, 1)), atol=1e-5)
     np.testing.assert_allclose(np.linalg.det(matrices), 1, atol=1e-5)
@@ -72,7 +72,7 @@ def test_quaternions():
     np.testing.assert_allclose(turn[0], [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]], atol=1e-6)
 
 
-def test_moving_a_scene_there_and_back():
+def test_move_there_and_back():
     batch, pose = example_batch(3), _poses(3)
     moved = geometry.move(batch, pose)
     validate(moved)
@@ -85,7 +85,7 @@ def test_moving_a_scene_there_and_back():
     np.testing.assert_allclose(moved[1].agents, single.agents, atol=1e-5)
 
 
-def test_an_agent_at_its_own_pose_is_at_the_origin():
+def test_move_agent_to_its_own_frame():
     scene = example_scene()
     x, y, cos, sin = scene.agents[2, [0, 1, 4, 5]]
     seen = geometry.move(scene, geometry.se2_inverse(np.array([x, y, np.arctan2(sin, cos)])))
@@ -93,7 +93,7 @@ def test_an_agent_at_its_own_pose_is_at_the_origin():
     np.testing.assert_array_equal(seen.agents[2, 6:], scene.agents[2, 6:])
 
 
-def test_spatial_move_of_a_planar_frame_is_the_planar_move():
+def test_move_se3_equals_move_in_the_plane():
     batch, pose = example_batch(2), _poses(2)
     height = np.array([1.5, -2], np.float32)
     translation = np.concatenate([pose[:, :2], height[:, None]], -1)
@@ -106,7 +106,7 @@ def test_spatial_move_of_a_planar_frame_is_the_planar_move():
     np.testing.assert_allclose(spatial.lanes[..., 2], expected, atol=2e-5)
 
 
-def test_a_ramp_tilts_lanes_and_keeps_headings_unit_vectors():
+def test_move_se3_tilts_lanes_and_keeps_unit_headings():
     scene = example_scene()
     # Nose up by 0.1 rad.
     pitch = geometry.matrix_from_quaternion(np.array([np.cos(0.05), 0, -np.sin(0.05), 0], np.float32))
@@ -122,7 +122,7 @@ def test_arc_length_is_planar_and_masked():
     np.testing.assert_allclose(geometry.arc_length(np.stack([line, line]))[1, :3], [0, 5, 6])
 
 
-def test_resampling_against_shapely():
+def test_resample_agrees_with_shapely():
     lines = np.cumsum(RNG.normal(size=(2, 3, 9, 2)), axis=2).astype(np.float32)
     length = RNG.integers(2, 10, (2, 3))
     mask = np.arange(9) < length[..., None]
@@ -133,7 +133,7 @@ def test_resampling_against_shapely():
         np.testing.assert_allclose(made[index], expected, atol=2e-5)
 
 
-def test_resampling_keeps_ends_carries_z_and_survives_degenerate_lines():
+def test_resample_ends_z_and_degenerate_lines():
     line = np.array([[0, 0, 1], [1, 0, 2], [4, 0, 8]], np.float32)
     np.testing.assert_allclose(geometry.resample(line, 5), [[k, 0, max(1 + k, 2 * k)] for k in range(5)])
     point = np.full((3, 2), 2, np.float32)
@@ -142,7 +142,7 @@ def test_resampling_keeps_ends_carries_z_and_survives_degenerate_lines():
     np.testing.assert_array_equal(geometry.resample(alone, 3, np.array([True, False, False])), np.ones((3, 2)))
 
 
-def test_distance_to_polylines_against_shapely():
+def test_distance_to_polylines_agrees_with_shapely():
     points = RNG.normal(size=(2, 5, 2)).astype(np.float32) * 3
     lines = np.cumsum(RNG.normal(size=(2, 4, 6, 2)), axis=2).astype(np.float32)
     lines[:, :, 3] = lines[:, :, 2]  # a segment of no length
@@ -169,7 +169,7 @@ def _polygon(agent: np.ndarray) -> shapely.Polygon:
     return shapely.affinity.translate(shapely.affinity.rotate(box, np.arctan2(sin, cos), (0, 0), True), x, y)
 
 
-def test_box_corners_against_shapely():
+def test_box_corners_agree_with_shapely():
     agents = _boxes(6)
     corners = np.asarray(geometry.box_corners(agents))
     for agent, quad in zip(agents, corners, strict=True):
@@ -179,7 +179,7 @@ def test_box_corners_against_shapely():
     np.testing.assert_allclose((forward * agents[:, 4:6]).sum(-1), agents[:, 6] / 2, atol=1e-5)
 
 
-def test_overlap_and_penetration_against_shapely():
+def test_box_penetration_agrees_with_shapely():
     agents = _boxes(3, 16)
     mask = RNG.uniform(size=(3, 16)) < 0.8
     overlap = np.asarray(geometry.boxes_overlap(agents, mask))
@@ -198,7 +198,7 @@ def test_overlap_and_penetration_against_shapely():
     assert seen == {True, False}
 
 
-def test_penetration_is_the_shift_that_parts_two_boxes():
+def test_box_penetration_is_the_separating_shift():
     agents = np.zeros((2, 9), np.float32)
     agents[:, 4], agents[:, 6], agents[:, 7], agents[1, 0], agents[1, 1] = 1, 4, 2, 3, 0.5
     assert geometry.box_penetration(agents)[0, 1] == pytest.approx(1.0)
@@ -207,7 +207,7 @@ def test_penetration_is_the_shift_that_parts_two_boxes():
     assert geometry.box_penetration(agents)[1, 0] == pytest.approx(0)
 
 
-def test_gradients_are_finite_with_padding():
+def test_geometry_gradients_are_finite_with_padding():
     batch, pose = example_batch(2), _poses(2)
 
     def loss(scene, pose, rotation):
@@ -222,6 +222,6 @@ def test_gradients_are_finite_with_padding():
         assert np.isfinite(np.asarray(gradient)).all() and np.asarray(gradient).any()
 
 
-def test_frames_with_too_many_batch_axes_are_refused():
+def test_se2_apply_refuses_too_many_batch_axes():
     with pytest.raises(ValueError, match="a frame with batch axes"):
         geometry.se2_apply(_poses(2, 3), np.zeros((2, 2), np.float32))

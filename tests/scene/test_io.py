@@ -24,16 +24,16 @@ SCENES = {
 }
 
 
-def _assert_same(made: Scene, expected: Scene, tolerance: float = 0.0):
-    assert made.batch_shape == expected.batch_shape
+def _assert_same(actual: Scene, expected: Scene, tolerance: float = 0.0):
+    assert actual.batch_shape == expected.batch_shape
     for name, value in expected.to_numpy().to_dict().items():
-        array = getattr(made, name)
+        array = getattr(actual, name)
         assert isinstance(array, np.ndarray) and array.dtype == value.dtype and array.shape == value.shape, name
         np.testing.assert_allclose(array, value, rtol=tolerance, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_npz_round_trip_is_exact(name, tmp_path):
+def test_save_npz_round_trip_is_exact(name, tmp_path):
     scene = SCENES[name]()
     scene_io.save_npz(scene, tmp_path / "new" / "scene.npz")
     _assert_same(scene_io.load_npz(tmp_path / "new" / "scene.npz"), scene)
@@ -41,14 +41,14 @@ def test_npz_round_trip_is_exact(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_json_round_trip(name, tmp_path):
+def test_save_json_round_trip(name, tmp_path):
     scene = SCENES[name]()
     scene_io.save_json(scene, tmp_path / "scene.json")
     _assert_same(scene_io.load_json(tmp_path / "scene.json"), scene, 1e-6)
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
-def test_json_is_readable():
+def test_scene_to_json_is_readable():
     scene = example_scene(agents=2, lanes=3)
     data = json.loads(scene_io.scene_to_json(scene))
     assert data["units"]["speed"] == "m/s" and data["version"] == 1
@@ -62,14 +62,14 @@ def test_json_is_readable():
     assert len(first["points"]) == 20 and first["unknown"] == ["z"]
 
 
-def test_holes_among_the_slots_survive():
+def test_json_keeps_empty_slots():
     scene = example_scene(lanes=3)
     scene.agent_mask[1] = False
     scene.agents[1], scene.agent_known[1], scene.agent_types[1] = 0, False, 0
     _assert_same(scene_io.scene_from_json(scene_io.scene_to_json(scene)), scene, 1e-6)
 
 
-def test_a_ring_of_two_lanes_survives():
+def test_json_keeps_ring_of_two_lanes():
     scene = empty(0, 2)
     scene.lane_mask[:], scene.lane_known[:] = True, True
     scene.links[:] = [[Link.SELF, Link.PREDECESSOR], [Link.PREDECESSOR, Link.SELF]]
@@ -77,13 +77,23 @@ def test_a_ring_of_two_lanes_survives():
 
 
 def _by_hand() -> dict:
-    agent = {"id": 0, "type": "vehicle", "x": 0, "y": 0, "z": 0.8, "speed": 5, "heading": 0.0,
-             "length": 4.5, "width": 2, "height": 1.6}  # fmt: skip
+    agent = {
+        "id": 0,
+        "type": "vehicle",
+        "x": 0,
+        "y": 0,
+        "z": 0.8,
+        "speed": 5,
+        "heading": 0.0,
+        "length": 4.5,
+        "width": 2,
+        "height": 1.6,
+    }
     lanes = [{"id": i, "points": [[k, 3.5 * i, 0] for k in range(20)]} for i in range(2)]
     return {"format": "scjax-scene", "version": 1, "scenes": [{"agents": [agent], "lanes": lanes}]}
 
 
-def test_a_file_written_by_hand_needs_little():
+def test_scene_from_json_defaults():
     data = _by_hand()
     data["scenes"][0]["lanes"][0]["left"] = [1]
     scene = validate(scene_io.scene_from_json(json.dumps(data)))[0]
@@ -129,7 +139,7 @@ def _agent(**changes):
         (_lane(id=1), "the id is used twice"),
     ],
 )
-def test_json_complaints_name_file_and_place(change, message, tmp_path):
+def test_load_json_fault_names_file_and_place(change, message, tmp_path):
     data = _by_hand()
     change(data)
     path = tmp_path / "mine.json"
@@ -138,7 +148,7 @@ def test_json_complaints_name_file_and_place(change, message, tmp_path):
         scene_io.load_json(path)
 
 
-def test_truncated_json_is_named(tmp_path):
+def test_load_json_truncated_file(tmp_path):
     path = tmp_path / "short.json"
     path.write_text(scene_io.scene_to_json(example_scene())[:500])
     with pytest.raises(ValueError, match=r"short.json is no JSON"):
@@ -146,7 +156,7 @@ def test_truncated_json_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("size", [0, 10, 400, -30])
-def test_truncated_npz_is_named(size, tmp_path):
+def test_load_npz_truncated_file(size, tmp_path):
     path = tmp_path / "short.npz"
     scene_io.save_npz(example_scene(), path)
     path.write_bytes(path.read_bytes()[:size])
@@ -169,7 +179,7 @@ def _arrays() -> dict:
         (lambda d: d.update(agents=np.array([{}], object)), "no readable .npz scene"),
     ],
 )
-def test_npz_complaints_name_the_file(change, message, tmp_path):
+def test_load_npz_fault_names_file(change, message, tmp_path):
     arrays, path = _arrays(), tmp_path / "mine.npz"
     change(arrays)
     np.savez(path, **arrays)
@@ -177,7 +187,7 @@ def test_npz_complaints_name_the_file(change, message, tmp_path):
         scene_io.load_npz(path)
 
 
-def test_invalid_scenes_are_not_written(tmp_path):
+def test_save_refuses_invalid_scenes(tmp_path):
     scene = example_scene()
     scene.agents[0, 0] = np.nan
     for save in (scene_io.save_npz, scene_io.save_json):
@@ -186,7 +196,43 @@ def test_invalid_scenes_are_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_missing_files_are_missing_files(tmp_path):
+def test_load_missing_file(tmp_path):
     for load in (scene_io.load_npz, scene_io.load_json):
         with pytest.raises(FileNotFoundError):
             load(tmp_path / "nowhere")
+
+
+def test_npz_files_name_the_crop_layout(tmp_path):
+    """Files keep the names of their first version, which other programs read."""
+    scene_io.save_npz(example_scene(crop=Crop.FORWARD), tmp_path / "scene.npz")
+    with np.load(tmp_path / "scene.npz") as file:
+        assert int(file["layout"]) == Crop.FORWARD and "crop" not in file
+
+
+@pytest.mark.parametrize("crop_name", ["layout", "crop"])
+def test_load_npz_reads_both_names_of_the_crop(crop_name, tmp_path):
+    scene = example_scene(crop=Crop.FORWARD)
+    arrays = {"format_version": np.int64(1), **scene.to_dict()}
+    arrays[crop_name] = arrays.pop("crop")
+    np.savez(tmp_path / "old.npz", **arrays)
+    _assert_same(scene_io.load_npz(tmp_path / "old.npz"), scene)
+
+
+def test_json_files_name_the_crop_layout():
+    scene = json.loads(scene_io.scene_to_json(example_scene(crop=Crop.CENTERED)))["scenes"][0]
+    assert scene["layout"] == "centred" and "crop" not in scene
+
+
+@pytest.mark.parametrize(
+    ("field", "word", "crop"),
+    [
+        ("layout", "centred", Crop.CENTERED),
+        ("layout", "partitioned", Crop.PARTITIONED),
+        ("layout", "forward", Crop.FORWARD),
+        ("crop", "centered", Crop.CENTERED),
+    ],
+)
+def test_scene_from_json_reads_both_names_of_the_crop(field, word, crop):
+    data = _by_hand()
+    data["scenes"][0][field] = word
+    assert int(scene_io.scene_from_json(json.dumps(data))[0].crop) == crop

@@ -10,19 +10,19 @@ from scjax.scene import Link, Scene, empty, pad, stack, validate
 from tests.factories.examples import example_batch, example_scene
 
 
-def test_example_and_empty_scenes_are_valid():
+def test_validate_accepts_example_and_empty_scenes():
     for scene in (example_scene(), example_batch(), empty(0, 0), empty(3, 2)):
         assert validate(scene) is scene
 
 
-def test_counts_and_batch_shape():
+def test_scene_counts_and_batch_shape():
     batch = stack([example_scene(agents=2, lanes=3), example_scene(agents=4, lanes=5)])
     assert batch.batch_shape == (2,)
     np.testing.assert_array_equal(batch.num_agents, [2, 4])
     np.testing.assert_array_equal(batch.num_lanes, [3, 5])
 
 
-def test_indexing_takes_scenes_and_subbatches():
+def test_scene_indexing():
     batch = example_batch(3)
     single, pair = batch[1], batch[1:]
     assert single.batch_shape == () and pair.batch_shape == (2,)
@@ -33,7 +33,7 @@ def test_indexing_takes_scenes_and_subbatches():
         single[0]
 
 
-def test_padding_keeps_content_and_adds_zeros():
+def test_pad_keeps_content_and_adds_zeros():
     scene = example_scene(agents=3, lanes=4, padding=0)
     grown = validate(pad(scene, 6, 9))
     for name, value in scene.to_dict().items():
@@ -47,12 +47,12 @@ def test_padding_keeps_content_and_adds_zeros():
 
 
 @pytest.mark.parametrize("sizes", [(2, 10), (10, 2)])
-def test_padding_to_less_is_refused(sizes):
+def test_pad_refuses_smaller_sizes(sizes):
     with pytest.raises(ValueError, match="cannot pad a scene of 6 agent and 7 lane slots"):
         pad(example_scene(), *sizes)
 
 
-def test_a_stack_with_slots_is_a_stack_of_padded_scenes():
+def test_stack_with_slots_equals_padded_stack():
     scenes = [example_scene(agents=2, lanes=3), example_scene(agents=4, lanes=5)]
     batch, expected = stack(scenes, (6, 7)).to_dict(), stack([pad(scene, 6, 7) for scene in scenes]).to_dict()
     for name, array in expected.items():
@@ -62,7 +62,7 @@ def test_a_stack_with_slots_is_a_stack_of_padded_scenes():
         stack(scenes, (4, 4))
 
 
-def test_stacking_nothing_is_refused():
+def test_stack_refuses_empty_list():
     with pytest.raises(ValueError, match="empty list"):
         stack([])
 
@@ -77,7 +77,7 @@ def test_scene_is_a_pytree():
     assert mapped.shape == (2,)
 
 
-def test_a_ring_of_two_lanes_is_valid():
+def test_validate_accepts_ring_of_two_lanes():
     scene = empty(0, 2)
     scene.lane_mask[:] = True
     scene.links[:] = [[Link.SELF, Link.PREDECESSOR], [Link.PREDECESSOR, Link.SELF]]
@@ -122,6 +122,6 @@ def test_validate_names_the_fault(broken, message):
         validate(scene)
 
 
-def test_padding_rows_are_not_judged():
+def test_validate_ignores_padding():
     scene = _spoil("agents", (5, 0), np.nan)
     validate(scene)

@@ -11,7 +11,7 @@ import pytest
 
 import scjax
 from experiments.train import train
-from scjax.camera.raycast import CLASSES, GRID, stand_in
+from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.data.loader import PipelineConfig, training_batches, validation_scenes
 from scjax.generate.conditions import Condition
 from scjax.models.codec import scjax as ours
@@ -49,7 +49,7 @@ def test_batches_carry_what_is_seen_from_their_jittered_windows(folder):
             present += bool(batch.has_image[row])
             assert batch.has_image[row] == (batch.scene.crop[row] == Crop.FORWARD)
             if batch.has_image[row]:
-                expected = stand_in(unpadded(batch.scene[row]))
+                expected = render(unpadded(batch.scene[row]))
                 chex.assert_trees_all_equal((batch.image[row], batch.depth[row]), tuple(expected))
             else:
                 assert not batch.image[row].any() and not batch.depth[row].any()
@@ -80,7 +80,7 @@ def test_the_model_is_sampled_with_an_image(folder, trained):
     assert trained.denoiser.config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
     assert trained.notes["images"] == "scjax.camera.raycast"
     scene = validation_scenes(folder / "records", trained.codec, crop=Crop.FORWARD)[0]
-    features = stand_in(scene)
+    features = render(scene)
     condition = Condition(image=features.image, depth=features.depth, crop=Crop.FORWARD, num_lanes=5, num_agents=3)
     made = scjax.sample(jax.random.key(0), condition, model=trained, steps=2)
     validate(made)

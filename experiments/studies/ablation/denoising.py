@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from scjax.data.token_order import arrange
+from scjax.data.token_order import sort_tokens
 from scjax.diffusion.denoise_fn import make_denoise_fn
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
@@ -57,7 +57,7 @@ def denoising_losses(
         for start in range(0, len(members), _CALL):
             part = members[start : start + _CALL]
             rows = np.array(part + [part[0]] * (_CALL - len(part)))
-            batch = stack([arrange(scenes[row])[0] for row in rows], bucket)
+            batch = stack([sort_tokens(scenes[row])[0] for row in rows], bucket)
             keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
             mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
             losses = run(*params, model.latents.mean, model.latents.std, batch, mine, keys)

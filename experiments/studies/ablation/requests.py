@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.studies.prompt_adherence import a_prompt
-from scjax.camera.raycast import GRID, stand_in
+from scjax.camera.raycast import GRID, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import read_captions
@@ -77,7 +77,7 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
         features = [{"tokens": tokens} for _, tokens in prompts]
     else:
-        features = [stand_in(scene)._asdict() for scene in scenes]
+        features = [render(scene)._asdict() for scene in scenes]
     clusters = [places[row] for row in rows]
     other = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
     domains = [source.domains[int(scene.domain)] for scene in scenes]
