@@ -1,0 +1,1 @@
+"""What a camera at the ego sees of a scene."""

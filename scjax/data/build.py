@@ -146,7 +146,7 @@ def _make_manifest(
     infos: list[LogInfo], shards: list[Shard], reports: list[dict], domains: tuple[str, ...], options: BuildOptions
 ) -> dict[str, Any]:
     cluster_of = {info.file: f"{info.domain}/{info.cluster}" for info in infos}
-    statistics, joint, cleaned = SceneStatistics(), Counter(), Counter()
+    statistics, count_table, cleaned = SceneStatistics(), Counter(), Counter()
     splits: dict[str, dict[str, Any]] = {}
     for split in SPLITS:
         pairs = [pair for pair in zip(shards, reports, strict=True) if pair[0].name.startswith(split)]
@@ -161,7 +161,9 @@ def _make_manifest(
             if split == "train":
                 statistics.merge(report["statistics"])
                 rows = (dict(zip(INDEX_COLUMNS, row, strict=True)) for row in report["rows"])
-                joint.update((row["domain"], row["num_lanes"], row["num_agents"]) for row in rows if row["is_standard"])
+                count_table.update(
+                    (row["domain"], row["num_lanes"], row["num_agents"]) for row in rows if row["is_standard"]
+                )
     manifest = {
         "format": MANIFEST_FORMAT,
         "record_format": RECORD_FORMAT,
@@ -172,7 +174,7 @@ def _make_manifest(
         "skipped": _skipped(infos) + [entry for report in reports for entry in report["skipped"]],
         "without_poses": [file for report in reports for file in report["without_poses"]],
         "statistics": statistics.summary(),
-        "counts": [[*key, count] for key, count in sorted(joint.items())],
+        "counts": [[*key, count] for key, count in sorted(count_table.items())],
         "sources": {info.file: info.sha256 for info in infos if not info.reason},
     }
     content = [[shard.fingerprint() for shard in shards], manifest["skipped"]]

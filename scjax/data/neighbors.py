@@ -91,9 +91,9 @@ def infer_neighbors(points: Float64[np.ndarray, "points 3"], offsets: Int[np.nda
     offset = position[b] - position[a]
     forward = (offset[:, :2] * tangent[a]).sum(-1)
     lateral = tangent[a, 0] * offset[:, 1] - tangent[a, 1] * offset[:, 0]
-    beside = (np.abs(forward) <= 0.5 * cell[lane[b]] + 0.1) & (np.abs(lateral) >= MIN_LATERAL)
-    beside &= (np.abs(lateral) <= MAX_LATERAL) & ~(np.abs(offset[:, 2]) > MAX_HEIGHT_DIFFERENCE)
-    a, b, lateral = a[beside], b[beside], lateral[beside]
+    adjacent = (np.abs(forward) <= 0.5 * cell[lane[b]] + 0.1) & (np.abs(lateral) >= MIN_LATERAL)
+    adjacent &= (np.abs(lateral) <= MAX_LATERAL) & ~(np.abs(offset[:, 2]) > MAX_HEIGHT_DIFFERENCE)
+    a, b, lateral = a[adjacent], b[adjacent], lateral[adjacent]
     side_of_sample = 2 * a + (lateral > 0)
     nearest = np.full(2 * len(lane), np.inf)
     np.minimum.at(nearest, side_of_sample, np.abs(lateral))

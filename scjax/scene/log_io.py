@@ -82,8 +82,8 @@ def load_log(path: str | Path) -> Log:
         raise ValueError(f"{path} has format version {header.get('version')}, this scjax reads {LOG_VERSION}: update")
     if missing := sorted(set(_ARRAYS) - set(arrays)):
         raise ValueError(f"{path} lacks the arrays {missing}: write it with scjax.scene.save_log")
-    for name, kind in _ARRAYS.items():
-        if arrays[name].dtype.kind != kind:
+    for name, dtype_kind in _ARRAYS.items():
+        if arrays[name].dtype.kind != dtype_kind:
             raise ValueError(f"{path}: {name} is {arrays[name].dtype}: write it with scjax.scene.save_log")
     try:
         return validate_log(_log_from(header, arrays))

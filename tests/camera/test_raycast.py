@@ -128,8 +128,8 @@ def test_cast_rays_ends_at_first_hit(seed):
     hits, (lateral, drop, _, on_map) = cast_rays(scene), ray_grid()
     for _ in range(300):
         i, j = rng.integers(len(drop)), rng.integers(len(lateral))
-        at = np.concatenate([np.arange(0.02, hits.depth[i, j] - 1e-3, 0.02), [hits.depth[i, j] + 1e-3]])
-        points = np.stack([at, lateral[j] * at, CAMERA_HEIGHT - drop[i] * at], 1)
+        depths = np.concatenate([np.arange(0.02, hits.depth[i, j] - 1e-3, 0.02), [hits.depth[i, j] + 1e-3]])
+        points = np.stack([depths, lateral[j] * depths, CAMERA_HEIGHT - drop[i] * depths], 1)
         inside = inside_solid(scene, points)
         if hits.classes[i, j] != NOTHING:
             assert inside[-1]
@@ -167,7 +167,7 @@ def test_cast_rays_ignores_the_ego():
 
 
 def test_cast_rays_refuses_batches_and_other_crops():
-    with pytest.raises(ValueError, match="a CENTRED scene: crop it ahead"):
+    with pytest.raises(ValueError, match="a CENTERED scene: crop it ahead"):
         render(example_scene())
     scene = world()
     with pytest.raises(ValueError, match=r"a batch \(1,\)"):

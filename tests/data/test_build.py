@@ -121,9 +121,9 @@ def test_build_removes_shards_of_earlier_plans(source, tmp_path):
 
 
 def test_build_workers_give_the_same_bytes(source, tmp_path):
-    one = build_records(source, tmp_path / "one", OPTIONS)
-    two = build_records(source, tmp_path / "two", OPTIONS, workers=2)
-    assert one == two
+    single = build_records(source, tmp_path / "one", OPTIONS)
+    parallel = build_records(source, tmp_path / "two", OPTIONS, workers=2)
+    assert single == parallel
     for name in stamps(tmp_path / "one"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
@@ -165,9 +165,9 @@ def test_build_strict_stops_at_bad_file(source, tmp_path):
 def test_split_of_is_stable():
     assert split_of("womd", "womd_000", 10.0) == "train"
     names = [f"cluster {k}" for k in range(4000)]
-    held = {name for name in names if split_of("womd", name, 10.0) == "val"}
-    assert 0.08 < len(held) / len(names) < 0.12
-    assert held <= {name for name in names if split_of("womd", name, 20.0) == "val"}
+    val_names = {name for name in names if split_of("womd", name, 10.0) == "val"}
+    assert 0.08 < len(val_names) / len(names) < 0.12
+    assert val_names <= {name for name in names if split_of("womd", name, 20.0) == "val"}
     assert not any(split_of("womd", name, 0.0) == "val" for name in names)
 
 

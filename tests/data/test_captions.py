@@ -17,10 +17,10 @@ from scjax.synthetic.source import Worlds
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp("captions")
-    build_records(Worlds(1, 4), made / "records")
-    assert main(["caption", str(made / "records"), "--paraphrases", "3"]) == 0
-    return made / "records"
+    root = tmp_path_factory.mktemp("captions")
+    build_records(Worlds(1, 4), root / "records")
+    assert main(["caption", str(root / "records"), "--paraphrases", "3"]) == 0
+    return root / "records"
 
 
 def test_captions_cover_every_record(folder):
@@ -35,23 +35,23 @@ def test_captions_cover_every_record(folder):
 
 def test_captions_do_not_depend_on_workers(folder):
     path = folder / "captions-train.jsonl.gz"
-    kept = path.read_bytes()
+    original = path.read_bytes()
     try:
         assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
-        assert gzip.decompress(path.read_bytes()) == gzip.decompress(kept)  # the fixture's are by two
+        assert gzip.decompress(path.read_bytes()) == gzip.decompress(original)  # the fixture's are by two
     finally:
-        path.write_bytes(kept)
+        path.write_bytes(original)
 
 
 def test_captions_without_drop_are_longer(folder):
     path = folder / "captions-train.jsonl.gz"
-    kept, some = path.read_bytes(), list(read_captions(folder, "train"))
+    original, some = path.read_bytes(), list(read_captions(folder, "train"))
     try:
         assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0", "--drop", "0"]) == 0
         every = list(read_captions(folder, "train"))
     finally:
-        path.write_bytes(kept)
-    pairs = [(one.texts["long"], all_.texts["long"]) for one, all_ in zip(some, every, strict=True)]
+        path.write_bytes(original)
+    pairs = [(dropped.texts["long"], complete.texts["long"]) for dropped, complete in zip(some, every, strict=True)]
     assert all(len(more) >= len(less) for texts in pairs for less, more in zip(*texts, strict=True))
     assert sum(less != more for texts in pairs for less, more in zip(*texts, strict=True)) > len(pairs)
 
@@ -68,14 +68,14 @@ def test_captions_follow_rebuilt_records(tmp_path):
 
 def test_read_captions_refuses_other_records(folder, tmp_path):
     path = folder / "captions-train.jsonl.gz"
-    kept = path.read_bytes()
-    lines = gzip.decompress(kept).decode().splitlines()
+    original = path.read_bytes()
+    lines = gzip.decompress(original).decode().splitlines()
     try:
         path.write_bytes(gzip.compress("\n".join([json.dumps({"format": 1, "records": "x"}), *lines[1:]]).encode()))
         with pytest.raises(ValueError, match="other records"):
             next(read_captions(folder, "train"))
     finally:
-        path.write_bytes(kept)
+        path.write_bytes(original)
     with pytest.raises(ValueError, match="is not there: run python"):
         next(read_captions(folder, "nothing"))
 

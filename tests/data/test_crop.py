@@ -109,8 +109,9 @@ def test_crop_keeps_nearest_within_limits():
 
 
 def test_crop_parked_vehicles_are_optional():
-    scene_map = local_map([straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)],
-                  off_road=[True, False])  # fmt: skip
+    scene_map = local_map(
+        [straight((-9, 0), (9, 0))], agents=[(3, 0), (5, 0)], types=[0, int(AgentType.STATIC)], off_road=[True, False]
+    )
     assert crop_scene(scene_map).agent_types.tolist() == [0, AgentType.STATIC]
     assert len(crop_scene(scene_map, off_road=True).agents) == 3
 
@@ -143,14 +144,14 @@ def test_crop_moved_window_equals_moved_world(seed, crop):
     points[:, :2] = (points[:, :2] - (dx, dy)) @ turn
     order = np.argsort(np.r_[-1.0, np.hypot(*moved[1:, :2].T)])
     world = dataclasses.replace(scene_map, points=points, agents=moved[order])
-    got, want = crop_scene(scene_map, crop, dx=dx, dy=dy, dyaw=dyaw), crop_scene(world, crop)
-    validate(got)
-    np.testing.assert_allclose(got.lanes, want.lanes, atol=1e-4)
-    np.testing.assert_allclose(got.agents, want.agents, atol=1e-4)
-    np.testing.assert_array_equal(got.links, want.links)
+    actual, expected = crop_scene(scene_map, crop, dx=dx, dy=dy, dyaw=dyaw), crop_scene(world, crop)
+    validate(actual)
+    np.testing.assert_allclose(actual.lanes, expected.lanes, atol=1e-4)
+    np.testing.assert_allclose(actual.agents, expected.agents, atol=1e-4)
+    np.testing.assert_array_equal(actual.links, expected.links)
     x_low, x_high = (0, 64) if crop == Crop.FORWARD else (-32, 32)
-    inside = (got.agents[1:, 0] >= x_low) & (got.agents[1:, 0] <= x_high) & (np.abs(got.agents[1:, 1]) <= 32)
-    assert inside.all() and np.abs(np.hypot(got.agents[:, 4], got.agents[:, 5]) - 1).max() < 1e-6
+    inside = (actual.agents[1:, 0] >= x_low) & (actual.agents[1:, 0] <= x_high) & (np.abs(actual.agents[1:, 1]) <= 32)
+    assert inside.all() and np.abs(np.hypot(actual.agents[:, 4], actual.agents[:, 5]) - 1).max() < 1e-6
 
 
 @pytest.mark.parametrize("crop", list(Crop))

@@ -94,8 +94,15 @@ def test_infer_neighbors(tmp_path):
 
 def test_recorded_neighbors_of_merged_lanes(tmp_path):
     def lane(name, start, end, left=(), right=(), successors=()):
-        return scene_files.lane(name, start, end, left_neighbors=list(left), right_neighbors=list(right),
-                               successors=list(successors), predecessors=[])  # fmt: skip
+        return scene_files.lane(
+            name,
+            start,
+            end,
+            left_neighbors=list(left),
+            right_neighbors=list(right),
+            successors=list(successors),
+            predecessors=[],
+        )
 
     lanes = [
         lane("a", (0, 0), (20, 0), successors=["b"]),

@@ -86,10 +86,10 @@ def test_clip_returning_lane_gives_two_pieces():
     np.testing.assert_allclose(pieces.arc, [[0, 12], [38, 50]])
 
 
-@pytest.mark.parametrize(("length", "kept"), [(0.49, 0), (0.51, 1)])
-def test_clip_drops_short_pieces(length, kept):
+@pytest.mark.parametrize(("length", "count"), [(0.49, 0), (0.51, 1)])
+def test_clip_drops_short_pieces(length, count):
     line = np.array([[32.0 - length, 0, 0], [40, 0, 0]])
-    assert len(ragged.clip_polylines(*joined([line]), WINDOW).source) == kept
+    assert len(ragged.clip_polylines(*joined([line]), WINDOW).source) == count
 
 
 def test_clip_keeps_short_whole_lanes():
@@ -123,10 +123,10 @@ def test_piece_successors_need_true_ends():
 @settings(max_examples=60, deadline=None)
 def test_resample_pieces_agrees_with_interp(seed):
     pieces = ragged.clip_polylines(*joined(walks(seed)), (-1e3, 1e3, -1e3, 1e3))
-    for piece, got in zip(split(pieces), ragged.resample_pieces(pieces, 20), strict=True):
+    for piece, actual in zip(split(pieces), ragged.resample_pieces(pieces, 20), strict=True):
         arc = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(piece[:, :2], axis=0).T))])
-        want = np.stack([np.interp(np.linspace(0, arc[-1], 20), arc, piece[:, k]) for k in range(3)], -1)
-        np.testing.assert_allclose(got, want, atol=1e-6)
+        expected = np.stack([np.interp(np.linspace(0, arc[-1], 20), arc, piece[:, k]) for k in range(3)], -1)
+        np.testing.assert_allclose(actual, expected, atol=1e-6)
 
 
 @given(seeds, st.sampled_from([1e-3, 0.1, 2.0]))

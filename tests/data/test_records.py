@@ -25,8 +25,8 @@ def test_encode_record_round_trip(tmp_path):
     record, _ = make(tmp_path)
     decoded = records.decode_record(records.encode_record(record))
     for field in dataclasses.fields(LocalMap):
-        want, got = getattr(record.local_map, field.name), getattr(decoded.local_map, field.name)
-        np.testing.assert_array_equal(got, want, err_msg=field.name)
+        expected, actual = getattr(record.local_map, field.name), getattr(decoded.local_map, field.name)
+        np.testing.assert_array_equal(actual, expected, err_msg=field.name)
     assert dataclasses.replace(decoded, local_map=record.local_map) == record
     assert (record.cluster, record.scene_id, record.step, record.object_index, record.is_recorder) == (
         "village",

@@ -93,14 +93,16 @@ def test_cut_tile_is_invariant_to_rigid_motion(tmp_path):
     cos, sin = np.cos(turn), np.sin(turn)
     matrix = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
     far = dataclasses.replace(
-        log, positions=log.positions @ matrix + shift, headings=log.headings + turn,
+        log,
+        positions=log.positions @ matrix + shift,
+        headings=log.headings + turn,
         velocities=log.velocities @ matrix[:2, :2],
         lanes=tuple(dataclasses.replace(lane, points=lane.points @ matrix + shift) for lane in log.lanes),
-    )  # fmt: skip
+    )
     far_graph = build_graph(far)
     far_index = index_segments(far_graph)
     for near_pose, far_pose in zip(find_poses(log, index), find_poses(far, far_index), strict=True):
-        near, there = cut_tile(log, graph, index, near_pose), cut_tile(far, far_graph, far_index, far_pose)
-        np.testing.assert_allclose(near.lanes, there.lanes, atol=1e-6)
-        np.testing.assert_allclose(near.agents.states, there.agents.states, atol=1e-6)
-        np.testing.assert_array_equal(near.successors, there.successors)
+        near_tile, far_tile = cut_tile(log, graph, index, near_pose), cut_tile(far, far_graph, far_index, far_pose)
+        np.testing.assert_allclose(near_tile.lanes, far_tile.lanes, atol=1e-6)
+        np.testing.assert_allclose(near_tile.agents.states, far_tile.agents.states, atol=1e-6)
+        np.testing.assert_array_equal(near_tile.successors, far_tile.successors)

@@ -28,13 +28,13 @@ def test_token_order_parity(vectors, source):
         agents, lanes = inputs[f"{case}/agent_states"][:, :2], inputs[f"{case}/lane_points"]
         perms = token_permutations(lanes, agents, axes=AXES[source])
         agents, lanes = agents[perms.agents], lanes[perms.lanes]
-        given = known_half(lanes, agents, axes=AXES[source])
+        known = known_half(lanes, agents, axes=AXES[source])
         links = inputs[f"{case}/lane_connections"][np.ix_(perms.lanes, perms.lanes)]
         values = {
             "agent_perm": perms.agents,
             "lane_perm": perms.lanes,
-            "agent_partition_mask": given.agents & (crop == Crop.PARTITIONED),
-            "lane_partition_mask": given.lanes & (crop == Crop.PARTITIONED),
+            "agent_partition_mask": known.agents & (crop == Crop.PARTITIONED),
+            "lane_partition_mask": known.lanes & (crop == Crop.PARTITIONED),
             "agent_fov_mask": in_view(agents) | (crop != Crop.FORWARD),
             "lane_connections": links,
         }
@@ -61,9 +61,9 @@ def test_sort_tokens_agrees_with_unit_order():
     np.testing.assert_array_equal(arranged.lanes, scene.lanes[lane_perm])
 
     partitioned, agent_perm, _ = sort_tokens(scene.replace(crop=np.asarray(Crop.PARTITIONED, np.int32)))
-    given = known_half(partitioned.lanes[..., :2], partitioned.agents[..., :2])
+    known = known_half(partitioned.lanes[..., :2], partitioned.agents[..., :2])
     assert agent_perm[0] == 0
-    assert (np.diff(given.lanes.astype(int)) <= 0).all() and (np.diff(given.agents[1:].astype(int)) <= 0).all()
+    assert (np.diff(known.lanes.astype(int)) <= 0).all() and (np.diff(known.agents[1:].astype(int)) <= 0).all()
 
 
 def test_token_permutations_of_nothing_and_ego_alone():

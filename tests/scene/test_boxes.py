@@ -56,10 +56,10 @@ def test_overlaps_agrees_with_dense_points():
         local = points - second[:2]
         local = np.stack([local @ second[4:6], local @ np.array([-second[5], second[4]])], -1)
         inside = np.abs(local) < second[6:8] / 2
-        found = overlaps(np.stack([first, second]))[0, 1]
+        overlap = overlaps(np.stack([first, second]))[0, 1]
         shrunk = np.stack([first, second])
         shrunk[:, 6:8] -= 0.2
-        assert found or not inside.all(-1).any()
+        assert overlap or not inside.all(-1).any()
         assert inside.all(-1).any() or not overlaps(shrunk)[0, 1]
 
 

@@ -36,8 +36,9 @@ def test_se2_apply_agrees_with_complex_numbers():
     pose, points = _poses(5), RNG.normal(size=(5, 7, 4, 2)).astype(np.float32)
     moved = np.asarray(geometry.se2_apply(pose, points))
     turned = (points[..., 0] + 1j * points[..., 1]) * np.exp(1j * pose[:, 2])[:, None, None]
-    np.testing.assert_allclose(moved[..., 0] + 1j * moved[..., 1],
-                               turned + (pose[:, 0] + 1j * pose[:, 1])[:, None, None], atol=1e-5)  # fmt: skip
+    np.testing.assert_allclose(
+        moved[..., 0] + 1j * moved[..., 1], turned + (pose[:, 0] + 1j * pose[:, 1])[:, None, None], atol=1e-5
+    )
 
 
 def test_se2_inverse_and_compose():
@@ -126,11 +127,11 @@ def test_resample_agrees_with_shapely():
     lines = np.cumsum(RNG.normal(size=(2, 3, 9, 2)), axis=2).astype(np.float32)
     length = RNG.integers(2, 10, (2, 3))
     mask = np.arange(9) < length[..., None]
-    made = np.asarray(geometry.resample(np.where(mask[..., None], lines, 1e3).astype(np.float32), 7, mask))
+    actual = np.asarray(geometry.resample(np.where(mask[..., None], lines, 1e3).astype(np.float32), 7, mask))
     for index in np.ndindex(2, 3):
         line = shapely.LineString(lines[index][: length[index]].astype(np.float64))
         expected = [line.interpolate(share, normalized=True).coords[0] for share in np.linspace(0, 1, 7)]
-        np.testing.assert_allclose(made[index], expected, atol=2e-5)
+        np.testing.assert_allclose(actual[index], expected, atol=2e-5)
 
 
 def test_resample_ends_z_and_degenerate_lines():
@@ -147,11 +148,11 @@ def test_distance_to_polylines_agrees_with_shapely():
     lines = np.cumsum(RNG.normal(size=(2, 4, 6, 2)), axis=2).astype(np.float32)
     lines[:, :, 3] = lines[:, :, 2]  # a segment of no length
     mask = np.array([[True, True, True, False]] * 2)
-    made = np.asarray(geometry.distance_to_polylines(points, lines, mask))
-    assert np.isinf(made[..., 3]).all()
+    actual = np.asarray(geometry.distance_to_polylines(points, lines, mask))
+    assert np.isinf(actual[..., 3]).all()
     for b, i, k in np.ndindex(2, 5, 3):
         expected = shapely.LineString(lines[b, k].astype(np.float64)).distance(shapely.Point(points[b, i]))
-        assert made[b, i, k] == pytest.approx(expected, abs=1e-5)
+        assert actual[b, i, k] == pytest.approx(expected, abs=1e-5)
 
 
 def _boxes(*shape: int) -> np.ndarray:
@@ -173,8 +174,8 @@ def test_box_corners_agree_with_shapely():
     agents = _boxes(6)
     corners = np.asarray(geometry.box_corners(agents))
     for agent, quad in zip(agents, corners, strict=True):
-        made = shapely.Polygon(quad)
-        assert made.exterior.is_ccw and made.symmetric_difference(_polygon(agent)).area < 1e-3
+        actual = shapely.Polygon(quad)
+        assert actual.exterior.is_ccw and actual.symmetric_difference(_polygon(agent)).area < 1e-3
     forward = corners[:, [0, 3]].mean(1) - agents[:, :2]
     np.testing.assert_allclose((forward * agents[:, 4:6]).sum(-1), agents[:, 6] / 2, atol=1e-5)
 
