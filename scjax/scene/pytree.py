@@ -21,6 +21,6 @@ class Replaceable:
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def pytree(cls: type[T]) -> type[T]:
-    """``chex.dataclass``, frozen, in a form that type checkers understand. Its leaves are in the order of their names."""
+    """``chex.dataclass``, frozen, in a form that type checkers understand. Its leaves are in name order."""
     decorated: Any = chex.dataclass(cls, frozen=True, mappable_dataclass=False)
     return decorated
