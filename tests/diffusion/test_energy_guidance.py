@@ -183,5 +183,5 @@ def test_options_survive_json(energies):
     assert restored == options and hash(restored) == hash(options)
 
 
-def test_saved_options_without_energies_have_the_default_energies():
+def test_saved_options_without_energies_use_the_default():
     assert EnergyGuidance.from_dict({"gradient_steps": 3}).energies == DEFAULT_ENERGIES

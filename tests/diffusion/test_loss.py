@@ -21,10 +21,20 @@ from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 CONFIG = DenoiserConfig(
-    lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-    max_lanes=9, max_agents=7, cross_attention=CrossGlobalOptions(latent_tokens=2), condition=TextCondition(width=4),
+    lane_width=8,
+    lane_heads=2,
+    agent_width=8,
+    agent_heads=2,
+    blocks=1,
+    mlp_ratio=1,
+    lane_latent=5,
+    agent_latent=3,
+    max_lanes=9,
+    max_agents=7,
+    cross_attention=CrossGlobalOptions(latent_tokens=2),
+    condition=TextCondition(width=4),
     known_embedding=True,
-)  # fmt: skip
+)
 NETWORK = denoiser(CONFIG)
 SCHEDULE = cosine_schedule()
 
@@ -50,19 +60,29 @@ def _batch(garbage=0.0):
     token_mask = np.arange(3)[None] < np.array([[3], [2]])
     tokens = np.where(token_mask[..., None], rng.normal(size=(2, 3, 4)), garbage).astype(np.float32)
     batch = LatentBatch(
-        latents=latents, masks=masks, known=known, label=np.array([1, 7]),
-        condition=TextFeatures(tokens=tokens, mask=token_mask), has_condition=np.array([True, True]),
+        latents=latents,
+        masks=masks,
+        known=known,
+        label=np.array([1, 7]),
+        condition=TextFeatures(tokens=tokens, mask=token_mask),
+        has_condition=np.array([True, True]),
         agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
-    )  # fmt: skip
+    )
     return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
 
 
 @golden.jit
 def _evaluate(params, batch, key, label_dropout, condition_dropout):
     loss = functools.partial(
-        training_loss, NETWORK, schedule=SCHEDULE, batch=batch, key=key, null_label=CONFIG.null_label,
-        label_dropout=label_dropout, condition_dropout=condition_dropout,
-    )  # fmt: skip
+        training_loss,
+        NETWORK,
+        schedule=SCHEDULE,
+        batch=batch,
+        key=key,
+        null_label=CONFIG.null_label,
+        label_dropout=label_dropout,
+        condition_dropout=condition_dropout,
+    )
     return jax.value_and_grad(loss, has_aux=True)(params)
 
 
@@ -98,7 +118,7 @@ def test_random_choices_follow_the_key():
     assert first == same != other
 
 
-def test_a_flow_network_with_output_zero_has_the_loss_of_its_target():
+def test_the_loss_of_a_zero_flow_network_is_that_of_its_target():
     """The target is eps - x_0: per number 1 + x_0^2 on average, halved, agents once and lanes ten times."""
     network = denoiser(dataclasses.replace(CONFIG, prediction="flow"))
     params, batch = network.init(jax.random.key(0)), _batch()  # its heads are zero
@@ -123,8 +143,9 @@ def test_a_flow_network_with_output_zero_has_the_loss_of_its_target():
 
     scene = jax.tree.map(
         lambda x, mask: (jnp.where(mask[..., None], x, 0) ** 2).mean(-1).sum(-1) / mask.sum(-1),
-        batch.latents, batch.masks,
-    )  # fmt: skip
+        batch.latents,
+        batch.masks,
+    )
     expected = ((1 + scene.agents) + 10 * (1 + scene.lanes)).mean() / 2
     values = losses(jax.random.split(jax.random.key(1), 300))
     np.testing.assert_allclose(values.mean(), expected, rtol=0.03)

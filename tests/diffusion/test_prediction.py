@@ -15,9 +15,7 @@ from scjax.diffusion.schedule import cosine_schedule, respace
 from scjax.scene.per_type import PerType
 
 SCHEDULE = cosine_schedule()
-LEVELS = {
-    "noise": SCHEDULE.levels, "velocity": SCHEDULE.levels, "flow": flow_level(jnp.arange(1, 101) / 100)
-}  # fmt: skip
+LEVELS = {"noise": SCHEDULE.levels, "velocity": SCHEDULE.levels, "flow": flow_level(jnp.arange(1, 101) / 100)}
 
 
 def _latents(seed, batch=100):

@@ -22,7 +22,7 @@ from tests.factories import golden
 
 GUIDANCE = 4.0
 STEPS = 100
-ROWS = (8, 12)  # padding of every case, so that each kind of network is compiled once
+ROWS = (8, 12)  # padding of every case, so that each network is compiled once
 CHAINS = {
     "initial_scene": ("uncond", "chain_weights.npz", "chain_inputs.npz"),
     "lane_conditioned": ("uncond", "chain_weights.npz", "chain_inputs.npz"),
@@ -30,7 +30,7 @@ CHAINS = {
     "text_initial_scene": ("text", "text_weights.npz", "chain_inputs.npz"),
     "image_initial_scene": ("image", "image_weights.npz", "chain_inputs.npz"),
 }
-WHOLE = [name for name, (kind, *_) in CHAINS.items() if kind == "uncond"]
+WHOLE = [name for name, (condition, *_) in CHAINS.items() if condition == "uncond"]
 
 
 def _pair(data, prefix):
@@ -58,8 +58,8 @@ def _cut(pair, like):
 
 
 @functools.cache
-def _guided_eps(config, kind):
-    """(params, z [n], t [n], label, masks [1], features [1]) -> guided estimate; compiled once per kind and n."""
+def _guided_eps(config, condition):
+    """(params, z [n], t [n], label, masks [1], features [1]) -> guided estimate; compiled once per condition and n."""
     network = denoiser(config)
 
     @golden.jit
@@ -69,7 +69,7 @@ def _guided_eps(config, kind):
         masks, label = repeat(masks), repeat(label)
         labels, dropped = concat_branches(label, jnp.full_like(label, config.null_label)), jnp.arange(2 * n) >= n
         cache = None
-        if kind != "uncond":
+        if condition != "uncond":
             both = concat_branches(repeat(features), repeat(features))
             cache = network.apply(params, both, dropped, method="encode_condition")
         both = concat_branches(masks, masks)
@@ -78,14 +78,16 @@ def _guided_eps(config, kind):
     return eps
 
 
-def _evaluate(config, kind, params, inputs, states, times, prefix):
+def _evaluate(config, condition, params, inputs, states, times, prefix):
     """Guided estimates at up to STEPS states of the single scene in ``inputs``."""
     count = len(times)
     repeats = np.resize(np.arange(count), STEPS)
     z = jax.tree.map(lambda x: x[repeats], _pad(states))
     label = golden.labels(config, inputs, ["s"])
-    features = golden.features(inputs, ["s"], kind)
-    eps = _guided_eps(config, kind)(params, z, jnp.asarray(times)[repeats], label, _masks(inputs, prefix), features)
+    features = golden.features(inputs, ["s"], condition)
+    eps = _guided_eps(config, condition)(
+        params, z, jnp.asarray(times)[repeats], label, _masks(inputs, prefix), features
+    )
     return _cut(jax.tree.map(lambda x: x[:count], eps), states)
 
 
@@ -95,8 +97,11 @@ def _step(denoise, x, step, noise, clip=DEFAULT_LATENT_BOUND):
     schedule = cosine_schedule()
     context = SamplingContext(
         denoise=lambda x, step: denoise(x, jnp.broadcast_to(jnp.asarray(schedule.timesteps)[step], len(x.agents))),
-        step_noise=lambda step: scaled, schedule=schedule, prediction="noise", generated=None,
-    )  # fmt: skip
+        step_noise=lambda step: scaled,
+        schedule=schedule,
+        prediction="noise",
+        generated=None,
+    )
     x, _ = DDPM().step(context, x, step, ())
     return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
 
@@ -112,16 +117,16 @@ def _steps(states, eps, times, noise, clip):
     return jax.vmap(one)(states, eps, jnp.asarray(times), noise)
 
 
-@pytest.mark.parametrize("kind", ["uncond", "text", "image"])
-def test_p_sample_parity(parity_dir, kind):
+@pytest.mark.parametrize("condition", ["uncond", "text", "image"])
+def test_p_sample_parity(parity_dir, condition):
     inputs = golden.load(parity_dir, "p_sample_inputs.npz")
-    expected = golden.load(parity_dir, f"p_sample_{kind}.npz")
-    config = golden.denoiser_config(parity_dir, kind)
-    params = convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config)
+    expected = golden.load(parity_dir, f"p_sample_{condition}.npz")
+    config = golden.denoiser_config(parity_dir, condition)
+    params = convert_denoiser(golden.load(parity_dir, f"{condition}_weights.npz"), config)
     times = sorted({int(key.split("/")[0][1:]) for key in expected})
     states = jax.tree.map(lambda x: jnp.stack([jnp.asarray(x)] * len(times)), _pair(inputs, "s/x"))
     noise = jax.tree.map(lambda *x: jnp.stack(x), *[_pair(inputs, f"t{t}/noise") for t in times])
-    eps = _evaluate(config, kind, params, inputs, states, times, "s/x")
+    eps = _evaluate(config, condition, params, inputs, states, times, "s/x")
     values = {
         "eps_{}": eps,
         "next_{}_unclipped": _steps(states, eps, times, noise, None),
@@ -158,14 +163,14 @@ def _known(name, inputs):
 @pytest.mark.parametrize("name", CHAINS)
 def test_chain_steps_parity(parity_dir, name):
     """Every step from the stored state before it; all hundred in one batch."""
-    kind, weights, file = CHAINS[name]
-    config, inputs = golden.denoiser_config(parity_dir, kind), golden.load(parity_dir, file)
+    condition, weights, file = CHAINS[name]
+    config, inputs = golden.denoiser_config(parity_dir, condition), golden.load(parity_dir, file)
     params = convert_denoiser(golden.load(parity_dir, weights), config)
     states = jax.tree.map(jnp.asarray, _pair(golden.load(parity_dir, f"chain_{name}.npz"), "states"))
     before, after = jax.tree.map(lambda x: x[:-1], states), jax.tree.map(lambda x: x[1:], states)
     noise = jax.tree.map(lambda x: jnp.asarray(x)[::-1], _pair(inputs, "step_noise"))
     times = np.arange(STEPS - 1, -1, -1)
-    eps = _evaluate(config, kind, params, inputs, before, times, "s/given")
+    eps = _evaluate(config, condition, params, inputs, before, times, "s/given")
     value = _steps(before, eps, times, noise, DEFAULT_LATENT_BOUND)
     if name in ("lane_conditioned", "inpainting"):
         known = jax.tree.map(lambda x: jnp.repeat(x, STEPS, 0), _known(name, inputs))

@@ -21,11 +21,11 @@ _KNOWN = ("agent_partition_mask", "lane_partition_mask")
 
 @pytest.fixture(scope="module", params=["uncond", "text", "image"])
 def case(request, parity_dir):
-    kind = request.param
-    config = golden.denoiser_config(parity_dir, kind)
+    condition = request.param
+    config = golden.denoiser_config(parity_dir, condition)
     inputs = golden.load(parity_dir, "train_inputs.npz")
-    expected = golden.load(parity_dir, f"train_{kind}.npz")
-    leaves = flatten(convert_denoiser(golden.load(parity_dir, f"{kind}_weights.npz"), config))
+    expected = golden.load(parity_dir, f"train_{condition}.npz")
+    leaves = flatten(convert_denoiser(golden.load(parity_dir, f"{condition}_weights.npz"), config))
     network = denoiser(config)
     names = [f"s{k}" for k in range(golden.scenes(inputs))]
     clean, noise, known = (
@@ -33,11 +33,11 @@ def case(request, parity_dir):
     )
     masks = golden.masks(inputs, names, "x0_agent", "x0_lane")
     level = cosine_schedule().levels[jnp.asarray(inputs["t"])]
-    features = golden.features(inputs, names, kind)
+    features = golden.features(inputs, names, condition)
 
-    stored = golden.load(parity_dir, f"train_{kind}_grads.npz")
+    stored = golden.load(parity_dir, f"train_{condition}_grads.npz")
     rules = denoiser_rules(config)
-    wanted = {rules[key][0] for key in stored}
+    stored_paths = {rules[key][0] for key in stored}
 
     def loss(chosen, others, label, dropped, agent_weight):
         params = unflatten({**others, **chosen})
@@ -57,18 +57,18 @@ def case(request, parity_dir):
 
     in_view = golden.padded([inputs[f"{s}/agent_fov_mask"] | (inputs[f"{s}/fov_uniform"] > 0.5) for s in names])
     label = golden.labels(config, inputs, names)
-    nobody, everyone = jnp.zeros(len(names), bool), jnp.ones_like(masks.agents, jnp.float32)
+    no_dropout, unit_weight = jnp.zeros(len(names), bool), jnp.ones_like(masks.agents, jnp.float32)
     null = jnp.where(jnp.asarray(inputs["label_uniform"]) < 0.1, config.null_label, label)
-    dropped = jnp.asarray(inputs["condition_uniform"]) < 0.5 if kind == "text" else nobody
+    dropped = jnp.asarray(inputs["condition_uniform"]) < 0.5 if condition == "text" else no_dropout
     variants = {
-        "plain": (label, nobody, everyone),
-        "dropout": (null, dropped, everyone),
-        "fov": (label, nobody, in_view.astype(jnp.float32)),
+        "plain": (label, no_dropout, unit_weight),
+        "dropout": (null, dropped, unit_weight),
+        "fov": (label, no_dropout, in_view.astype(jnp.float32)),
     }
     # One program for all variants; only the stored gradients are computed.
     evaluate = golden.jit(jax.value_and_grad(loss, has_aux=True))
-    chosen = {path: leaf for path, leaf in leaves.items() if path in wanted}
-    others = {path: leaf for path, leaf in leaves.items() if path not in wanted}
+    chosen = {path: leaf for path, leaf in leaves.items() if path in stored_paths}
+    others = {path: leaf for path, leaf in leaves.items() if path not in stored_paths}
     results = {
         name: evaluate(chosen, others, *arguments)
         for name, arguments in variants.items()
@@ -76,9 +76,14 @@ def case(request, parity_dir):
     }
     inputs_at_t = noise_latents(level, clean, noise, known)[0]
     return {
-        "kind": kind, "expected": expected, "stored": stored, "rules": rules, "names": names, "x_t": inputs_at_t,
+        "condition": condition,
+        "expected": expected,
+        "stored": stored,
+        "rules": rules,
+        "names": names,
+        "x_t": inputs_at_t,
         "results": results,
-    }  # fmt: skip
+    }
 
 
 def test_train_parity(case):
@@ -119,9 +124,14 @@ def test_known_tokens_leave_the_mean_by_default():
 
     def loss(count_known):
         return diffusion_loss(
-            lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z), cosine_schedule().levels[jnp.array([50])],
-            ones, ones, masks, flags, count_known=count_known,
-        )[1]  # fmt: skip
+            lambda z, t: jax.tree.map(lambda x: 3 * jnp.ones_like(x), z),
+            cosine_schedule().levels[jnp.array([50])],
+            ones,
+            ones,
+            masks,
+            flags,
+            count_known=count_known,
+        )[1]
 
     assert loss(False)["agent"][0] == 2.0 and loss(False)["lane"][0] == 0.0  # 0.5 (3 - 1)^2; every lane is known
     assert loss(True)["agent"][0] == (2.0 + 4.5) / 2 and loss(True)["lane"][0] == 4.5
