@@ -114,7 +114,7 @@ def test_train_gradients_parity(case):
         assert error <= 1e-4 * scale + 1e-7, f"{key}: {error:.1e} of {scale:.1e}"
         if scale > 1e-5:
             worst = max(worst, error / scale)
-    print(f"{case['kind']}: {len(gradients)} gradients, largest error {worst:.1e} of the norm")
+    print(f"{case['condition']}: {len(gradients)} gradients, largest error {worst:.1e} of the norm")
 
 
 def test_known_tokens_leave_the_mean_by_default():
