@@ -5,10 +5,12 @@ import pytest
 
 from scjax.data import records
 from scjax.data.build import build_records, load_manifest, split_of
-from scjax.data.build_options import BuildOptions, PoseOptions
+from scjax.data.build_options import BuildOptions, PoseOptions, ReaderSource
 from scjax.data.build_shards import build_shard
-from scjax.scene import validate
+from scjax.data.readers import LogInfo, LogReader
+from scjax.scene import LogMetadata, validate
 from tests.factories import scene_files
+from tests.factories.logs import example_log
 
 OPTIONS = BuildOptions(split_percent=30.0, files_per_shard=2)
 TRAIN = [f"town {k}" for k in range(20) if split_of("womd", f"town {k}", 30.0) == "train"]
@@ -193,3 +195,24 @@ def test_build_options_refuse_bad_values(options):
         BuildOptions(**options)
     with pytest.raises(ValueError, match=r"poses\.spacing"):
         BuildOptions(poses=PoseOptions(spacing=-1.0))
+
+
+class LogList:
+    """A reader of logs in memory."""
+
+    def names(self):
+        return ["first", "second"]
+
+    def scan(self, name):
+        return LogInfo(name, sha256=name, domain="village", cluster=name)
+
+    def read(self, name):
+        return example_log(metadata=LogMetadata(domain="village", location_cluster=name, source_sha256=name))
+
+
+def test_build_accepts_any_reader(tmp_path):
+    assert isinstance(LogList(), LogReader)
+    manifest = build_records(ReaderSource(LogList()), tmp_path / "records", BuildOptions(split_percent=0.0))
+    assert manifest["domains"] == ["village"] and manifest["splits"]["train"]["scenes"] == 2
+    for data in records.open_records(tmp_path / "records", "train"):
+        validate(records.sample_scene(records.decode_record(data)))
