@@ -1,43 +1,63 @@
-"""Everybody on the map at one moment, and how large they are."""
+"""Agents of a world at one moment, and random sizes of vehicles, pedestrians and cyclists."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.scene import AgentType
 
-# Share, then mean and spread of length, width, height [m]; the shares are those of recorded traffic.
+Size = tuple[float, float, float]
+"""Length, width, height [m]."""
+
+
+class _SizeDistribution(NamedTuple):
+    """Normal distribution of sizes, clipped at 2.2 standard deviations; ``share`` is that of the body type."""
+
+    share: float
+    mean: Size
+    deviation: Size
+
+
+# Shares of recorded traffic.
 _VEHICLES = {
-    "compact": (0.12, (4.25, 1.97, 1.50), (0.10, 0.05, 0.05)),
-    "sedan": (0.46, (4.62, 2.06, 1.52), (0.11, 0.06, 0.06)),
-    "suv": (0.24, (4.92, 2.12, 1.78), (0.16, 0.07, 0.08)),
-    "pickup": (0.11, (5.38, 2.26, 1.95), (0.12, 0.09, 0.10)),
-    "van": (0.045, (5.80, 2.32, 2.25), (0.25, 0.09, 0.20)),
-    "truck": (0.018, (7.80, 2.60, 3.05), (1.30, 0.10, 0.30)),
-    "bus": (0.007, (11.80, 2.85, 3.20), (0.60, 0.06, 0.10)),
+    "compact": _SizeDistribution(0.12, (4.25, 1.97, 1.50), (0.10, 0.05, 0.05)),
+    "sedan": _SizeDistribution(0.46, (4.62, 2.06, 1.52), (0.11, 0.06, 0.06)),
+    "suv": _SizeDistribution(0.24, (4.92, 2.12, 1.78), (0.16, 0.07, 0.08)),
+    "pickup": _SizeDistribution(0.11, (5.38, 2.26, 1.95), (0.12, 0.09, 0.10)),
+    "van": _SizeDistribution(0.045, (5.80, 2.32, 2.25), (0.25, 0.09, 0.20)),
+    "truck": _SizeDistribution(0.018, (7.80, 2.60, 3.05), (1.30, 0.10, 0.30)),
+    "bus": _SizeDistribution(0.007, (11.80, 2.85, 3.20), (0.60, 0.06, 0.10)),
 }
+_LONG_VEHICLES = ("truck", "bus")
 _OTHERS = {
-    AgentType.PEDESTRIAN: ((0.92, 0.85, 1.71), (0.10, 0.09, 0.14)),
-    AgentType.CYCLIST: ((1.83, 0.85, 1.79), (0.11, 0.07, 0.12)),
+    AgentType.PEDESTRIAN: _SizeDistribution(1.0, (0.92, 0.85, 1.71), (0.10, 0.09, 0.14)),
+    AgentType.CYCLIST: _SizeDistribution(1.0, (1.83, 0.85, 1.79), (0.11, 0.07, 0.12)),
 }
-CONE, BARRIER = (0.40, 0.40, 0.75), (1.80, 0.50, 1.00)  # metres
-_SHARES = np.array([share for share, _, _ in _VEHICLES.values()])
-_MEANS = np.array([mean for _, mean, _ in _VEHICLES.values()])
-_SPREADS = np.array([spread for _, _, spread in _VEHICLES.values()])
+CONE_SIZE: Size = (0.40, 0.40, 0.75)
+BARRIER_SIZE: Size = (1.80, 0.50, 1.00)
+_MAX_DEVIATIONS = 2.2
+_LEVEL_HEIGHT = 3.0  # m, agents further apart in height do not overlap
 
 
 @dataclasses.dataclass
 class Actors:
-    """Agents at one moment: ``AgentType``, middle of the box [m], heading [rad], speed [m/s], sizes [m].
+    """Agents at one moment, arrays [agents].
 
-    ``level`` is their height above the ground [m]; ``lane`` the lane that they drive on, -1 beside the roads.
+    Attributes:
+      types: ``AgentType``.
+      positions: centers of the boxes [m].
+      headings, speeds: [rad, m/s].
+      sizes: length, width, height [m].
+      level: height above the ground [m].
+      lane: index of the lane that the agent drives on, -1 off the road.
     """
 
     types: Int[np.ndarray, " n"]
-    places: Float64[np.ndarray, "n 2"]
+    positions: Float64[np.ndarray, "n 2"]
     headings: Float64[np.ndarray, " n"]
     speeds: Float64[np.ndarray, " n"]
     sizes: Float64[np.ndarray, "n 3"]
@@ -48,62 +68,82 @@ class Actors:
         return len(self.types)
 
     def select(self, rows: np.ndarray) -> Actors:
-        """Some of them."""
+        """The agents at indices or a mask ``rows``."""
         return Actors(**{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
 
 
-def make(
-    kind: AgentType, places, headings, speeds, sizes, level: np.ndarray | float = 0.0, lane: np.ndarray | int = -1
+def make_actors(
+    agent_type: AgentType,
+    positions,
+    headings,
+    speeds,
+    sizes,
+    level: np.ndarray | float = 0.0,
+    lane: np.ndarray | int = -1,
 ) -> Actors:
-    """Agents of one kind; scalars stand for all."""
-    count = len(places)
-    spread = [np.broadcast_to(np.asarray(value, float), (count,)).copy() for value in (headings, speeds, level)]
+    """Agents of one type; scalars and single sizes apply to all of them."""
+    count = len(positions)
+    headings, speeds, level = (
+        np.broadcast_to(np.asarray(value, float), (count,)).copy() for value in (headings, speeds, level)
+    )
     return Actors(
-        np.full(count, int(kind)), np.asarray(places, float).reshape(count, 2), spread[0], spread[1],
-        np.broadcast_to(np.asarray(sizes, float), (count, 3)).copy(), spread[2],
-        np.broadcast_to(np.asarray(lane, int), (count,)).copy(),
-    )  # fmt: skip
+        types=np.full(count, int(agent_type)),
+        positions=np.asarray(positions, float).reshape(count, 2),
+        headings=headings,
+        speeds=speeds,
+        sizes=np.broadcast_to(np.asarray(sizes, float), (count, 3)).copy(),
+        level=level,
+        lane=np.broadcast_to(np.asarray(lane, int), (count,)).copy(),
+    )
 
 
-def together(groups: list[Actors]) -> Actors:
-    """All groups in a row."""
+def no_actors() -> Actors:
+    """Zero agents."""
+    return make_actors(AgentType.VEHICLE, np.zeros((0, 2)), 0.0, 0.0, np.zeros((0, 3)))
+
+
+def concatenate_actors(groups: list[Actors]) -> Actors:
+    """All groups in one, in order."""
     names = [f.name for f in dataclasses.fields(Actors)]
     return Actors(**{name: np.concatenate([getattr(group, name) for group in groups]) for name in names})
 
 
-def vehicle_sizes(count: int, rng: np.random.Generator, long: bool = True) -> Float64[np.ndarray, "n 3"]:
-    """Lengths, widths and heights of ``count`` vehicles; without ``long`` no trucks and buses."""
-    shares = _SHARES * np.array([True] * 5 + [long] * 2)
-    kind = rng.choice(len(shares), count, p=shares / shares.sum())
-    return _MEANS[kind] + np.clip(rng.normal(size=(count, 3)), -2.2, 2.2) * _SPREADS[kind]
+def draw_vehicle_sizes(count: int, rng: np.random.Generator, long: bool = True) -> Float64[np.ndarray, "n 3"]:
+    """Random sizes of ``count`` vehicles [m]; without ``long`` no trucks and buses."""
+    shares = np.array([body.share for body in _VEHICLES.values()])
+    shares = shares * np.array([long or name not in _LONG_VEHICLES for name in _VEHICLES])
+    body = rng.choice(len(shares), count, p=shares / shares.sum())
+    mean = np.array([body.mean for body in _VEHICLES.values()])[body]
+    deviation = np.array([body.deviation for body in _VEHICLES.values()])[body]
+    return mean + np.clip(rng.normal(size=(count, 3)), -_MAX_DEVIATIONS, _MAX_DEVIATIONS) * deviation
 
 
-def sizes_of(kind: AgentType, count: int, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
-    """Sizes of pedestrians or cyclists."""
-    mean, spread = _OTHERS[kind]
-    return np.array(mean) + np.clip(rng.normal(size=(count, 3)), -2.2, 2.2) * np.array(spread)
+def draw_sizes(agent_type: AgentType, count: int, rng: np.random.Generator) -> Float64[np.ndarray, "n 3"]:
+    """Random sizes of ``count`` pedestrians or cyclists [m]."""
+    sizes = _OTHERS[agent_type]
+    normal = np.clip(rng.normal(size=(count, 3)), -_MAX_DEVIATIONS, _MAX_DEVIATIONS)
+    return np.array(sizes.mean) + normal * np.array(sizes.deviation)
 
 
-def overlapping(actors: Actors, margin: float = 0.15) -> np.ndarray:
-    """Pairs (i, j), i before j, whose boxes come closer than ``margin`` metres on one level (separating axes)."""
+def overlapping_pairs(actors: Actors, margin: float = 0.15) -> Int[np.ndarray, "pairs 2"]:
+    """Pairs (i, j), i < j, of boxes with a gap below ``margin`` [m] on the same level (separating axis test)."""
     if len(actors) < 2:
         return np.zeros((0, 2), int)
-    reach = np.hypot(actors.sizes[:, 0], actors.sizes[:, 1]) / 2
-    gap = actors.places[:, None] - actors.places[None]
-    far = np.hypot(gap[..., 0], gap[..., 1])
-    near = far < reach[:, None] + reach[None] + margin
-    near &= np.abs(actors.level[:, None] - actors.level[None]) < 3.0
-    i, j = np.nonzero(np.triu(near, 1))
-    apart = np.zeros(len(i), bool)
+    radius = np.hypot(actors.sizes[:, 0], actors.sizes[:, 1]) / 2
+    offset = actors.positions[:, None] - actors.positions[None]
+    is_near = np.hypot(offset[..., 0], offset[..., 1]) < radius[:, None] + radius[None] + margin
+    is_near &= np.abs(actors.level[:, None] - actors.level[None]) < _LEVEL_HEIGHT
+    i, j = np.nonzero(np.triu(is_near, 1))
+    separated = np.zeros(len(i), bool)
     half = actors.sizes[:, :2] / 2 + margin / 2
     axes = np.stack([np.cos(actors.headings), np.sin(actors.headings)], -1)
     sides = np.stack([-axes[:, 1], axes[:, 0]], -1)
-    offset = actors.places[j] - actors.places[i]
-    for one in (i, j):
-        for axis in (axes[one], sides[one]):
-            radius = sum(
-                half[who, 0] * np.abs((axes[who] * axis).sum(-1)) + half[who, 1] * np.abs((sides[who] * axis).sum(-1))
-                for who in (i, j)
+    offset = actors.positions[j] - actors.positions[i]
+    for rows in (i, j):
+        for axis in (axes[rows], sides[rows]):
+            extent = sum(
+                half[k, 0] * np.abs((axes[k] * axis).sum(-1)) + half[k, 1] * np.abs((sides[k] * axis).sum(-1))
+                for k in (i, j)
             )
-            apart |= np.abs((offset * axis).sum(-1)) > radius
-    return np.stack([i, j], -1)[~apart]
+            separated |= np.abs((offset * axis).sum(-1)) > extent
+    return np.stack([i, j], -1)[~separated]

@@ -1,181 +1,250 @@
-"""Whoever does not drive: parked cars, people on pavements and crossings, cyclists at the edge, cones and barriers."""
+"""Agents that do not take part in traffic: parked vehicles, pedestrians, cyclists, cones and barriers."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
 from scjax.scene import AgentType, Signal
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
+from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
-from scjax.synthetic.tracks import Tracks
 
-_BAY = 2.8  # metres of a row that one parked car takes
+_BAY_WIDTH = 2.8  # m of a parking row per vehicle
+_CROSSWALK_APPROACH = 6.0  # m that pedestrians walk before and after a crosswalk
+
+
+class Crosswalk(NamedTuple):
+    """A crossing in one direction: start and end [m], and the through connectors that it crosses."""
+
+    start: np.ndarray
+    end: np.ndarray
+    connectors: list[int]
 
 
 @dataclasses.dataclass
-class Walk:
-    """A person along a path: where at time 0 [m], pace [m/s], to the right of the path [m].
+class LaneWalker:
+    """A pedestrian or cyclist who moves along a lane.
 
-    ``lane`` is the lane they follow, or a crossing's number counted from -1 downwards.
+    Attributes:
+      lane: index of the lane.
+      start: position along the lane at time 0 [m].
+      speed: along the lane, negative against it [m/s].
+      right: offset to the right of the centerline [m].
     """
 
     lane: int
-    at: float
-    pace: float
+    start: float
+    speed: float
+    right: float
+
+
+@dataclasses.dataclass
+class CrosswalkWalker:
+    """A pedestrian who uses a crosswalk; attributes as in ``LaneWalker``, positions along the crosswalk."""
+
+    crosswalk: Crosswalk
+    start: float
+    speed: float
     right: float
 
 
 @dataclasses.dataclass
 class Bystanders:
-    """What stands, and who walks or rides."""
+    """Static agents, pedestrians along lanes and on crosswalks, and cyclists along lanes."""
 
-    standing: Actors
-    walks: list[Walk]
-    rides: list[Walk]
-    crossings: list[tuple[np.ndarray, np.ndarray, list[int]]]  # start, end, connectors that cross it
+    static: Actors
+    pedestrians: list[LaneWalker]
+    crossing_pedestrians: list[CrosswalkWalker]
+    cyclists: list[LaneWalker]
 
 
-def draw(net: Network, tracks: Tracks, crowd: float, riders: float, rng: np.random.Generator) -> Bystanders:
-    """Bystanders of a world: about ``crowd`` people and ``riders`` cyclists for each 100 m of pavement or lane."""
-    standing = [_parked_along(net, tracks, rng), _parked_in_lots(net, rng), _works(net, tracks, rng)]
-    crossings = _crossings(net)
-    walks = []
-    for lane in net.walks:
-        for _ in range(rng.poisson(crowd * tracks.length[lane] / 100)):
+def draw_bystanders(
+    net: Network, lanes: LaneArrays, pedestrian_density: float, cyclist_density: float, rng: np.random.Generator
+) -> Bystanders:
+    """Random bystanders of a world.
+
+    Args:
+      pedestrian_density: mean groups of pedestrians per 100 m of sidewalk.
+      cyclist_density: mean cyclists per 100 m of lane at the curb.
+    """
+    static = [_parked_along_lanes(net, lanes, rng), _parked_in_rows(net, rng), _road_works(net, lanes, rng)]
+    crosswalks = _find_crosswalks(net)
+    pedestrians = _draw_pedestrians(net, lanes, pedestrian_density, rng)
+    crossing = [
+        CrosswalkWalker(crosswalk, rng.uniform(-6, 4), rng.normal(1.35, 0.2), rng.normal(0, 0.5))
+        for crosswalk in crosswalks
+        for _ in range(rng.poisson(min(0.8 * pedestrian_density, 2.0)))
+    ]
+    cyclists = _draw_cyclists(net, lanes, cyclist_density, rng)
+    return Bystanders(actors.concatenate_actors(static), pedestrians, crossing, cyclists)
+
+
+def bystanders_at(
+    bystanders: Bystanders, lanes: LaneArrays, signals: np.ndarray, time: float, rng: np.random.Generator
+) -> Actors:
+    """All bystanders at ``time`` [s].
+
+    Pedestrians wait at a crosswalk while a connector that it crosses has a green signal in ``signals`` [lanes].
+    """
+    groups = [
+        bystanders.static,
+        _along_lanes(AgentType.PEDESTRIAN, bystanders.pedestrians, lanes, time, rng),
+        _along_lanes(AgentType.CYCLIST, bystanders.cyclists, lanes, time, rng),
+        _on_crosswalks(bystanders.crossing_pedestrians, signals, time, rng),
+    ]
+    return actors.concatenate_actors(groups)
+
+
+def _along_lanes(
+    agent_type: AgentType, walkers: list[LaneWalker], lanes: LaneArrays, time: float, rng: np.random.Generator
+) -> Actors:
+    if not walkers:
+        return actors.no_actors()
+    lane = np.array([walker.lane for walker in walkers])
+    speed = np.array([walker.speed for walker in walkers])
+    start = np.array([walker.start for walker in walkers])
+    positions, headings = lanes.poses_at(lane, np.mod(start + speed * time, lanes.length[lane]))
+    positions = _shift_right(positions, headings, np.array([walker.right for walker in walkers]))
+    headings = headings + np.pi * (speed < 0)
+    sizes = actors.draw_sizes(agent_type, len(walkers), rng)
+    return actors.make_actors(agent_type, positions, headings, np.abs(speed), sizes)
+
+
+def _on_crosswalks(
+    walkers: list[CrosswalkWalker], signals: np.ndarray, time: float, rng: np.random.Generator
+) -> Actors:
+    if not walkers:
+        return actors.no_actors()
+    states = []
+    for walker in walkers:
+        start, end, connectors = walker.crosswalk
+        length, speed = float(np.hypot(*(end - start))), walker.speed
+        cycle = length + 2 * _CROSSWALK_APPROACH
+        along = (walker.start + speed * time + _CROSSWALK_APPROACH) % cycle - _CROSSWALK_APPROACH
+        if 0.0 < along < length and (signals[connectors] == Signal.GO).any():
+            along, speed = -1.0 - abs(walker.right), 0.15 * speed  # waits at the curb
+        direction = (end - start) / length
+        position = start + along * direction + walker.right * np.array([-direction[1], direction[0]])
+        states.append((*position, np.arctan2(direction[1], direction[0]), speed))
+    table = np.array(states)
+    sizes = actors.draw_sizes(AgentType.PEDESTRIAN, len(table), rng)
+    return actors.make_actors(AgentType.PEDESTRIAN, table[:, :2], table[:, 2], table[:, 3], sizes)
+
+
+def _draw_pedestrians(net: Network, lanes: LaneArrays, density: float, rng: np.random.Generator) -> list[LaneWalker]:
+    """Groups of one to four pedestrians on sidewalks."""
+    walkers = []
+    for lane in net.sidewalk_lanes:
+        for _ in range(rng.poisson(density * lanes.length[lane] / 100)):
             group = 1 + int(rng.geometric(0.65) - 1)
-            at, right = rng.uniform(0, tracks.length[lane]), 0.5 * net.lanes[lane].width + rng.uniform(1.2, 4.5)
-            pace = float(rng.choice([-1, 1]) * _pace(rng))
-            walks += [Walk(lane, at + rng.normal(0, 0.8), pace, right + 0.9 * k) for k in range(min(group, 4))]
-    for number in range(len(crossings)):
-        for _ in range(rng.poisson(min(0.8 * crowd, 2.0))):
-            walks.append(Walk(-1 - number, rng.uniform(-6, 4), rng.normal(1.35, 0.2), rng.normal(0, 0.5)))
-    rides = []
-    plain = [k for k, lane in enumerate(net.lanes) if lane.kerb and lane.subtype != "freeway" and lane.height == 0.0]
-    for lane in plain:
-        for _ in range(rng.poisson(riders * tracks.length[lane] / 100)):
-            right = 0.5 * net.lanes[lane].width - rng.uniform(0.2, 0.6)
-            rides.append(Walk(lane, rng.uniform(0, tracks.length[lane]), rng.gamma(6.0, 0.7), right))
-    return Bystanders(actors.together(standing), walks, rides, crossings)
+            start, right = rng.uniform(0, lanes.length[lane]), 0.5 * net.lanes[lane].width + rng.uniform(1.2, 4.5)
+            speed = float(rng.choice([-1, 1]) * _draw_walking_speed(rng))
+            walkers += [
+                LaneWalker(lane, start + rng.normal(0, 0.8), speed, right + 0.9 * k) for k in range(min(group, 4))
+            ]
+    return walkers
 
 
-def at_time(who: Bystanders, tracks: Tracks, lights: np.ndarray, time: float, rng: np.random.Generator) -> Actors:
-    """Everybody beside the traffic at ``time`` [s]; nobody steps onto a crossing that has a green light against it."""
-    found = [who.standing]
-    for people, kind in ((who.walks, AgentType.PEDESTRIAN), (who.rides, AgentType.CYCLIST)):
-        along = [walk for walk in people if walk.lane >= 0]
-        if along:
-            lane = np.array([walk.lane for walk in along])
-            pace = np.array([walk.pace for walk in along])
-            at = np.mod(np.array([walk.at for walk in along]) + pace * time, tracks.length[lane])
-            places, headings = tracks.place(lane, at)
-            right = np.array([walk.right for walk in along])
-            places = places + right[:, None] * np.stack([np.sin(headings), -np.cos(headings)], -1)
-            headings = headings + np.pi * (pace < 0)
-            found.append(actors.make(kind, places, headings, np.abs(pace), actors.sizes_of(kind, len(along), rng)))
-    across = []
-    for walk in who.walks:
-        if walk.lane >= 0:
+def _draw_cyclists(net: Network, lanes: LaneArrays, density: float, rng: np.random.Generator) -> list[LaneWalker]:
+    """Cyclists at the right edge of lanes."""
+    riders = []
+    for k, lane in enumerate(net.lanes):
+        if not lane.at_curb or lane.subtype == "freeway" or lane.height != 0.0:
             continue
-        start, end, against = who.crossings[-1 - walk.lane]
-        width = float(np.hypot(*(end - start)))
-        at = (walk.at + walk.pace * time + 6.0) % (width + 12.0) - 6.0
-        pace = walk.pace
-        if 0.0 < at < width and (lights[against] == Signal.GO).any():
-            at, pace = -1.0 - abs(walk.right), 0.15 * pace  # waits at the kerb
-        ahead = (end - start) / width
-        place = start + at * ahead + walk.right * np.array([-ahead[1], ahead[0]])
-        across.append((*place, np.arctan2(ahead[1], ahead[0]), pace))
-    if across:
-        table = np.array(across)
-        sizes = actors.sizes_of(AgentType.PEDESTRIAN, len(table), rng)
-        found.append(actors.make(AgentType.PEDESTRIAN, table[:, :2], table[:, 2], table[:, 3], sizes))
-    return actors.together(found)
+        for _ in range(rng.poisson(density * lanes.length[k] / 100)):
+            right = 0.5 * lane.width - rng.uniform(0.2, 0.6)
+            riders.append(LaneWalker(k, rng.uniform(0, lanes.length[k]), rng.gamma(6.0, 0.7), right))
+    return riders
 
 
-def _pace(rng: np.random.Generator) -> float:
-    """Of somebody on a pavement [m/s]: a quarter stands, some stroll, most walk."""
-    kind = rng.random()
-    return rng.uniform(0, 0.2) if kind < 0.25 else rng.uniform(0.2, 0.9) if kind < 0.45 else rng.normal(1.25, 0.28)
+def _draw_walking_speed(rng: np.random.Generator) -> float:
+    """Speed of a pedestrian on a sidewalk [m/s]: a quarter stand, a fifth stroll, the others walk."""
+    share = rng.random()
+    return rng.uniform(0, 0.2) if share < 0.25 else rng.uniform(0.2, 0.9) if share < 0.45 else rng.normal(1.25, 0.28)
 
 
-def _parked_along(net: Network, tracks: Tracks, rng: np.random.Generator) -> Actors:
-    lanes, at, aside = [], [], []
-    for lane in net.parking:
-        if tracks.length[lane] < 25 or rng.random() < 0.15:
+def _parked_along_lanes(net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Actors:
+    lane_of, along, right = [], [], []
+    for lane in net.parking_lanes:
+        if lanes.length[lane] < 25 or rng.random() < 0.15:
             continue
-        share, place = rng.uniform(0.2, 0.95), 10.0 + rng.uniform(0, 5)
-        while place < tracks.length[lane] - 12.0:
-            if rng.random() < share:
-                lanes.append(lane)
-                at.append(place)
-                aside.append(0.5 * net.lanes[lane].width + rng.uniform(0.55, 1.2))
-            place += rng.uniform(6.2, 7.2)
-    if not lanes:
-        return _nobody()
-    places, headings = tracks.place(np.array(lanes), np.array(at))
-    places = places + np.array(aside)[:, None] * np.stack([np.sin(headings), -np.cos(headings)], -1)
+        occupancy, position = rng.uniform(0.2, 0.95), 10.0 + rng.uniform(0, 5)
+        while position < lanes.length[lane] - 12.0:
+            if rng.random() < occupancy:
+                lane_of.append(lane)
+                along.append(position)
+                right.append(0.5 * net.lanes[lane].width + rng.uniform(0.55, 1.2))
+            position += rng.uniform(6.2, 7.2)
+    if not lane_of:
+        return actors.no_actors()
+    positions, headings = lanes.poses_at(np.array(lane_of), np.array(along))
+    positions = _shift_right(positions, headings, np.array(right))
     headings = headings + rng.normal(0, 0.02, len(headings))
-    return actors.make(AgentType.VEHICLE, places, headings, 0.0, actors.vehicle_sizes(len(places), rng, long=False))
+    sizes = actors.draw_vehicle_sizes(len(positions), rng, long=False)
+    return actors.make_actors(AgentType.VEHICLE, positions, headings, 0.0, sizes)
 
 
-def _parked_in_lots(net: Network, rng: np.random.Generator) -> Actors:
+def _parked_in_rows(net: Network, rng: np.random.Generator) -> Actors:
     groups = []
-    for lot in net.lots:
-        bays = int(lot.length / _BAY)
-        full = np.flatnonzero(rng.random(bays) < rng.uniform(0.25, 0.9))
-        if not len(full):
+    for row in net.parking_rows:
+        bays = int(row.length / _BAY_WIDTH)
+        occupied = np.flatnonzero(rng.random(bays) < rng.uniform(0.25, 0.9))
+        if not len(occupied):
             continue
-        at = (full - (bays - 1) / 2) * _BAY
-        along = np.array([np.cos(lot.along), np.sin(lot.along)])
-        headings = lot.heading + np.pi * (rng.random(len(full)) < 0.25) + rng.normal(0, 0.02, len(full))
-        places = lot.middle + at[:, None] * along + rng.normal(0, 0.06, (len(full), 2))
-        groups.append(
-            actors.make(AgentType.VEHICLE, places, headings, 0.0, actors.vehicle_sizes(len(full), rng, long=False))
-        )
-    return actors.together(groups) if groups else _nobody()
+        along = (occupied - (bays - 1) / 2) * _BAY_WIDTH
+        direction = np.array([np.cos(row.direction), np.sin(row.direction)])
+        is_reversed = rng.random(len(occupied)) < 0.25
+        headings = row.vehicle_heading + np.pi * is_reversed + rng.normal(0, 0.02, len(occupied))
+        positions = row.center + along[:, None] * direction + rng.normal(0, 0.06, (len(occupied), 2))
+        sizes = actors.draw_vehicle_sizes(len(occupied), rng, long=False)
+        groups.append(actors.make_actors(AgentType.VEHICLE, positions, headings, 0.0, sizes))
+    return actors.concatenate_actors(groups) if groups else actors.no_actors()
 
 
-def _works(net: Network, tracks: Tracks, rng: np.random.Generator) -> Actors:
-    """At times a row of cones, or barriers, along the edge of a road."""
-    edges = [k for k, lane in enumerate(net.lanes) if lane.kerb and tracks.length[k] > 30 and k not in net.parking]
+def _road_works(net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Actors:
+    """With probability 0.15 a row of cones or barriers along the edge of a road."""
+    edges = [
+        k for k, lane in enumerate(net.lanes) if lane.at_curb and lanes.length[k] > 30 and k not in net.parking_lanes
+    ]
     if not edges or rng.random() > 0.15:
-        return _nobody()
+        return actors.no_actors()
     lane = int(rng.choice(edges))
     count = int(rng.integers(4, 10))
-    at = rng.uniform(5, tracks.length[lane] - 20) + rng.uniform(2.5, 4.0) * np.arange(count)
-    at = at[at < tracks.length[lane] - 3]
-    places, headings = tracks.place(np.full(len(at), lane), at)
+    along = rng.uniform(5, lanes.length[lane] - 20) + rng.uniform(2.5, 4.0) * np.arange(count)
+    along = along[along < lanes.length[lane] - 3]
+    positions, headings = lanes.poses_at(np.full(len(along), lane), along)
     right = 0.5 * net.lanes[lane].width + rng.uniform(0.2, 0.7)
-    places = places + right * np.stack([np.sin(headings), -np.cos(headings)], -1)
-    kind = actors.CONE if rng.random() < 0.6 else actors.BARRIER
-    return actors.make(AgentType.STATIC, places, headings, 0.0, kind)
+    positions = _shift_right(positions, headings, np.full(len(along), right))
+    size = actors.CONE_SIZE if rng.random() < 0.6 else actors.BARRIER_SIZE
+    return actors.make_actors(AgentType.STATIC, positions, headings, 0.0, size)
 
 
-def _crossings(net: Network) -> list[tuple[np.ndarray, np.ndarray, list[int]]]:
-    """Across every arm of junctions with pavements, in front of its stop line; both ways."""
-    found = []
-    walked = {k for k in net.walks}
+def _find_crosswalks(net: Network) -> list[Crosswalk]:
+    """Crosswalks in both directions, in front of the stop line of every arm with a sidewalk."""
+    crosswalks = []
+    sidewalk_lanes = set(net.sidewalk_lanes)
     for junction in net.junctions:
-        if junction.kind in ("merge", "driveway"):
+        if junction.type in ("merge", "driveway"):
             continue
         for a, arm in enumerate(junction.arms):
-            lanes = [lane for lane, _ in arm.inbound] + arm.outbound
-            if not walked & set(lanes):
+            arm_lanes = [lane for lane, _ in arm.inbound] + arm.outbound
+            if not sidewalk_lanes & set(arm_lanes):
                 continue
-            ahead = np.array([np.cos(arm.angle), np.sin(arm.angle)])
-            left = np.array([-ahead[1], ahead[0]])
+            outwards = np.array([np.cos(arm.angle), np.sin(arm.angle)])
+            left = np.array([-outwards[1], outwards[0]])
             ends = [net.lanes[lane].points[-1] for lane, _ in arm.inbound]
             ends += [net.lanes[lane].points[0] for lane in arm.outbound]
-            reach = (np.array(ends) - junction.centre) @ left
-            place = junction.centre + (((np.array(ends) - junction.centre) @ ahead).min() - 1.8) * ahead
-            first, last = place + (reach.min() - 2.6) * left, place + (reach.max() + 2.6) * left
-            against = [k for k in junction.connectors if net.lanes[k].arm == a and net.lanes[k].turn == "through"]
-            found += [(first, last, against), (last, first, against)]
-    return found
+            lateral = (np.array(ends) - junction.center) @ left
+            middle = junction.center + (((np.array(ends) - junction.center) @ outwards).min() - 1.8) * outwards
+            start, end = middle + (lateral.min() - 2.6) * left, middle + (lateral.max() + 2.6) * left
+            connectors = [k for k in junction.connectors if net.lanes[k].arm == a and net.lanes[k].turn == "through"]
+            crosswalks += [Crosswalk(start, end, connectors), Crosswalk(end, start, connectors)]
+    return crosswalks
 
 
-def _nobody() -> Actors:
-    return actors.make(AgentType.VEHICLE, np.zeros((0, 2)), 0.0, 0.0, np.zeros((0, 3)))
+def _shift_right(positions: np.ndarray, headings: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return positions + right[:, None] * np.stack([np.sin(headings), -np.cos(headings)], -1)

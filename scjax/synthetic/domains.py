@@ -1,4 +1,8 @@
-"""Kinds of places: which networks they have, how much traffic, how many people; one domain drives on the left."""
+"""Domains: kinds of places, with their networks, traffic and pedestrians. In one domain traffic keeps left.
+
+To add a domain, add a line to ``DOMAINS``; shares are relative, so existing ones keep their ratio. Every change of
+``DOMAINS`` changes the worlds of all seeds: raise ``scjax.synthetic.world.VERSION``.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,33 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scjax.synthetic.lots import parking_lot
-from scjax.synthetic.motorways import motorway
+from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
-from scjax.synthetic.plan import TooTight, build
-from scjax.synthetic.towns import TOWNS, Style
-from scjax.synthetic.tracks import Tracks
+from scjax.synthetic.streets import StreetStyle
 
-_ATTEMPTS = 200
-EVENTS = 0.7  # share of worlds with a rare event staged, if they have a place for it
+EVENT_SHARE = 0.7  # of worlds with a rare event, if they have a place for it
+_MAX_DENSITY = 0.09  # vehicles per meter
+_LANE_SPREAD = 0.4  # standard deviation of the logarithm of the density among the lanes of a world
+
+
+@dataclasses.dataclass(frozen=True)
+class TrafficDensity:
+    """Log-normal distribution of vehicles per 100 m of lane: median and standard deviation of the logarithm."""
+
+    median: float
+    spread: float
+
+
+@dataclasses.dataclass(frozen=True)
+class BystanderDensity:
+    """Probability that a world has pedestrians (cyclists) at all, and their mean number per 100 m if it has."""
+
+    probability: float
+    mean: float
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """Number per 100 m of sidewalk or lane."""
+        return self.mean * rng.gamma(1.2, 1 / 1.2) if rng.random() < self.probability else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,78 +45,125 @@ class Domain:
     """A kind of place.
 
     Attributes:
-      share: of all worlds; mix: weights of the networks; style: of its streets.
-      traffic: median vehicles for each 100 m of lane, and its spread (of the logarithm).
-      crowd: chance of people, mean people for each 100 m of pavement where there are any; riders: the same of cyclists.
-      left_hand: traffic keeps to the left.
+      name: of the domain.
+      share: of all worlds.
+      networks: weights of network types (``NETWORK_BUILDERS``).
+      style: of the streets.
+      traffic: density of vehicles.
+      pedestrians, cyclists: their densities.
+      left_hand: whether traffic keeps left.
     """
 
     name: str
     share: float
-    mix: Mapping[str, float]
-    style: Style
-    traffic: tuple[float, float]
-    crowd: tuple[float, float]
-    riders: tuple[float, float]
+    networks: Mapping[str, float]
+    style: StreetStyle
+    traffic: TrafficDensity
+    pedestrians: BystanderDensity
+    cyclists: BystanderDensity
     left_hand: bool = False
 
-    def network(self, rng: np.random.Generator) -> tuple[str, Network]:
-        """A random network and its kind."""
-        kinds, weights = list(self.mix), np.array(list(self.mix.values()))
-        kind = str(rng.choice(kinds, p=weights / weights.sum()))
-        if kind == "motorway":
-            return kind, motorway(rng)
-        for _ in range(_ATTEMPTS):
-            try:
-                if kind == "parking lot":
-                    return kind, parking_lot(self.style, rng)
-                return kind, build(TOWNS[kind](self.style, rng), rng)
-            except TooTight:
-                continue
-        raise RuntimeError(f"no {kind} of domain {self.name} could be built in {_ATTEMPTS} attempts")
+    def draw_network_type(self, rng: np.random.Generator) -> str:
+        """A network type by its weight."""
+        types, weights = list(self.networks), np.array(list(self.networks.values()))
+        return str(rng.choice(types, p=weights / weights.sum()))
 
-    def density(self, net: Network, tracks: Tracks, rng: np.random.Generator) -> np.ndarray:
-        """Vehicles a metre of every lane."""
-        median, spread = self.traffic
-        level = median / 100 * np.exp(spread * rng.normal())
-        lanes = np.exp(0.4 * rng.normal(size=len(net.lanes)))
-        wanted = np.array([0.0 if lane.centre else 1.0 for lane in net.lanes])
-        slow = np.clip(12.0 / tracks.speed, 0.5, 1.6)  # the faster, the farther apart
-        return np.minimum(level * lanes * wanted * slow, 0.09)
-
-    def people(self, rng: np.random.Generator) -> tuple[float, float]:
-        """People and cyclists for each 100 m, for ``bystanders.draw``."""
-        return tuple(mean * rng.gamma(1.2, 1 / 1.2) if rng.random() < chance else 0.0 for chance, mean in
-                     (self.crowd, self.riders))  # type: ignore[return-value]  # fmt: skip
+    def draw_densities(self, net: Network, lanes: LaneArrays, rng: np.random.Generator) -> np.ndarray:
+        """Vehicles per meter of every lane [lanes]."""
+        density = self.traffic.median / 100 * np.exp(self.traffic.spread * rng.normal())
+        variation = np.exp(_LANE_SPREAD * rng.normal(size=len(net.lanes)))
+        has_traffic = np.array([0.0 if lane.is_center_turn else 1.0 for lane in net.lanes])
+        headway_factor = np.clip(12.0 / lanes.speed, 0.5, 1.6)  # fast traffic keeps larger distances
+        return np.minimum(density * variation * has_traffic * headway_factor, _MAX_DENSITY)
 
 
-_CITY = Style(
-    limits=(20, 25, 25, 30, 35), widths=(3.0, 3.5), lanes=(0.2, 0.45, 0.28, 0.07), medians=(0.0, 0.0, 1.0, 3.2),
-    one_way=0.16, parking=0.3, signals=0.65, pockets=0.5, bends=0.2,
-)  # fmt: skip
-_SUBURB = Style(
-    limits=(30, 35, 40, 45, 50, 55), widths=(3.3, 3.75), lanes=(0.12, 0.38, 0.33, 0.17), medians=(0.0, 1.2, 3.4, 4.5),
-    centre_turn=0.25, parking=0.15, walks=0.8, signals=0.6, pockets=0.8, bends=0.35,
-)  # fmt: skip
-_COUNTRY = Style(
-    limits=(35, 45, 55), widths=(3.2, 3.6), lanes=(0.9, 0.1), medians=(0.0,), walks=0.1, signals=0.1, pockets=0.2,
+_CITY = StreetStyle(
+    limits=(20, 25, 25, 30, 35),
+    widths=(3.0, 3.5),
+    lanes=(0.2, 0.45, 0.28, 0.07),
+    medians=(0.0, 0.0, 1.0, 3.2),
+    one_way=0.16,
+    parking=0.3,
+    signals=0.65,
+    pockets=0.5,
+    bends=0.2,
+)
+_SUBURB = StreetStyle(
+    limits=(30, 35, 40, 45, 50, 55),
+    widths=(3.3, 3.75),
+    lanes=(0.12, 0.38, 0.33, 0.17),
+    medians=(0.0, 1.2, 3.4, 4.5),
+    center_turn_lane=0.25,
+    parking=0.15,
+    sidewalks=0.8,
+    signals=0.6,
+    pockets=0.8,
+    bends=0.35,
+)
+_COUNTRY = StreetStyle(
+    limits=(35, 45, 55),
+    widths=(3.2, 3.6),
+    lanes=(0.9, 0.1),
+    medians=(0.0,),
+    sidewalks=0.1,
+    signals=0.1,
+    pockets=0.2,
     bends=0.8,
-)  # fmt: skip
-_TOWN = {"crossing": 0.56, "blocks": 0.14, "side streets": 0.15, "road": 0.06, "dead end": 0.03, "roundabout": 0.04,
-         "parking lot": 0.03}  # fmt: skip
+)
+_TOWN_NETWORKS = {
+    "crossing": 0.56,
+    "blocks": 0.14,
+    "side streets": 0.15,
+    "road": 0.06,
+    "dead end": 0.03,
+    "roundabout": 0.04,
+    "parking lot": 0.03,
+}
+_CITY_TRAFFIC = TrafficDensity(0.9, 0.6)
+_CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.45, 1.2), BystanderDensity(0.45, 0.4)
 DOMAINS = (
-    Domain("city", 0.33, _TOWN, _CITY, (0.9, 0.6), (0.45, 1.2), (0.45, 0.4)),
-    Domain("suburb", 0.34, _TOWN | {"road": 0.1, "roundabout": 0.05}, _SUBURB, (0.95, 0.6), (0.3, 0.8), (0.25, 0.3)),
+    Domain("city", 0.33, _TOWN_NETWORKS, _CITY, _CITY_TRAFFIC, _CITY_PEDESTRIANS, _CITY_CYCLISTS),
     Domain(
-        "country", 0.07, {"road": 0.55, "crossing": 0.2, "side streets": 0.2, "roundabout": 0.05}, _COUNTRY,
-        (0.8, 0.6), (0.08, 0.3), (0.1, 0.1),
+        name="suburb",
+        share=0.34,
+        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.05},
+        style=_SUBURB,
+        traffic=TrafficDensity(0.95, 0.6),
+        pedestrians=BystanderDensity(0.3, 0.8),
+        cyclists=BystanderDensity(0.25, 0.3),
     ),
-    Domain("motorway", 0.14, {"motorway": 1.0}, _SUBURB, (1.6, 0.6), (0.0, 0.0), (0.0, 0.0)),
-    Domain("left-hand city", 0.12, _TOWN, _CITY, (0.9, 0.6), (0.45, 1.2), (0.45, 0.4), left_hand=True),
-)  # fmt: skip
+    Domain(
+        name="country",
+        share=0.07,
+        networks={"road": 0.55, "crossing": 0.2, "side streets": 0.2, "roundabout": 0.05},
+        style=_COUNTRY,
+        traffic=TrafficDensity(0.8, 0.6),
+        pedestrians=BystanderDensity(0.08, 0.3),
+        cyclists=BystanderDensity(0.1, 0.1),
+    ),
+    Domain(
+        name="motorway",
+        share=0.14,
+        networks={"motorway": 1.0},
+        style=_SUBURB,
+        traffic=TrafficDensity(1.6, 0.6),
+        pedestrians=BystanderDensity(0.0, 0.0),
+        cyclists=BystanderDensity(0.0, 0.0),
+    ),
+    Domain(
+        name="left-hand city",
+        share=0.12,
+        networks=_TOWN_NETWORKS,
+        style=_CITY,
+        traffic=_CITY_TRAFFIC,
+        pedestrians=_CITY_PEDESTRIANS,
+        cyclists=_CITY_CYCLISTS,
+        left_hand=True,
+    ),
+)
 
 
-def draw(rng: np.random.Generator) -> Domain:
+def draw_domain(rng: np.random.Generator) -> Domain:
     """A domain by its share."""
     shares = np.array([domain.share for domain in DOMAINS])
     return DOMAINS[rng.choice(len(DOMAINS), p=shares / shares.sum())]

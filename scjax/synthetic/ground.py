@@ -1,4 +1,4 @@
-"""The ground under a world: a slope, a hill or a dip, and gentle waves."""
+"""Terrain of a world: a slope, a ridge and small waves."""
 
 from __future__ import annotations
 
@@ -7,36 +7,54 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float64
 
+_HILLY_SHARE = 0.1  # of all worlds
+_MAX_GRADE = 0.08
+
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """Height in metres as a smooth function of place.
+    """Height of the ground as a smooth function of the position.
 
     Attributes:
-      grade: slope along x and y; crest: height [m], width [m] and direction [rad] of a ridge through ``middle``;
-        wave: height [m] and length [m] of ripples.
+      grade: slope along x and y.
+      ridge_height, ridge_width, ridge_direction: of a ridge through ``ridge_center`` [m, m, rad]; a negative height
+        is a dip.
+      ridge_center: [m].
+      wave_height, wave_length: of small waves [m].
     """
 
     grade: tuple[float, float]
-    crest: tuple[float, float, float]
-    middle: tuple[float, float]
-    wave: tuple[float, float]
+    ridge_height: float
+    ridge_width: float
+    ridge_direction: float
+    ridge_center: tuple[float, float]
+    wave_height: float
+    wave_length: float
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Ground:
-        """Mostly flat; a tenth of all worlds is hilly."""
-        hilly = rng.random() < 0.1
-        grade = rng.normal(0, 0.03 if hilly else 0.01, 2).clip(-0.08, 0.08)
-        crest = (float(rng.normal(0, 4.0 if hilly else 0.5)), rng.uniform(40, 90), rng.uniform(0, np.pi))
-        middle = rng.uniform(-60, 60, 2)
-        wave = (rng.uniform(0, 0.25), rng.uniform(40, 90))
-        return cls((float(grade[0]), float(grade[1])), crest, (float(middle[0]), float(middle[1])), wave)
-
-    def height(self, places: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
-        """Metres at each place."""
-        high, width, direction = self.crest
-        across = (places[..., 0] - self.middle[0]) * np.cos(direction) + (places[..., 1] - self.middle[1]) * np.sin(
-            direction
+    def draw(cls, rng: np.random.Generator) -> Ground:
+        """Random ground, flat for nine worlds out of ten."""
+        is_hilly = rng.random() < _HILLY_SHARE
+        grade = rng.normal(0, 0.03 if is_hilly else 0.01, 2).clip(-_MAX_GRADE, _MAX_GRADE)
+        ridge_height = float(rng.normal(0, 4.0 if is_hilly else 0.5))
+        ridge_width, ridge_direction = rng.uniform(40, 90), rng.uniform(0, np.pi)
+        center = rng.uniform(-60, 60, 2)
+        return cls(
+            grade=(float(grade[0]), float(grade[1])),
+            ridge_height=ridge_height,
+            ridge_width=ridge_width,
+            ridge_direction=ridge_direction,
+            ridge_center=(float(center[0]), float(center[1])),
+            wave_height=rng.uniform(0, 0.25),
+            wave_length=rng.uniform(40, 90),
         )
-        ripple = self.wave[0] * np.sin(2 * np.pi * (places[..., 0] + 0.5 * places[..., 1]) / self.wave[1])
-        return places @ np.array(self.grade) + high * np.exp(-((across / width) ** 2)) + ripple
+
+    def height(self, positions: Float64[np.ndarray, "*n 2"]) -> Float64[np.ndarray, "*n"]:
+        """Height at each position [m]."""
+        x, y = positions[..., 0], positions[..., 1]
+        cos, sin = np.cos(self.ridge_direction), np.sin(self.ridge_direction)
+        across = (x - self.ridge_center[0]) * cos + (y - self.ridge_center[1]) * sin
+        waves = self.wave_height * np.sin(2 * np.pi * (x + 0.5 * y) / self.wave_length)
+        return (
+            positions @ np.array(self.grade) + self.ridge_height * np.exp(-((across / self.ridge_width) ** 2)) + waves
+        )

@@ -1,121 +1,138 @@
-"""Junctions at grade: how far roads stop from the middle, which lane may turn where, and the connectors."""
+"""Junctions at grade: stop lines, the turns that each lane allows, and the connectors."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from scjax.language.road import wrap_to_pi
-from scjax.synthetic.curves import turn as turn_curve
+from scjax.synthetic.curves import turn_curve
 from scjax.synthetic.network import Arm, Junction, Lane, Network, Turn
 
-_STRAIGHT = np.deg2rad(38.0)  # a change of direction below this is none
-_BACK = np.deg2rad(150.0)
-_CAREFUL = 6.0  # m/s in turns
-_NEAREST_STOP, _FARTHEST_STOP = 5.0, 34.0  # metres
+_MAX_STRAIGHT_ANGLE = np.deg2rad(38.0)
+_MAX_TURN_ANGLE = np.deg2rad(150.0)  # larger changes of direction are U-turns
+_CORNER_ANGLES = np.deg2rad((15.0, 165.0))  # between neighboring arms that share a corner
+_RIGHT_TURN_SPEED, _LEFT_TURN_SPEED = 6.0, 7.5  # m/s
+_MIN_STOP_DISTANCE, _MAX_STOP_DISTANCE = 5.0, 34.0  # m
+_TURN_RANK = {"through": 0, "right": 1, "left": 2}
+_LEFT_ONLY_SHARE, _RIGHT_ONLY_SHARE = 0.4, 0.2  # of junctions with lanes for one turn only
 
 
 def stop_distances(
     angles: list[float], arriving: list[float], leaving: list[float], corners: list[float]
 ) -> list[float]:
-    """Where each arm ends, in metres from the middle, so that kerbs of neighbours meet with room for a corner.
+    """Distances of the stop lines from the center, so that neighboring roads do not overlap [m].
 
     Args:
-      angles: of the arms, ascending [rad]; arriving, leaving: width of their left and right half, seen outwards [m];
-        corners: room at each arm [m].
+      angles: directions of the arms, ascending [rad].
+      arriving, leaving: half widths of each arm on the side of the lanes that arrive and that leave [m].
+      corners: room between the corner and the stop line of each arm [m].
     """
-    reach = [_NEAREST_STOP] * len(angles)
+    distances = [_MIN_STOP_DISTANCE] * len(angles)
     for i in range(len(angles)):
         j = (i + 1) % len(angles)
         gap = (angles[j] - angles[i]) % (2 * np.pi)
-        if not np.deg2rad(15) < gap < np.deg2rad(165):
+        if not _CORNER_ANGLES[0] < gap < _CORNER_ANGLES[1]:
             continue
         sin, cos = np.sin(gap), np.cos(gap)
-        reach[i] = max(reach[i], (leaving[j] + arriving[i] * cos) / sin + corners[i])
-        reach[j] = max(reach[j], (arriving[i] + leaving[j] * cos) / sin + corners[j])
-    return [float(min(value, _FARTHEST_STOP)) for value in reach]
+        distances[i] = max(distances[i], (leaving[j] + arriving[i] * cos) / sin + corners[i])
+        distances[j] = max(distances[j], (arriving[i] + leaving[j] * cos) / sin + corners[j])
+    return [float(min(distance, _MAX_STOP_DISTANCE)) for distance in distances]
 
 
-def connect(net: Network, junction: Junction, rng: np.random.Generator) -> None:
-    """Adds every connector that the junction's arms call for."""
+def add_connectors(net: Network, junction: Junction, rng: np.random.Generator) -> None:
+    """Adds a connector for every turn that a lane allows."""
     number = net.junctions.index(junction)
     for a, arm in enumerate(junction.arms):
         exits = _exits(junction.arms, a)
-        for (lane, _), allowed in zip(arm.inbound, _allowed(arm, exits, rng), strict=True):
-            for move in allowed:
-                for other in exits[move]:
-                    _join(net, junction, number, a, lane, move, junction.arms[other])
+        for (lane, _), turns in zip(arm.inbound, _allowed_turns(arm, exits, rng), strict=True):
+            for turn in turns:
+                for exit_arm in exits[turn]:
+                    _add_connector(net, junction, number, a, lane, turn, junction.arms[exit_arm])
 
 
 def _exits(arms: list[Arm], a: int) -> dict[Turn, list[int]]:
-    """The other arms that can be left by, by the turn to them; at most one lies straight ahead."""
+    """The arms to which traffic of arm ``a`` can leave, by turn; at most one is straight ahead."""
     heading = arms[a].angle + np.pi
-    change = {b: wrap_to_pi(arm.angle - heading) for b, arm in enumerate(arms) if b != a and arm.outbound}
-    found: dict[Turn, list[int]] = {"left": [], "through": [], "right": []}
-    ahead = min(change, key=lambda b: abs(change[b]), default=None)
-    for b, angle in change.items():
-        if b == ahead and abs(angle) < _STRAIGHT:
-            found["through"].append(b)
-        elif abs(angle) < _BACK:
-            found["left" if angle > 0 else "right"].append(b)
-    return found
+    angles = {b: wrap_to_pi(arm.angle - heading) for b, arm in enumerate(arms) if b != a and arm.outbound}
+    exits: dict[Turn, list[int]] = {"left": [], "through": [], "right": []}
+    ahead = min(angles, key=lambda b: abs(angles[b]), default=None)
+    for b, angle in angles.items():
+        if b == ahead and abs(angle) < _MAX_STRAIGHT_ANGLE:
+            exits["through"].append(b)
+        elif abs(angle) < _MAX_TURN_ANGLE:
+            exits["left" if angle > 0 else "right"].append(b)
+    return exits
 
 
-def _allowed(arm: Arm, exits: dict[Turn, list[int]], rng: np.random.Generator) -> list[list[Turn]]:
-    """The turns that every inbound lane may take."""
+def _allowed_turns(arm: Arm, exits: dict[Turn, list[int]], rng: np.random.Generator) -> list[list[Turn]]:
+    """The turns that every inbound lane allows."""
     pockets: list[Turn | None] = [pocket for _, pocket in arm.inbound]
-    count = len(pockets)
-    found: list[list[Turn]] = []
-    for pocket in pockets:
-        found.append([pocket] if pocket is not None and exits[pocket] else [])
-    plain = [k for k in range(count) if pockets[k] is None]
-    if not plain:
-        return found
-    left = bool(exits["left"]) and "left" not in pockets
-    right = bool(exits["right"]) and "right" not in pockets
+    turns: list[list[Turn]] = [[pocket] if pocket is not None and exits[pocket] else [] for pocket in pockets]
+    full_lanes = [k for k, pocket in enumerate(pockets) if pocket is None]
+    if not full_lanes:
+        return turns
+    turns_left = bool(exits["left"]) and "left" not in pockets
+    turns_right = bool(exits["right"]) and "right" not in pockets
     if not exits["through"]:
-        # A stem: shared out between left and right.
-        if left and right:
-            middle = (len(plain) + 1) // 2
-            for k, lane in enumerate(plain):
-                if k < middle:
-                    found[lane].append("left")
-                if k >= middle or len(plain) == 1:
-                    found[lane].append("right")
+        _share_turns(turns, full_lanes, exits, turns_left and turns_right)
+        return turns
+    for lane in full_lanes:
+        turns[lane].append("through")
+    if turns_left:
+        if len(full_lanes) > 1 and rng.random() < _LEFT_ONLY_SHARE:
+            turns[full_lanes[0]] = ["left"]
         else:
-            either: Turn = "left" if exits["left"] else "right"
-            for lane in plain if exits[either] else []:
-                found[lane].append(either)
-        return found
-    for lane in plain:
-        found[lane].append("through")
-    if left:
-        # Two lanes or more: the inner one is often for the left turn alone.
-        if len(plain) > 1 and rng.random() < 0.4:
-            found[plain[0]] = ["left"]
+            turns[full_lanes[0]].insert(0, "left")
+    if turns_right:
+        if len(full_lanes) > 2 and rng.random() < _RIGHT_ONLY_SHARE:
+            turns[full_lanes[-1]] = ["right"]
         else:
-            found[plain[0]].insert(0, "left")
-    if right:
-        if len(plain) > 2 and rng.random() < 0.2:
-            found[plain[-1]] = ["right"]
-        else:
-            found[plain[-1]].append("right")
-    return found
+            turns[full_lanes[-1]].append("right")
+    return turns
 
 
-def _join(net: Network, junction: Junction, number: int, a: int, lane: int, move: Turn, to: Arm) -> None:
-    """The connector of one inbound lane to one arm: inner lanes to inner lanes, right turns into the outermost."""
+def _share_turns(
+    turns: list[list[Turn]], full_lanes: list[int], exits: dict[Turn, list[int]], turns_both: bool
+) -> None:
+    """Assigns left and right turns to the lanes of an arm without an exit straight ahead."""
+    if turns_both:
+        middle = (len(full_lanes) + 1) // 2
+        for k, lane in enumerate(full_lanes):
+            if k < middle:
+                turns[lane].append("left")
+            if k >= middle or len(full_lanes) == 1:
+                turns[lane].append("right")
+        return
+    turn: Turn = "left" if exits["left"] else "right"
+    for lane in full_lanes if exits[turn] else []:
+        turns[lane].append(turn)
+
+
+def _add_connector(net: Network, junction: Junction, number: int, a: int, lane: int, turn: Turn, exit_arm: Arm) -> None:
+    """Connects inner lanes to inner lanes, and right turns to the outermost lane."""
     arm = junction.arms[a]
-    lanes = [k for k, pocket in arm.inbound if pocket is None or move != "through"]
-    leave = to.outbound[-1] if move == "right" else to.outbound[min(lanes.index(lane), len(to.outbound) - 1)]
-    before, after = net.lanes[lane], net.lanes[leave]
-    points = turn_curve(before.points, after.points)
-    speed = min(before.speed, after.speed) if move == "through" else _CAREFUL + (move == "left") * 1.5
-    precedence = arm.rank + {"through": 0, "right": 1, "left": 2}[move]
-    made = net.add(
+    candidates = [k for k, pocket in arm.inbound if pocket is None or turn != "through"]
+    outbound = exit_arm.outbound
+    exit_lane = outbound[-1] if turn == "right" else outbound[min(candidates.index(lane), len(outbound) - 1)]
+    before, after = net.lanes[lane], net.lanes[exit_lane]
+    if turn == "through":
+        speed = min(before.speed, after.speed)
+    else:
+        speed = _LEFT_TURN_SPEED if turn == "left" else _RIGHT_TURN_SPEED
+    connector = net.add_lane(
         Lane(
-            points, speed, before.width, before.subtype, [leave], junction=number, turn=move, arm=a, entry=lane,
-            rank=precedence, height=before.height,
+            turn_curve(before.points, after.points),
+            speed,
+            before.width,
+            before.subtype,
+            [exit_lane],
+            junction=number,
+            turn=turn,
+            arm=a,
+            entry_lane=lane,
+            rank=arm.rank + _TURN_RANK[turn],
+            height=before.height,
         )
-    )  # fmt: skip
-    net.join(lane, made)
-    junction.connectors.append(made)
+    )
+    net.link(lane, connector)
+    junction.connectors.append(connector)

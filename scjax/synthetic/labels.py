@@ -1,38 +1,51 @@
-"""What a scene cut from a world shows, known from how it was made; no label where that is a matter of taste."""
+"""Labels of synthetic scenes: what a scene shows by construction; None where the construction leaves it open."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
 
 from scjax.language.road import wrap_to_pi
 from scjax.scene import TILE_SIZE, Signal
+from scjax.synthetic.network import Junction
 from scjax.synthetic.world import Ego, World
 
 LayoutLabel = Literal["four-way", "T", "roundabout", "straight", "curve"]
 
-_HALF = TILE_SIZE / 2
-_WELL_INSIDE = 20.0  # metres from the ego to the middle of a junction that is seen as a whole
-_APRON = 8.0  # metres from the ring of a roundabout to where its arms end, about
-_FAR = 4.0  # metres outside of the window from which a junction is not seen at all
-_ALONG = 30.0  # metres before and behind the ego that decide whether its road bends
-_STRAIGHT, _CURVED = np.deg2rad(9.0), np.deg2rad(27.0)
-_SIGNALS = {Signal.GO: "green", Signal.CAUTION: "yellow", Signal.STOP: "red"}
-_NAMES: dict[str, LayoutLabel] = {
-    "four-way": "four-way", "T": "T", "Y": "T", "driveway": "T", "roundabout": "roundabout",
-}  # fmt: skip
+_HALF_TILE = TILE_SIZE / 2
+_MAX_CENTER_DISTANCE = 20.0  # m from the ego to the center of a junction that the scene shows as a whole
+_RING_MARGIN = 8.0  # m from the ring of a roundabout to the end of its arms, about
+_OUTSIDE_MARGIN = 4.0  # m outside the window, beyond which a junction is not visible at all
+_ROAD_DISTANCE = 30.0  # m behind and ahead of the ego that decide on the shape of its road
+_ROAD_SAMPLES = 13
+_MAX_STRAIGHT_TURN, _MIN_CURVE_TURN = np.deg2rad(9.0), np.deg2rad(27.0)
+_SIGNAL_LABELS = {Signal.GO: "green", Signal.CAUTION: "yellow", Signal.STOP: "red"}
+_JUNCTION_LABELS: dict[str, LayoutLabel] = {
+    "four-way": "four-way",
+    "T": "T",
+    "Y": "T",
+    "driveway": "T",
+    "roundabout": "roundabout",
+}
+_RARE_LAYOUTS = ("roundabout", "curve")
+
+ToEgoFrame = Callable[[np.ndarray], tuple[float, float]]
+"""Maps a position in the world [m] to the frame of the ego [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Label:
-    """Labels of one scene; None: unclear.
+class SceneLabel:
+    """Labels of one scene; the field names are the keys of the JSON form.
 
     Attributes:
-      domain, network: of the world. layout: the one junction that is seen, or how the road runs.
-      signal: what the ego's light shows; "" without a light ahead that was recorded.
-      event: the rare event in the scene; ``about`` is the place of who it is about, in the ego's frame [m].
+      domain, network: domain and network type of the world.
+      layout: type of the only junction, or shape of the road.
+      signal: state of the ego's traffic light; "" without a recorded light ahead.
+      event: the rare event.
+      about: position of the agent that the event is about, in the frame of the ego [m].
     """
 
     domain: str
@@ -44,80 +57,93 @@ class Label:
 
     @property
     def rare(self) -> bool:
-        """Whether few scenes show this: an event, a roundabout, a bend or a yellow light."""
-        return self.event is not None or self.layout in ("roundabout", "curve") or self.signal == "yellow"
+        """Whether few scenes show this: an event, a roundabout, a curve or a yellow light."""
+        return self.event is not None or self.layout in _RARE_LAYOUTS or self.signal == "yellow"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         return dataclasses.asdict(self)
 
 
-def label(world: World, ego: Ego) -> Label:
+def label_scene(world: World, ego: Ego) -> SceneLabel:
     """Labels of the scene around ``ego``."""
     moment = world.moments[ego.moment]
     cos, sin = np.cos(moment.headings[ego.agent]), np.sin(moment.headings[ego.agent])
     flip = -1.0 if world.mirrored else 1.0
 
-    def local(place: np.ndarray) -> tuple[float, float]:
-        x, y = place - moment.places[ego.agent]
+    def to_ego_frame(position: np.ndarray) -> tuple[float, float]:
+        x, y = position - moment.positions[ego.agent]
         return float(cos * x + sin * y), float(flip * (cos * y - sin * x))
 
-    about = local(moment.places[ego.about]) if ego.about >= 0 else None
-    return Label(world.domain, world.kind, _layout(world, ego, local), _signal(world, ego), ego.event, about)
+    return SceneLabel(
+        domain=world.domain,
+        network=world.network_type,
+        layout=_layout_label(world, ego, to_ego_frame),
+        signal=_signal_label(world, ego),
+        event=ego.event,
+        about=to_ego_frame(moment.positions[ego.event_agent]) if ego.event_agent >= 0 else None,
+    )
 
 
-def _layout(world: World, ego: Ego, local) -> LayoutLabel | None:
-    seen: list[LayoutLabel] = []
+def _layout_label(world: World, ego: Ego, to_ego_frame: ToEgoFrame) -> LayoutLabel | None:
+    labels: list[LayoutLabel] = []
     for junction in world.net.junctions:
-        distance = max(map(abs, local(junction.centre)))
-        if distance > _HALF + junction.radius + _FAR:
+        distance = max(map(abs, to_ego_frame(junction.center)))
+        if distance > _HALF_TILE + junction.radius + _OUTSIDE_MARGIN:
             continue
-        ring = junction.kind == "roundabout" and distance + junction.radius - _APRON > _HALF
-        if ring or (distance > _WELL_INSIDE and junction.kind != "roundabout") or junction.kind not in _NAMES:
+        label = _junction_label(junction, distance)
+        if label is None:
             return None
-        if not all(arm.inbound and arm.outbound for arm in junction.arms):
-            return None  # beside one-way roads it is a matter of taste what is a side road
-        seen.append(_NAMES[junction.kind])
-    if seen:
-        return seen[0] if len(seen) == 1 else None
-    for lane in world.net.lanes:  # a lane is added, or ends
-        if len(lane.successors) > 1 and max(map(abs, local(lane.points[-1]))) < _HALF + _FAR:
+        labels.append(label)
+    if labels:
+        return labels[0] if len(labels) == 1 else None
+    for lane in world.net.lanes:  # a lane starts or ends
+        if len(lane.successors) > 1 and max(map(abs, to_ego_frame(lane.points[-1]))) < _HALF_TILE + _OUTSIDE_MARGIN:
             return None
-    headings = _road_ahead(world, ego)
+    headings = _headings_along_road(world, ego)
     if headings is None:
         return None
-    turn, spread = abs(headings[-1] - headings[0]), np.ptp(headings)
-    if spread < _STRAIGHT:
+    if np.ptp(headings) < _MAX_STRAIGHT_TURN:
         return "straight"
-    return "curve" if turn > _CURVED else None
+    return "curve" if abs(headings[-1] - headings[0]) > _MIN_CURVE_TURN else None
 
 
-def _road_ahead(world: World, ego: Ego) -> np.ndarray | None:
-    """Directions of the ego's road from 30 m behind to 30 m ahead; None where it forks or ends before."""
-    tracks = world.tracks
+def _junction_label(junction: Junction, distance: float) -> LayoutLabel | None:
+    """Label of a junction at ``distance`` (Chebyshev) from the ego [m]; None if it is not visible as a whole."""
+    if junction.type == "roundabout":
+        is_cut = distance + junction.radius - _RING_MARGIN > _HALF_TILE
+    else:
+        is_cut = distance > _MAX_CENTER_DISTANCE
+    # On one-way roads it depends on the viewer which road is the side road.
+    is_two_way = all(arm.inbound and arm.outbound for arm in junction.arms)
+    return None if is_cut or not is_two_way else _JUNCTION_LABELS.get(junction.type)
+
+
+def _headings_along_road(world: World, ego: Ego) -> np.ndarray | None:
+    """Unwrapped headings of the ego's lane from 30 m behind to 30 m ahead [rad]; None where the lane is shorter."""
+    lanes = world.lanes
     moment = world.moments[ego.moment]
     lane = int(moment.lane[ego.agent])
-    row = slice(tracks.start[lane], tracks.start[lane] + tracks.count[lane])
-    at = float(np.linalg.norm(tracks.points[row] - moment.places[ego.agent], axis=-1).argmin())
-    at *= tracks.length[lane] / (tracks.count[lane] - 1)
-    if at < _ALONG or tracks.length[lane] - at < _ALONG:
+    points = lanes.points[lanes.start[lane] : lanes.start[lane] + lanes.count[lane]]
+    point = float(np.linalg.norm(points - moment.positions[ego.agent], axis=-1).argmin())
+    along = point * (lanes.length[lane] / (lanes.count[lane] - 1))
+    if along < _ROAD_DISTANCE or lanes.length[lane] - along < _ROAD_DISTANCE:
         return None
-    places = np.linspace(at - _ALONG, at + _ALONG, 13)
-    _, headings = tracks.place(np.full(13, lane), places)
+    positions = np.linspace(along - _ROAD_DISTANCE, along + _ROAD_DISTANCE, _ROAD_SAMPLES)
+    _, headings = lanes.poses_at(np.full(_ROAD_SAMPLES, lane), positions)
     return headings[0] + np.concatenate([[0.0], np.cumsum(wrap_to_pi(np.diff(headings)))])
 
 
-def _signal(world: World, ego: Ego) -> str | None:
-    """The light of the connectors that follow the ego's lane; unclear while it is on one of them."""
-    lights, tracks = world.lights[ego.moment], world.tracks
-    lane = int(world.moments[ego.moment].lane[ego.agent])
-    if not lights.any():
+def _signal_label(world: World, ego: Ego) -> str | None:
+    """State of the connectors after the ego's lane; None on a connector, or where the states differ."""
+    signals, lanes, moment = world.signals[ego.moment], world.lanes, world.moments[ego.moment]
+    lane = int(moment.lane[ego.agent])
+    if not signals.any():
         return ""
-    moment = world.moments[ego.moment]
-    end = tracks.points[tracks.start[lane] + tracks.count[lane] - 1]
-    if tracks.junction[lane] >= 0 or np.hypot(*(end - moment.places[ego.agent])) > _WELL_INSIDE:
+    end = lanes.points[lanes.start[lane] + lanes.count[lane] - 1]
+    if lanes.junction[lane] >= 0 or np.hypot(*(end - moment.positions[ego.agent])) > _MAX_CENTER_DISTANCE:
         return None
-    states = {int(lights[k]) for k in tracks.successors[lane] if k >= 0}
+    states = {int(signals[k]) for k in lanes.successors[lane] if k >= 0}
     if states <= {int(Signal.UNKNOWN)}:
         return None
-    return _SIGNALS[Signal(states.pop())] if len(states) == 1 else None
+    return _SIGNAL_LABELS[Signal(states.pop())] if len(states) == 1 else None

@@ -1,6 +1,6 @@
-"""A road network in the making: lanes with their joins, junctions, and what stands beside the roads.
+"""Road network of a world: lanes with their links, junctions, and parking.
 
-Everything is laid out for right-hand traffic in a frame of its own; the world mirrors it for left-hand traffic.
+Networks are for right-hand traffic, in a frame of their own; the world mirrors them for left-hand traffic.
 """
 
 from __future__ import annotations
@@ -13,23 +13,27 @@ import numpy as np
 from scjax.synthetic.curves import Line
 
 Turn = Literal["left", "through", "right"]
-JunctionKind = Literal["four-way", "T", "Y", "complex", "roundabout", "driveway", "merge"]
-MPS_OF_MPH = 0.44704
+JunctionType = Literal["four-way", "T", "Y", "complex", "roundabout", "driveway", "merge"]
+MPS_PER_MPH = 0.44704
 
 
 @dataclasses.dataclass
 class Lane:
-    """A centreline in driving direction.
+    """A lane.
 
     Attributes:
+      points: centerline in driving direction [m].
       speed: of free traffic [m/s].
-      left, right: the next lane on that side that runs the same way.
-      junction: of which this lane is a connector, -1 for none; turn, arm, entry: what a connector does, from which
-        arm and from which lane.
-      rank: who goes first where connectors cross: the lower one.
+      width: [m].
+      subtype: as in recordings, "surface_street" or "freeway".
+      successors: indices of the lanes that follow.
+      left, right: index of the neighboring lane with the same direction.
+      junction: index of the junction that a connector belongs to; -1 for other lanes.
+      turn, arm, entry_lane: of a connector: its turn, and the indices of the arm and the lane that it starts from.
+      rank: right of way among conflicting connectors; lower goes first.
       height: above the ground [m].
-      centre: a two-way turn lane; nobody drives along it.
-      kerb: this lane's right edge is the edge of the road.
+      is_center_turn: a two-way turn lane without traffic along it.
+      at_curb: the right edge of the lane is the edge of the road.
     """
 
     points: Line
@@ -42,23 +46,27 @@ class Lane:
     junction: int = -1
     turn: Turn | None = None
     arm: int = -1
-    entry: int = -1
+    entry_lane: int = -1
     rank: int = 0
     height: float = 0.0
-    centre: bool = False
-    kerb: bool = False
+    is_center_turn: bool = False
+    at_curb: bool = False
 
 
 @dataclasses.dataclass
 class Arm:
-    """A road that meets others: where it points to, seen from the junction [rad], and how far off it stops [m].
+    """A road that ends at a junction.
 
-    ``inbound`` are the lanes that arrive and the only turn that a pocket allows, ``outbound`` those that leave; the
-    innermost first.
+    Attributes:
+      angle: its direction, seen from the junction [rad].
+      stop_distance: from the center of the junction to the stop line [m].
+      inbound: lanes that arrive, innermost first, each with the only turn that a turn pocket allows, else None.
+      outbound: lanes that leave, innermost first.
+      rank: right of way; lower goes first.
     """
 
     angle: float
-    stop: float
+    stop_distance: float
     inbound: list[tuple[int, Turn | None]] = dataclasses.field(default_factory=list)
     outbound: list[int] = dataclasses.field(default_factory=list)
     rank: int = 0
@@ -66,10 +74,18 @@ class Arm:
 
 @dataclasses.dataclass(eq=False)
 class Junction:
-    """A place where roads meet. ``phases`` are sets of connectors that have green together; none: no signals."""
+    """A place where roads meet.
 
-    kind: JunctionKind
-    centre: np.ndarray
+    Attributes:
+      type: of the junction.
+      center, radius: [m].
+      arms: roads that meet.
+      connectors: indices of the lanes across the junction.
+      phases: sets of connectors with green at the same time; empty without signals.
+    """
+
+    type: JunctionType
+    center: np.ndarray
     radius: float
     arms: list[Arm]
     connectors: list[int] = dataclasses.field(default_factory=list)
@@ -77,39 +93,49 @@ class Junction:
 
 
 @dataclasses.dataclass
-class Lot:
-    """A row of parking bays: middle of the row, direction along it [rad], length [m], direction of the cars [rad]."""
+class ParkingRow:
+    """A row of parking bays: center [m], direction along the row [rad], length [m], heading of the vehicles [rad]."""
 
-    middle: np.ndarray
-    along: float
+    center: np.ndarray
+    direction: float
     length: float
-    heading: float
+    vehicle_heading: float
 
 
 @dataclasses.dataclass
 class Network:
-    """Lanes about the origin, their junctions, and parking.
+    """Lanes around the origin, junctions and parking.
 
     Attributes:
-      parking: lanes beside whose right edge cars may park; walks: lanes beside which people walk.
-      lots: rows of parking bays.
+      parking_lanes: lanes with parking along their right edge.
+      sidewalk_lanes: lanes with a sidewalk along their right edge.
+      parking_rows: rows of parking bays off the road.
     """
 
     lanes: list[Lane] = dataclasses.field(default_factory=list)
     junctions: list[Junction] = dataclasses.field(default_factory=list)
-    parking: list[int] = dataclasses.field(default_factory=list)
-    walks: list[int] = dataclasses.field(default_factory=list)
-    lots: list[Lot] = dataclasses.field(default_factory=list)
+    parking_lanes: list[int] = dataclasses.field(default_factory=list)
+    sidewalk_lanes: list[int] = dataclasses.field(default_factory=list)
+    parking_rows: list[ParkingRow] = dataclasses.field(default_factory=list)
 
-    def add(self, lane: Lane) -> int:
-        """Index of the lane that was added."""
+    def add_lane(self, lane: Lane) -> int:
+        """Adds a lane and returns its index."""
         self.lanes.append(lane)
         return len(self.lanes) - 1
 
-    def join(self, before: int, after: int) -> None:
-        """Traffic flows from lane ``before`` into lane ``after``."""
-        self.lanes[before].successors.append(after)
+    def link(self, lane: int, successor: int) -> None:
+        """Lets traffic flow from ``lane`` into ``successor``."""
+        self.lanes[lane].successors.append(successor)
 
-    def beside(self, left: int, right: int) -> None:
-        """The two run side by side, the same way."""
+    def set_neighbors(self, left: int, right: int) -> None:
+        """Makes two lanes with the same direction neighbors."""
         self.lanes[left].right, self.lanes[right].left = right, left
+
+    def lanes_abreast(self, lane: int) -> list[int]:
+        """``lane`` and all its neighbors, from the left."""
+        while (left := self.lanes[lane].left) is not None:
+            lane = left
+        abreast = [lane]
+        while (right := self.lanes[abreast[-1]].right) is not None:
+            abreast.append(right)
+        return abreast

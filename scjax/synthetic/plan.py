@@ -1,4 +1,4 @@
-"""Plan of a town: where roads meet and what they are like; built into a network of lanes."""
+"""Plan of a street network: nodes where roads meet and the roads between them; builds the network of lanes."""
 
 from __future__ import annotations
 
@@ -6,61 +6,74 @@ import dataclasses
 
 import numpy as np
 
-from scjax.synthetic.curves import Line, length_of, part
-from scjax.synthetic.junctions import connect, stop_distances
-from scjax.synthetic.network import Arm, Junction, JunctionKind, Network
-from scjax.synthetic.roads import Profile, Side, add_road, arrive
-from scjax.synthetic.roundabouts import add_ring
+from scjax.synthetic.curves import Line, line_length, slice_line
+from scjax.synthetic.junctions import add_connectors, stop_distances
+from scjax.synthetic.network import Arm, Junction, JunctionType, Network
+from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, attach_to_arm
+from scjax.synthetic.roundabouts import RING_CLEARANCE, add_ring
 from scjax.synthetic.signals import plan_phases
 
-_NEAR = 8.0  # metres from a node at which a road's direction there is taken
+_DIRECTION_DISTANCE = 8.0  # m from a node where the direction of a road is measured
+_MIN_ROAD_LENGTH = 4.0  # m between two junctions
+_MAX_CORNER_VARIATION = 2.5  # m
+_MAX_Y_GAP = np.deg2rad(155)  # between the arms of a Y-junction
 
 
-class TooTight(Exception):
-    """The junctions of a plan leave no room for a road between them."""
+class RoadTooShort(Exception):
+    """The junctions of a plan leave no room for the road between them."""
 
 
 @dataclasses.dataclass
-class Node:
-    """A junction to be.
+class PlanNode:
+    """A junction.
 
-    ``ring``: radius of a roundabout [m], 0 for none; ``corner``: room at corners [m]; ``driveway``: of a private way.
+    Attributes:
+      center: [m].
+      signals: whether it has traffic signals.
+      ring_radius: of a roundabout [m], 0 for other junctions.
+      corner: room between a corner and the stop lines [m].
+      is_driveway: whether a private road ends here.
     """
 
-    centre: np.ndarray
+    center: np.ndarray
     signals: bool = False
-    ring: float = 0.0
+    ring_radius: float = 0.0
     corner: float = 4.0
-    driveway: bool = False
+    is_driveway: bool = False
 
 
 @dataclasses.dataclass
-class Edge:
-    """A road along ``line``, from node ``a`` to node ``b``; None: it comes from or goes out of the map.
+class PlanEdge:
+    """A road.
 
-    ``out`` is the direction along the line, ``back`` the other one; ``rank`` 3 yields to 0 where there are no signals.
+    Attributes:
+      line: reference line [m].
+      profile: what its lanes share.
+      forward, backward: the carriageways along the line and against it.
+      start_node, end_node: indices of nodes; None at the border of the map.
+      rank: right of way without signals; lower goes first.
     """
 
     line: Line
-    profile: Profile
-    out: Side
-    back: Side
-    a: int | None = None
-    b: int | None = None
+    profile: RoadProfile
+    forward: Carriageway
+    backward: Carriageway
+    start_node: int | None = None
+    end_node: int | None = None
     rank: int = 0
 
 
 @dataclasses.dataclass
-class Plan:
+class RoadPlan:
     """Nodes and the roads between them."""
 
-    nodes: list[Node] = dataclasses.field(default_factory=list)
-    edges: list[Edge] = dataclasses.field(default_factory=list)
+    nodes: list[PlanNode] = dataclasses.field(default_factory=list)
+    edges: list[PlanEdge] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass
-class _End:
-    """The end of an edge at a node, seen from the node outwards."""
+class _EdgeEnd:
+    """The end of an edge at a node: direction seen from the node [rad], half widths of its carriageways [m]."""
 
     edge: int
     at_start: bool
@@ -68,77 +81,81 @@ class _End:
     arriving: float
     leaving: float
     rank: int
-    stop: float = 0.0
 
 
-def build(plan: Plan, rng: np.random.Generator) -> Network:
-    """The network of a plan: roads cut back from the nodes, then connectors, rings and signals.
+def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
+    """The network of a plan: roads up to the stop lines, then connectors, rings and signals.
 
     Raises:
-      TooTight: if an edge is too short.
+      RoadTooShort: if an edge is too short for the junctions at its ends.
     """
     net = Network()
-    ends = [_ends_at(plan, number) for number in range(len(plan.nodes))]
-    for node, met in zip(plan.nodes, ends, strict=True):
-        if node.ring:
-            for end in met:
-                end.stop = node.ring + 9.0
-            continue
-        corners = [node.corner + rng.uniform(0, 2.5) for _ in met]
-        stops = stop_distances(
-            [end.angle for end in met], [end.arriving for end in met], [end.leaving for end in met], corners
-        )
-        for end, stop in zip(met, stops, strict=True):
-            end.stop = stop
-    arms = {(end.edge, end.at_start): Arm(end.angle, end.stop, rank=end.rank) for met in ends for end in met}
+    ends_of_nodes = [_ends_at(plan, number) for number in range(len(plan.nodes))]
+    arms: dict[tuple[int, bool], Arm] = {}
+    for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
+        for end, distance in zip(ends, _stop_distances(node, ends, rng), strict=True):
+            arms[end.edge, end.at_start] = Arm(end.angle, distance, rank=end.rank)
     for number, edge in enumerate(plan.edges):
-        start, finish = arms.get((number, True)), arms.get((number, False))
-        first, total = start.stop if start else 0.0, length_of(edge.line)
-        last = total - (finish.stop if finish else 0.0)
-        if last - first < 4.0:
-            raise TooTight(f"edge {number} of the plan: {total:.0f} m are too short for the junctions at its ends")
-        out, back = add_road(net, part(edge.line, first, last), edge.profile, edge.out, edge.back)
-        if start:
-            arrive(start, back, out)
-        if finish:
-            arrive(finish, out, back)
-    for node, met in zip(plan.nodes, ends, strict=True):
-        own = [arms[end.edge, end.at_start] for end in met]
-        junction = Junction(_kind(node, own), node.centre, max(arm.stop for arm in own), own)
+        _add_edge(net, number, edge, arms.get((number, True)), arms.get((number, False)))
+    for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
+        node_arms = [arms[end.edge, end.at_start] for end in ends]
+        radius = max(arm.stop_distance for arm in node_arms)
+        junction = Junction(_junction_type(node, node_arms), node.center, radius, node_arms)
         net.junctions.append(junction)
-        if node.ring:
-            add_ring(net, junction, node.ring)
+        if node.ring_radius:
+            add_ring(net, junction, node.ring_radius)
         else:
-            connect(net, junction, rng)
+            add_connectors(net, junction, rng)
             if node.signals:
                 junction.phases = plan_phases(net, junction)
     return net
 
 
-def _ends_at(plan: Plan, number: int) -> list[_End]:
+def _stop_distances(node: PlanNode, ends: list[_EdgeEnd], rng: np.random.Generator) -> list[float]:
+    if node.ring_radius:
+        return [node.ring_radius + RING_CLEARANCE] * len(ends)
+    corners = [node.corner + rng.uniform(0, _MAX_CORNER_VARIATION) for _ in ends]
+    angles, arriving = [end.angle for end in ends], [end.arriving for end in ends]
+    return stop_distances(angles, arriving, [end.leaving for end in ends], corners)
+
+
+def _add_edge(net: Network, number: int, edge: PlanEdge, start_arm: Arm | None, end_arm: Arm | None) -> None:
+    """Adds the lanes of an edge between the stop lines of its arms."""
+    length = line_length(edge.line)
+    start = start_arm.stop_distance if start_arm else 0.0
+    end = length - (end_arm.stop_distance if end_arm else 0.0)
+    if end - start < _MIN_ROAD_LENGTH:
+        raise RoadTooShort(f"edge {number} of the plan: {length:.0f} m are too short for the junctions at its ends")
+    line = slice_line(edge.line, start, end)
+    forward, backward = add_road(net, line, edge.profile, edge.forward, edge.backward)
+    if start_arm:
+        attach_to_arm(start_arm, backward, forward)
+    if end_arm:
+        attach_to_arm(end_arm, forward, backward)
+
+
+def _ends_at(plan: RoadPlan, number: int) -> list[_EdgeEnd]:
     """Ends of edges at a node, by angle."""
-    found = []
+    ends = []
     for k, edge in enumerate(plan.edges):
-        for at_start, node in ((True, edge.a), (False, edge.b)):
+        for at_start, node in ((True, edge.start_node), (False, edge.end_node)):
             if node != number:
                 continue
             line = edge.line if at_start else edge.line[::-1]
-            near = line[min(len(line) - 1, max(1, round(_NEAR / np.hypot(*(line[1] - line[0])))))]
+            spacing = np.hypot(*(line[1] - line[0]))
+            near = line[min(len(line) - 1, max(1, round(_DIRECTION_DISTANCE / spacing)))]
             angle = float(np.arctan2(*(near - line[0])[::-1]))
-            arriving, leaving = (edge.back, edge.out) if at_start else (edge.out, edge.back)
-            found.append(
-                _End(
-                    k, at_start, angle, arriving.half_width(edge.profile, True),
-                    leaving.half_width(edge.profile, False), edge.rank,
-                )
-            )  # fmt: skip
-    return sorted(found, key=lambda end: end.angle)
+            arriving, leaving = (edge.backward, edge.forward) if at_start else (edge.forward, edge.backward)
+            arriving_width = arriving.half_width(edge.profile, arriving=True)
+            leaving_width = leaving.half_width(edge.profile, arriving=False)
+            ends.append(_EdgeEnd(k, at_start, angle, arriving_width, leaving_width, edge.rank))
+    return sorted(ends, key=lambda end: end.angle)
 
 
-def _kind(node: Node, arms: list[Arm]) -> JunctionKind:
-    if node.ring:
+def _junction_type(node: PlanNode, arms: list[Arm]) -> JunctionType:
+    if node.ring_radius:
         return "roundabout"
-    if node.driveway and len(arms) < 4:
+    if node.is_driveway and len(arms) < 4:
         return "driveway"
     if len(arms) == 4:
         return "four-way"
@@ -146,4 +163,4 @@ def _kind(node: Node, arms: list[Arm]) -> JunctionKind:
         return "complex"
     angles = sorted(arm.angle for arm in arms)
     gaps = [(b - a) % (2 * np.pi) for a, b in zip(angles, [*angles[1:], angles[0]], strict=True)]
-    return "Y" if max(gaps) < np.deg2rad(155) else "T"
+    return "Y" if max(gaps) < _MAX_Y_GAP else "T"

@@ -1,4 +1,4 @@
-"""Cross-sections: the lanes of one road along a reference line, with turn pockets, added and ending lanes."""
+"""Roads: the lanes of both directions along a reference line, with turn pockets and ending lanes."""
 
 from __future__ import annotations
 
@@ -7,124 +7,179 @@ import itertools
 
 import numpy as np
 
-from scjax.synthetic.curves import Line, arc_of, offset, smooth
+from scjax.synthetic.curves import Line, cumulative_length, offset_line, smoothstep
 from scjax.synthetic.network import Arm, Lane, Network, Turn
 
-_TAPER = 18.0  # metres over which a pocket leaves its lane
-_LEAST = 12.0  # metres of road before a pocket
+_POCKET_TAPER = 18.0  # m over which a turn pocket leaves its lane
+_ENDING_TAPER = 30.0  # m over which an ending lane merges
+_MIN_ROAD_BEFORE_POCKET = 12.0  # m
+_MIN_POINT_SPACING = 0.3  # m between a cut and the next point of a lane
 
 
 @dataclasses.dataclass(frozen=True)
-class Profile:
-    """What all lanes of a road share: metres, m/s."""
+class RoadProfile:
+    """What all lanes of a road share.
+
+    Attributes:
+      speed: of free traffic [m/s].
+      width: of a lane [m].
+      median: width between the two directions [m].
+      subtype: as in ``Lane``.
+      center_turn_lane: the median, at least 3 m wide, is a turn lane for both directions.
+      parking, sidewalk: along the right edge.
+      height: above the ground [m].
+    """
 
     speed: float
     width: float = 3.5
     median: float = 0.0
     subtype: str = "surface_street"
-    centre_turn: bool = False  # the median, 3 m or more of it, is a turn lane for both directions
+    center_turn_lane: bool = False
     parking: bool = False
-    walks: bool = False
+    sidewalk: bool = False
     height: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Side:
-    """One direction of a road: lanes all along; lengths of turn pockets at its end and of a lane that ends [m]."""
+class Carriageway:
+    """One direction of a road.
+
+    Attributes:
+      lanes: number of lanes over the whole length; 0 for the missing direction of a one-way road.
+      left_pocket, right_pocket: lengths of turn pockets at the end [m], 0 for none.
+      ending: length of one more lane on the right that starts with the road and ends [m], 0 for none.
+    """
 
     lanes: int
     left_pocket: float = 0.0
     right_pocket: float = 0.0
-    ending: float = 0.0  # one more lane on the right, up to here
+    ending: float = 0.0
 
-    def half_width(self, profile: Profile, arriving: bool) -> float:
-        """From the middle of the road to its edge where it meets a junction [m]."""
-        more = bool(self.right_pocket) if arriving else bool(self.ending)
-        return profile.median / 2 + profile.width * (self.lanes + more)
+    def half_width(self, profile: RoadProfile, arriving: bool) -> float:
+        """From the reference line to the edge of the road at a junction where the lanes arrive or leave [m]."""
+        has_extra_lane = bool(self.right_pocket) if arriving else bool(self.ending)
+        return profile.median / 2 + profile.width * (self.lanes + has_extra_lane)
 
 
 @dataclasses.dataclass
-class Ends:
-    """Lanes of one direction at its start and at its end, as an ``Arm`` lists them."""
+class CarriagewayEnds:
+    """Lanes at the start and at the end of a carriageway, in the form of ``Arm.outbound`` and ``Arm.inbound``."""
 
-    first: list[int]
-    last: list[tuple[int, Turn | None]]
-
-
-def add_road(net: Network, line: Line, profile: Profile, forward: Side, backward: Side) -> tuple[Ends, Ends]:
-    """Adds the lanes along ``line`` and those against it; a side of no lanes is left out (one-way road)."""
-    return (_add_side(net, line, profile, forward), _add_side(net, line[::-1], profile, backward))
+    start: list[int]
+    end: list[tuple[int, Turn | None]]
 
 
-def _add_side(net: Network, line: Line, profile: Profile, side: Side) -> Ends:
-    if not side.lanes:
-        return Ends([], [])
-    arc = arc_of(line)
-    total, width = float(arc[-1]), profile.width
-    pocket = max(side.left_pocket, side.right_pocket)
-    pocket = pocket if pocket and total > pocket + _LEAST else 0.0
-    ending = side.ending if side.ending and total > side.ending + pocket + _LEAST else 0.0
-    cuts = [0.0, *([ending] if ending else []), *([total - pocket] if pocket else []), total]
-    offsets = [-(profile.median / 2 + width * (k + 0.5)) for k in range(side.lanes)]
-
-    def lane(left: float | np.ndarray, start: float, end: float, kerb: bool) -> int:
-        points = _between(offset(line, left), arc, start, end)
-        height = profile.height
-        return net.add(Lane(points, profile.speed, width, profile.subtype, kerb=kerb, height=height))
-
-    sections = []
-    for start, end in itertools.pairwise(cuts):
-        widened = (ending and start == 0.0) or (pocket and side.right_pocket and end == total)
-        kerbs = [k == side.lanes - 1 and not widened for k in range(side.lanes)]
-        lanes = [lane(left, start, end, kerb) for left, kerb in zip(offsets, kerbs, strict=True)]
-        for a, b in itertools.pairwise(lanes):
-            net.beside(a, b)
-        if sections:
-            for before, after in zip(sections[-1], lanes, strict=True):
-                net.join(before, after)
-        sections.append(lanes)
-        if profile.parking and not widened:
-            net.parking += lanes[-1:]
-        if profile.walks:
-            net.walks += lanes[-1:]
-    first = list(sections[0])
-    last: list[tuple[int, Turn | None]] = [(k, None) for k in sections[-1]]
-    inner, outer = offsets[0], offsets[-1]
-    if ending:
-        left = outer - width * smooth((ending - arc) / 30.0)
-        extra = lane(left, 0.0, ending, True)
-        net.lanes[extra].points[-1] = net.lanes[sections[1][-1]].points[0]
-        net.beside(sections[0][-1], extra)
-        net.join(extra, sections[1][-1])
-        first.append(extra)
-    if pocket and side.left_pocket:
-        left = inner + width * smooth((arc - (total - pocket)) / _TAPER)
-        extra = lane(left, total - pocket, total, False)
-        net.lanes[extra].points[0] = net.lanes[sections[-2][0]].points[-1]
-        net.beside(extra, sections[-1][0])
-        net.join(sections[-2][0], extra)
-        last.insert(0, (extra, "left"))
-    if pocket and side.right_pocket:
-        left = outer - width * smooth((arc - (total - pocket)) / _TAPER)
-        extra = lane(left, total - pocket, total, True)
-        net.lanes[extra].points[0] = net.lanes[sections[-2][-1]].points[-1]
-        net.beside(sections[-1][-1], extra)
-        net.join(sections[-2][-1], extra)
-        last.append((extra, "right"))
-    if profile.centre_turn and not side.left_pocket:
-        middle = net.add(Lane(line.copy(), profile.speed, width, profile.subtype, centre=True))
-        net.lanes[middle].height = profile.height
-        last.insert(0, (middle, "left"))
-    return Ends(first, last)
+def add_road(
+    net: Network, line: Line, profile: RoadProfile, forward: Carriageway, backward: Carriageway
+) -> tuple[CarriagewayEnds, CarriagewayEnds]:
+    """Adds the lanes along the reference line ``line`` and those against it; traffic keeps right of the line."""
+    along = _CarriagewayBuilder(net, line, profile, forward).build()
+    against = _CarriagewayBuilder(net, line[::-1], profile, backward).build()
+    return along, against
 
 
-def arrive(arm: Arm, incoming: Ends, leaving: Ends) -> None:
-    """Notes at a junction's arm which lanes of a road end and start there."""
-    arm.inbound, arm.outbound = incoming.last, leaving.first
+def attach_to_arm(arm: Arm, arriving: CarriagewayEnds, leaving: CarriagewayEnds) -> None:
+    """Registers the carriageways that arrive and leave at the arm of a junction."""
+    arm.inbound, arm.outbound = arriving.end, leaving.start
 
 
-def _between(points: Line, arc: np.ndarray, start: float, end: float) -> Line:
-    """Points whose place along the reference line lies between two arc lengths, and those at the two."""
-    inner = arc[(arc > start + 0.3) & (arc < end - 0.3)]
-    at = np.concatenate([[start], inner, [end]])
-    return np.stack([np.interp(at, arc, points[:, d]) for d in (0, 1)], -1)
+class _CarriagewayBuilder:
+    """Adds the lanes of one carriageway: sections between the changes of the number of lanes, then extra lanes."""
+
+    def __init__(self, net: Network, line: Line, profile: RoadProfile, carriageway: Carriageway):
+        self.net, self.line, self.profile, self.carriageway = net, line, profile, carriageway
+        self.arc = cumulative_length(line)
+        self.length = length = float(self.arc[-1])
+        pocket = max(carriageway.left_pocket, carriageway.right_pocket)
+        self.pocket = pocket if pocket and length > pocket + _MIN_ROAD_BEFORE_POCKET else 0.0
+        has_room = length > carriageway.ending + self.pocket + _MIN_ROAD_BEFORE_POCKET
+        self.ending = carriageway.ending if carriageway.ending and has_room else 0.0
+        # Offsets of the centerlines to the left of the reference line [m], innermost first.
+        self.offsets = [-(profile.median / 2 + profile.width * (k + 0.5)) for k in range(carriageway.lanes)]
+        self.sections: list[list[int]] = []
+
+    def build(self) -> CarriagewayEnds:
+        if not self.carriageway.lanes:
+            return CarriagewayEnds([], [])
+        self._add_sections()
+        ends = CarriagewayEnds(list(self.sections[0]), [(k, None) for k in self.sections[-1]])
+        if self.ending:
+            ends.start.append(self._add_ending_lane())
+        if self.pocket and self.carriageway.left_pocket:
+            ends.end.insert(0, (self._add_left_pocket(), "left"))
+        if self.pocket and self.carriageway.right_pocket:
+            ends.end.append((self._add_right_pocket(), "right"))
+        if self.profile.center_turn_lane and not self.carriageway.left_pocket:
+            ends.end.insert(0, (self._add_center_turn_lane(), "left"))
+        return ends
+
+    def _add_lane(self, left: float | np.ndarray, start: float, end: float, at_curb: bool) -> int:
+        """A lane with offset ``left`` between two arc lengths of the reference line [m]."""
+        line, profile = offset_line(self.line, left), self.profile
+        inner = self.arc[(self.arc > start + _MIN_POINT_SPACING) & (self.arc < end - _MIN_POINT_SPACING)]
+        positions = np.concatenate([[start], inner, [end]])
+        points = np.stack([np.interp(positions, self.arc, line[:, d]) for d in (0, 1)], -1)
+        lane = Lane(points, profile.speed, profile.width, profile.subtype, at_curb=at_curb, height=profile.height)
+        return self.net.add_lane(lane)
+
+    def _add_sections(self) -> None:
+        """The lanes over the whole length, cut where extra lanes start or end."""
+        net, length = self.net, self.length
+        cuts = [0.0, *([self.ending] if self.ending else []), *([length - self.pocket] if self.pocket else []), length]
+        for start, end in itertools.pairwise(cuts):
+            has_right_pocket = self.pocket and self.carriageway.right_pocket and end == length
+            is_widened = (self.ending and start == 0.0) or has_right_pocket
+            lanes = [
+                self._add_lane(left, start, end, k == self.carriageway.lanes - 1 and not is_widened)
+                for k, left in enumerate(self.offsets)
+            ]
+            for left_lane, right_lane in itertools.pairwise(lanes):
+                net.set_neighbors(left_lane, right_lane)
+            if self.sections:
+                for lane, successor in zip(self.sections[-1], lanes, strict=True):
+                    net.link(lane, successor)
+            self.sections.append(lanes)
+            if self.profile.parking and not is_widened:
+                net.parking_lanes += lanes[-1:]
+            if self.profile.sidewalk:
+                net.sidewalk_lanes += lanes[-1:]
+
+    def _add_ending_lane(self) -> int:
+        net = self.net
+        left = self.offsets[-1] - self.profile.width * smoothstep((self.ending - self.arc) / _ENDING_TAPER)
+        lane = self._add_lane(left, 0.0, self.ending, True)
+        net.lanes[lane].points[-1] = net.lanes[self.sections[1][-1]].points[0]
+        net.set_neighbors(self.sections[0][-1], lane)
+        net.link(lane, self.sections[1][-1])
+        return lane
+
+    def _add_left_pocket(self) -> int:
+        lane = self._add_pocket(self.offsets[0], 1.0, self.sections[-2][0], at_curb=False)
+        self.net.set_neighbors(lane, self.sections[-1][0])
+        return lane
+
+    def _add_right_pocket(self) -> int:
+        lane = self._add_pocket(self.offsets[-1], -1.0, self.sections[-2][-1], at_curb=True)
+        self.net.set_neighbors(self.sections[-1][-1], lane)
+        return lane
+
+    def _add_pocket(self, offset: float, side: float, predecessor: int, at_curb: bool) -> int:
+        """A turn pocket that leaves the lane ``predecessor`` with ``offset`` to the left (``side`` 1) or right (-1)."""
+        start = self.length - self.pocket
+        left = offset + side * self.profile.width * smoothstep((self.arc - start) / _POCKET_TAPER)
+        lane = self._add_lane(left, start, self.length, at_curb)
+        self.net.lanes[lane].points[0] = self.net.lanes[predecessor].points[-1]
+        self.net.link(predecessor, lane)
+        return lane
+
+    def _add_center_turn_lane(self) -> int:
+        profile = self.profile
+        lane = Lane(
+            self.line.copy(),
+            profile.speed,
+            profile.width,
+            profile.subtype,
+            height=profile.height,
+            is_center_turn=True,
+        )
+        return self.net.add_lane(lane)

@@ -1,4 +1,4 @@
-"""Signal phases of a junction, and what its lights show at a time."""
+"""Traffic signals of a junction: phases, and the state of every connector over time."""
 
 from __future__ import annotations
 
@@ -10,65 +10,71 @@ from scjax.language.road import wrap_to_pi
 from scjax.scene import Signal
 from scjax.synthetic.network import Junction, Network
 
-YELLOW, CLEARING = 3.0, 2.0  # seconds
-_OPPOSITE = np.deg2rad(140.0)
+YELLOW_TIME, CLEARANCE_TIME = 3.0, 2.0  # s
+_MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 
 def plan_phases(net: Network, junction: Junction) -> list[frozenset[int]]:
-    """Sets of connectors that have green together: opposite arms, their left turns apart where these have lanes.
+    """Sets of connectors with green at the same time: one per pair of opposite arms or single arm.
 
-    Left turns without a lane of their own share the green and give way.
+    Left turns of a pair have a phase of their own if they have lanes of their own; else they yield.
     """
-    left_over = list(range(len(junction.arms)))
+    remaining = list(range(len(junction.arms)))
     phases = []
-    while left_over:
-        a = left_over.pop(0)
-        apart = {b: abs(wrap_to_pi(junction.arms[a].angle - junction.arms[b].angle)) for b in left_over}
-        b = max(apart, key=lambda k: apart[k], default=None)
-        pair = [a]
-        if b is not None and apart[b] > _OPPOSITE:
-            left_over.remove(b)
-            pair.append(b)
-        own = [k for k in junction.connectors if net.lanes[k].arm in pair]
-        protected = {k for k in own if net.lanes[k].turn == "left" and _own_lane(net, junction, k)}
-        if len(pair) > 1 and protected:
-            phases.append(frozenset(own) - protected)
+    while remaining:
+        a = remaining.pop(0)
+        angles = {b: abs(wrap_to_pi(junction.arms[a].angle - junction.arms[b].angle)) for b in remaining}
+        b = max(angles, key=lambda k: angles[k], default=None)
+        arms = [a]
+        if b is not None and angles[b] > _MIN_OPPOSITE_ANGLE:
+            remaining.remove(b)
+            arms.append(b)
+        connectors = [k for k in junction.connectors if net.lanes[k].arm in arms]
+        protected = {k for k in connectors if net.lanes[k].turn == "left" and _has_own_lane(net, junction, k)}
+        if len(arms) > 1 and protected:
+            phases.append(frozenset(connectors) - protected)
             phases.append(frozenset(protected))
         else:
-            phases.append(frozenset(own))
+            phases.append(frozenset(connectors))
     return [phase for phase in phases if phase]
 
 
 @dataclasses.dataclass(frozen=True)
-class Timing:
-    """Lights of one junction over time: seconds of green of each phase, and the start of the cycle."""
+class SignalTiming:
+    """Timing of the signals of one junction.
+
+    Attributes:
+      phases: as in ``Junction``.
+      green_times: of each phase [s].
+      start: position in the cycle at time 0 [s].
+    """
 
     phases: tuple[frozenset[int], ...]
-    greens: tuple[float, ...]
+    green_times: tuple[float, ...]
     start: float
 
     @classmethod
-    def drawn(cls, junction: Junction, rng: np.random.Generator) -> Timing:
-        """Greens by the number of lanes that they serve."""
+    def draw(cls, junction: Junction, rng: np.random.Generator) -> SignalTiming:
+        """Random timing; phases with more connectors are longer."""
         greens = [rng.uniform(6, 10) + 2.0 * len(phase) ** 0.5 for phase in junction.phases]
-        cycle = sum(greens) + len(greens) * (YELLOW + CLEARING)
+        cycle = sum(greens) + len(greens) * (YELLOW_TIME + CLEARANCE_TIME)
         return cls(tuple(junction.phases), tuple(float(green) for green in greens), float(rng.uniform(0, cycle)))
 
     def states(self, time: float) -> dict[int, Signal]:
         """The ``Signal`` of every connector at ``time`` [s]."""
-        cycle = sum(self.greens) + len(self.greens) * (YELLOW + CLEARING)
-        left = (time + self.start) % cycle
-        shown = {k: Signal.STOP for phase in self.phases for k in phase}
-        for phase, green in zip(self.phases, self.greens, strict=True):
-            if left < green + YELLOW + CLEARING:
-                if left < green + YELLOW:
-                    shown |= dict.fromkeys(phase, Signal.GO if left < green else Signal.CAUTION)
-                return shown
-            left -= green + YELLOW + CLEARING
-        return shown
+        cycle = sum(self.green_times) + len(self.green_times) * (YELLOW_TIME + CLEARANCE_TIME)
+        elapsed = (time + self.start) % cycle
+        states = {k: Signal.STOP for phase in self.phases for k in phase}
+        for phase, green in zip(self.phases, self.green_times, strict=True):
+            if elapsed < green + YELLOW_TIME + CLEARANCE_TIME:
+                if elapsed < green + YELLOW_TIME:
+                    states |= dict.fromkeys(phase, Signal.GO if elapsed < green else Signal.CAUTION)
+                return states
+            elapsed -= green + YELLOW_TIME + CLEARANCE_TIME
+        return states
 
 
-def _own_lane(net: Network, junction: Junction, connector: int) -> bool:
-    """Whether the lane that a connector starts from allows this turn alone."""
-    entry = net.lanes[connector].entry
-    return {net.lanes[k].turn for k in junction.connectors if net.lanes[k].entry == entry} == {"left"}
+def _has_own_lane(net: Network, junction: Junction, connector: int) -> bool:
+    """Whether the lane before a connector allows left turns only."""
+    entry = net.lanes[connector].entry_lane
+    return {net.lanes[k].turn for k in junction.connectors if net.lanes[k].entry_lane == entry} == {"left"}

@@ -13,25 +13,28 @@ from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.readers.base import LogInfo
 from scjax.data.tiles import pose_of
 from scjax.language.events import EVENTS
-from scjax.synthetic import domains
-from scjax.synthetic.labels import Label, label
-from scjax.synthetic.world import VERSION, make_world, object_of, raw_scene
+from scjax.synthetic.domains import draw_domain
+from scjax.synthetic.labels import SceneLabel, label_scene
+from scjax.synthetic.recording import object_index, to_log
+from scjax.synthetic.world import VERSION, make_world
 
-_SAME_EVENT = 2  # scenes of a world that are kept for showing the same event: a jam is seen by many cars
+_MAX_SCENES_PER_EVENT = 2  # of a world, since many vehicles see the same jam
 
 
 @dataclasses.dataclass(frozen=True)
 class Worlds:
-    """Worlds 0 .. ``count`` - 1 of ``seed``; each is a location of its own. Poses come from the worlds, all standard.
+    """Worlds 0 .. ``count`` - 1 of ``seed``; each is a location of its own, with poses at its egos.
 
     Attributes:
-      ordinary: share of the scenes that show nothing rare (``Label.rare``) that is kept; a world's third and further
-        scenes of the same event count as ordinary. Less than 1 gives a training set in which rare things are frequent.
-      events: of which every world with a place for it shows one; one told twice is drawn twice as often. Empty: any
-        event in some worlds.
+      seed: of all worlds.
+      count: number of worlds.
+      ordinary: share of the scenes without anything rare (``SceneLabel.rare``) that is kept. The third and further
+        scenes of one event in a world count as ordinary. A share below 1 makes rare things frequent.
+      events: names of events; every world with a place for it shows one of them. A name given twice is drawn twice as
+        often. Empty: any event in some of the worlds.
 
     Raises:
-      ValueError: if ``count`` is less than 1, ``seed`` negative, ``ordinary`` no share, or an event is unknown.
+      ValueError: if ``count`` is less than 1, ``seed`` negative, ``ordinary`` no share, or an event unknown.
     """
 
     seed: int
@@ -54,34 +57,41 @@ class Worlds:
         return [f"{self.seed}/{k:07d}" for k in range(self.count)]
 
     def scan(self, name: str) -> LogInfo:
-        """Domain of the world, without making it."""
-        seed, k = (int(part) for part in name.split("/"))
-        domain = domains.draw(np.random.default_rng([VERSION, seed, k])).name
-        options = " ".join([f"{self.ordinary:g} {_SAME_EVENT}", *self.events])
+        """Domain of a world, and a hash of all that its records depend on; does not build the world."""
+        seed, k = _numbers(name)
+        domain = draw_domain(np.random.default_rng([VERSION, seed, k])).name
+        options = " ".join([f"{self.ordinary:g} {_MAX_SCENES_PER_EVENT}", *self.events])
         digest = hashlib.sha256(f"synthetic world {VERSION} {name} {options}".encode()).hexdigest()
         return LogInfo(name, digest, domain, name)
 
     def load(self, item: LogInfo, options: BuildOptions, dense: bool) -> PosedLog:
-        """Makes the world; the options do not matter to it."""
+        """Builds the world; ``options`` and ``dense`` have no effect."""
         del options, dense
-        seed, k = (int(part) for part in item.file.split("/"))
+        seed, k = _numbers(item.file)
         world = make_world(seed, k, self.events)
-        raw = raw_scene(world)
-        graph = build_graph(raw)
+        log = to_log(world)
+        graph = build_graph(log)
         index = index_segments(graph)
-        chance = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
-        labels = [label(world, ego) for ego in world.egos]
-        kept = np.flatnonzero((chance < self.ordinary) | _rare(labels, chance))
-        egos = [world.egos[k] for k in kept]
-        poses = [pose_of(raw, index, ego.moment, object_of(world, ego.moment, ego.agent)) for ego in egos]
-        return PosedLog(raw, graph, index, poses, len(poses), [labels[k].to_json() for k in kept], keep_parked=True)
+        uniform = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
+        labels = [label_scene(world, ego) for ego in world.egos]
+        rows = np.flatnonzero((uniform < self.ordinary) | _is_rare(labels, uniform))
+        egos = [world.egos[row] for row in rows]
+        poses = [pose_of(log, index, ego.moment, object_index(world, ego.moment, ego.agent)) for ego in egos]
+        kept_labels = [labels[row].to_json() for row in rows]
+        return PosedLog(log, graph, index, poses, len(poses), kept_labels, keep_parked=True)
 
 
-def _rare(labels: list[Label], chance: np.ndarray) -> np.ndarray:
-    """Which scenes of a world are kept for what they show: of the same event those of least ``chance``."""
-    rare, told = np.zeros(len(labels), bool), collections.Counter()
-    for k in np.argsort(chance):
+def _numbers(name: str) -> tuple[int, int]:
+    """Seed and number of the world ``name``."""
+    seed, k = name.split("/")
+    return int(seed), int(k)
+
+
+def _is_rare(labels: list[SceneLabel], uniform: np.ndarray) -> np.ndarray:
+    """Which scenes of a world are kept as rare [scenes]; of one event those with the smallest ``uniform``."""
+    is_rare, num_scenes = np.zeros(len(labels), bool), collections.Counter()
+    for k in np.argsort(uniform):
         event = labels[k].event
-        rare[k] = labels[k].rare and (event is None or told[event] < _SAME_EVENT)
-        told[event] += 1
-    return rare
+        is_rare[k] = labels[k].rare and (event is None or num_scenes[event] < _MAX_SCENES_PER_EVENT)
+        num_scenes[event] += 1
+    return is_rare

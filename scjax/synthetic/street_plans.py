@@ -1,0 +1,111 @@
+"""Random plans of street networks around the origin: road, intersection, side streets, blocks, roundabout, dead end."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from scjax.synthetic.curves import clothoid, straight_line, transform_line
+from scjax.synthetic.network import MPS_PER_MPH
+from scjax.synthetic.plan import PlanEdge, PlanNode, RoadPlan
+from scjax.synthetic.roads import Carriageway, RoadProfile
+from scjax.synthetic.streets import (
+    MAP_RADIUS,
+    SIDE_STREET_RANK,
+    Street,
+    StreetStyle,
+    add_arms,
+    add_road_with_side_streets,
+    draw_bool,
+    draw_main_street,
+    draw_minor_street,
+    draw_road_line,
+)
+
+
+def plan_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """One road without junctions: straight, curved or winding; a lane may start or end on it."""
+    profile, forward, backward = draw_main_street(style, rng)
+    if rng.random() < 0.3:
+        forward = dataclasses.replace(forward, **{str(rng.choice(["right_pocket", "ending"])): rng.uniform(110, 190)})
+    line = draw_road_line(rng, has_bends=bool(rng.random() < style.bends + 0.25), speed=profile.speed)
+    return RoadPlan(edges=[PlanEdge(line, profile, forward, backward)])
+
+
+def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """A four-way, T- or Y-junction, often with further junctions on its arms."""
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(3, 6))])
+    shape = rng.choice(["four", "T", "Y"], p=[0.52, 0.42, 0.06])
+    if shape == "Y":
+        angles = np.array([0.0, 2.1, -2.1]) + rng.normal(0, 0.12, 3)
+    else:
+        skew = rng.normal(0, 0.08) if rng.random() < 0.8 else rng.choice([-1, 1]) * rng.uniform(0.3, 0.6)
+        cross = np.pi / 2 + skew
+        angles = np.array([0.0, np.pi, cross, cross - np.pi][: 4 if shape == "four" else 3]) + rng.normal(0, 0.03)
+        if shape == "T" and rng.random() < 0.5:
+            angles = -angles
+    main_street = draw_main_street(style, rng)
+    cross_street = draw_main_street(style, rng) if rng.random() < 0.45 else draw_minor_street(style, rng)
+    add_arms(plan, 0, angles, [main_street, main_street, cross_street, cross_street], style, rng)
+    return plan
+
+
+def plan_side_streets(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """A road with streets and driveways that end on it."""
+    profile, forward, backward = draw_main_street(style, rng)
+    line = draw_road_line(rng, has_bends=bool(rng.random() < style.bends), speed=profile.speed)
+    positions = np.cumsum(rng.uniform(26, 55, int(rng.integers(3, 7)))) + rng.uniform(50, 100)
+    plan = RoadPlan()
+    road = PlanEdge(line, profile, forward, backward)
+    add_road_with_side_streets(plan, road, positions[positions < 2 * MAP_RADIUS - 60], [], rng)
+    return plan
+
+
+def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """Two by two junctions of a grid; some streets are one-way."""
+    spacing = rng.uniform(62, 105, 2)
+    corners = [np.array([x, y]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    has_signals = bool(rng.random() < style.signals)
+    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(3, 5)) for corner in corners])
+    streets = [draw_main_street(style, rng) if rng.random() < 0.4 else draw_minor_street(style, rng) for _ in range(4)]
+    for k, (profile, forward, backward) in enumerate(streets):
+        # Streets 0 and 1 run along y at the two x, streets 2 and 3 along x at the two y.
+        first, second = ((0, 1), (2, 3), (0, 2), (1, 3))[k]
+        heading = np.pi / 2 if k < 2 else 0.0
+        a, b = plan.nodes[first].center, plan.nodes[second].center
+        profile = dataclasses.replace(profile, center_turn_lane=False)
+        rank = SIDE_STREET_RANK * (k % 2)
+        between = straight_line(a, heading, float(np.hypot(*(b - a))))
+        plan.edges.append(PlanEdge(between, profile, forward, backward, first, second, rank))
+        length = MAP_RADIUS - float(np.abs(a).max())
+        after, before = straight_line(b, heading, length), straight_line(a, heading + np.pi, length)
+        plan.edges.append(PlanEdge(after, profile, forward, backward, second, None, rank))
+        plan.edges.append(PlanEdge(before, profile, backward, forward, first, None, rank))
+    return plan
+
+
+def plan_roundabout(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """Three or four arms on a ring."""
+    count = int(rng.choice([3, 4], p=[0.35, 0.65]))
+    plan = RoadPlan([PlanNode(np.zeros(2), ring_radius=float(rng.uniform(13, 20)))])
+    angles = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.08, count)
+    limit = float(rng.choice(style.limits)) * MPS_PER_MPH
+    median, sidewalk = float(rng.choice([0.0, 1.5])), draw_bool(style.sidewalks, rng)
+    profile = RoadProfile(limit, rng.uniform(*style.widths), median=median, sidewalk=sidewalk)
+    add_arms(plan, 0, angles, [Street(profile, Carriageway(1), Carriageway(1))] * count, style, rng)
+    return plan
+
+
+def plan_dead_end(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """A residential street that starts on another one and ends within view."""
+    plan = RoadPlan([PlanNode(np.zeros(2), corner=4.0)])
+    profile, forward, backward = draw_minor_street(style, rng)
+    profile = dataclasses.replace(profile, parking=True)
+    angles = np.array([0.0, np.pi, np.pi / 2 + rng.normal(0, 0.1)])
+    add_arms(plan, 0, angles[:2], [Street(profile, forward, backward)] * 2, style, rng)
+    line = clothoid([25, rng.uniform(20, 60)], [0, 0, rng.normal(0, 0.006)])
+    line = transform_line(line, np.zeros(2), float(angles[2]))
+    profile = dataclasses.replace(profile, speed=20 * MPS_PER_MPH)
+    plan.edges.append(PlanEdge(line, profile, Carriageway(1), Carriageway(1), 0, None, SIDE_STREET_RANK))
+    return plan

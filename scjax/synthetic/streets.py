@@ -1,0 +1,207 @@
+"""Streets of a domain: random cross-sections, and roads with streets and driveways that end on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from scjax.synthetic.curves import Line, clothoid, transform_line
+from scjax.synthetic.network import MPS_PER_MPH
+from scjax.synthetic.plan import PlanEdge, PlanNode, RoadPlan
+from scjax.synthetic.roads import Carriageway, RoadProfile
+
+MAP_RADIUS = 150.0  # m from the center to the border of the map
+SIDE_STREET_RANK = 3
+_MIN_ROAD_DISTANCE = 16.0  # m between the reference lines of roads that do not meet
+_MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
+_CENTER_TURN_MEDIAN = 3.6  # m
+_DRIVEWAY_SHARE = 0.6
+_BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
+_SIDE_STREET_SPACING = (26, 55)  # m
+_MIN_BORDER_DISTANCE = 35  # m between a side street and the border of the map
+
+
+@dataclasses.dataclass(frozen=True)
+class StreetStyle:
+    """What the streets of a domain are like.
+
+    Attributes:
+      limits: speed limits [mph], drawn with equal probabilities.
+      widths: range of lane widths [m].
+      lanes: probabilities of 1, 2, ... lanes per direction on main roads.
+      medians: widths [m], drawn with equal probabilities.
+      center_turn_lane, one_way, parking, sidewalks, signals, pockets: shares of roads or junctions with the feature.
+      bends: share of roads with a bend.
+      branches: probabilities of 0, 1 and 2 side streets on an arm of a junction.
+    """
+
+    limits: tuple[int, ...]
+    widths: tuple[float, float]
+    lanes: tuple[float, ...]
+    medians: tuple[float, ...]
+    center_turn_lane: float = 0.0
+    one_way: float = 0.0
+    parking: float = 0.0
+    sidewalks: float = 1.0
+    signals: float = 0.6
+    pockets: float = 0.5
+    bends: float = 0.3
+    branches: tuple[float, float, float] = (0.25, 0.4, 0.35)
+
+
+class Street(NamedTuple):
+    """Cross-section of a street."""
+
+    profile: RoadProfile
+    forward: Carriageway
+    backward: Carriageway
+
+
+def draw_main_street(style: StreetStyle, rng: np.random.Generator) -> Street:
+    """Random cross-section of a main road."""
+    lanes = 1 + int(rng.choice(len(style.lanes), p=style.lanes))
+    center_turn_lane = lanes > 1 and draw_bool(style.center_turn_lane, rng)
+    profile = RoadProfile(
+        speed=float(rng.choice(style.limits)) * MPS_PER_MPH,
+        width=rng.uniform(*style.widths),
+        median=_CENTER_TURN_MEDIAN if center_turn_lane else float(rng.choice(style.medians)) if lanes > 1 else 0.0,
+        center_turn_lane=center_turn_lane,
+        parking=draw_bool(style.parking, rng),
+        sidewalk=draw_bool(style.sidewalks, rng),
+    )
+    if draw_bool(style.one_way, rng):
+        profile = dataclasses.replace(profile, median=0.0, center_turn_lane=False)
+        return Street(profile, Carriageway(max(lanes, 2)), Carriageway(0))
+    backward_lanes = lanes if rng.random() < 0.85 else max(1, lanes - 1)
+    return Street(profile, Carriageway(lanes), Carriageway(backward_lanes))
+
+
+def draw_minor_street(style: StreetStyle, rng: np.random.Generator) -> Street:
+    """Random cross-section of a minor road: fewer lanes and one of the lower speed limits."""
+    lanes = int(rng.choice([1, 2, 3], p=[0.45, 0.4, 0.15])) if len(style.lanes) > 2 else 1
+    limit = float(rng.choice(style.limits[: max(1, len(style.limits) // 2)])) * MPS_PER_MPH
+    profile = RoadProfile(
+        limit,
+        rng.uniform(*style.widths),
+        parking=draw_bool(style.parking, rng),
+        sidewalk=draw_bool(style.sidewalks, rng),
+    )
+    is_one_way = draw_bool(0.5 * style.one_way, rng)
+    return Street(profile, Carriageway(lanes), Carriageway(0 if is_one_way else lanes))
+
+
+def draw_road_line(rng: np.random.Generator, has_bends: bool, speed: float) -> Line:
+    """A line of length ``2 * MAP_RADIUS`` around the origin, straight or with bends that suit ``speed`` [m/s]."""
+    max_curvature = min(0.02, 2.0 / speed**2)  # 1/m
+    curvature = rng.choice([-1, 1]) * rng.uniform(0.35, 1.0) * max_curvature * has_bends
+    second = -curvature if rng.random() < 0.35 else curvature * rng.uniform(0, 1)
+    line = clothoid([70, 30, 40, 40, 40, 80], [0, 0, curvature, curvature * 0.8, second, 0, 0])
+    return line - line[len(line) // 2]
+
+
+def add_arms(
+    plan: RoadPlan, node: int, angles: np.ndarray, streets: list[Street], style: StreetStyle, rng: np.random.Generator
+) -> None:
+    """Adds roads outwards from a node, with side streets and driveways on them.
+
+    Args:
+      angles: directions of the roads [rad], the two of the main road first.
+      streets: cross-sections of the roads; the second arm of a street sees its carriageways swapped.
+    """
+    lines = []
+    for angle in angles:
+        curvature = rng.normal(0, 0.006) if rng.random() < style.bends else 0.0
+        line = clothoid([45, 30, MAP_RADIUS - 75], [0, 0, curvature, curvature])
+        lines.append(transform_line(line, plan.nodes[node].center, float(angle)))
+    for k, (profile, forward, backward) in enumerate(streets[: len(lines)]):
+        if k % 2:
+            forward, backward = backward, forward
+        backward = _add_pockets(backward, profile, style, rng)
+        count = int(rng.choice([0, 1, 2], p=style.branches))
+        positions = np.cumsum(rng.uniform(*_SIDE_STREET_SPACING, count)) + rng.uniform(8, 24)
+        others = [line for j, line in enumerate(lines) if j != k]
+        rank = 0 if k < 2 else SIDE_STREET_RANK
+        road = PlanEdge(lines[k], profile, forward, backward, node, None, rank)
+        positions = positions[positions < MAP_RADIUS - _MIN_BORDER_DISTANCE]
+        lines += add_road_with_side_streets(plan, road, positions, others, rng)
+
+
+def add_road_with_side_streets(
+    plan: RoadPlan, road: PlanEdge, positions: np.ndarray, others: list[Line], rng: np.random.Generator
+) -> list[Line]:
+    """Adds ``road``, with streets and driveways that end on it.
+
+    Args:
+      positions: of the side streets along the road [m].
+      others: lines that side streets keep clear of.
+
+    Returns:
+      Reference lines of the side streets. Turn pockets of ``road.backward`` stay at the start of the road only.
+    """
+    line, side_lines = road.line, []
+    spacing = float(np.hypot(*(line[1] - line[0])))
+    start_node, start, backward = road.start_node, 0, road.backward
+    for position in positions:
+        point = round(position / spacing)
+        is_driveway = bool(rng.random() < _DRIVEWAY_SHARE)
+        tangent = line[point + 1] - line[point - 1]
+        side = float(rng.choice([-1, 1]))
+        side_streets = []
+        for sign in (side, -side) if rng.random() < _BOTH_SIDES_SHARE else (side,):
+            angle = float(np.arctan2(tangent[1], tangent[0])) + sign * (np.pi / 2 + rng.normal(0, 0.07))
+            side_street = _draw_side_street(line[point], angle, is_driveway, len(plan.nodes), rng)
+            if _is_clear(side_street.line, others + side_lines):
+                side_streets.append(side_street)
+        if not side_streets:
+            continue
+        number = len(plan.nodes)
+        plan.nodes.append(PlanNode(line[point], corner=2.5 if is_driveway else 4.0, is_driveway=is_driveway))
+        plan.edges += side_streets
+        side_lines += [side_street.line for side_street in side_streets]
+        stretch = line[start : point + 1]
+        plan.edges.append(
+            dataclasses.replace(road, line=stretch, backward=backward, start_node=start_node, end_node=number)
+        )
+        start_node, start = number, point
+        backward = dataclasses.replace(road.backward, left_pocket=0.0, right_pocket=0.0)
+    plan.edges.append(dataclasses.replace(road, line=line[start:], backward=backward, start_node=start_node))
+    return side_lines
+
+
+def draw_bool(probability: float, rng: np.random.Generator) -> bool:
+    """True with ``probability``."""
+    return bool(rng.random() < probability)
+
+
+def _is_clear(line: Line, others: list[Line]) -> bool:
+    """Whether a line keeps its distance from all others."""
+    squares = (np.square(line[:, None] - other[None]).sum(-1) for other in others)
+    return all(square.min() > _MIN_ROAD_DISTANCE**2 for square in squares)
+
+
+def _draw_side_street(
+    start: np.ndarray, angle: float, is_driveway: bool, node: int, rng: np.random.Generator
+) -> PlanEdge:
+    length = rng.uniform(22, 32) if is_driveway else rng.uniform(70, 110)
+    profile = RoadProfile(
+        (10 if is_driveway else 25) * MPS_PER_MPH,
+        3.0 if is_driveway else 3.3,
+        parking=not is_driveway and rng.random() < 0.5,
+        sidewalk=not is_driveway,
+    )
+    line = transform_line(clothoid([20, length - 20], [0, 0, rng.normal(0, 0.004)]), start, angle)
+    return PlanEdge(line, profile, Carriageway(1), Carriageway(1), node, None, SIDE_STREET_RANK)
+
+
+def _add_pockets(
+    carriageway: Carriageway, profile: RoadProfile, style: StreetStyle, rng: np.random.Generator
+) -> Carriageway:
+    """The carriageway with random turn pockets."""
+    if not carriageway.lanes or not draw_bool(style.pockets, rng):
+        return carriageway
+    has_room_left = profile.median >= _MIN_POCKET_MEDIAN and not profile.center_turn_lane
+    left = rng.uniform(28, 55) if has_room_left else 0.0
+    right = rng.uniform(28, 50) if rng.random() < 0.4 else 0.0
+    return dataclasses.replace(carriageway, left_pocket=left, right_pocket=right)

@@ -1,0 +1,42 @@
+"""Rare events in synthetic worlds, and whether the language rules find them."""
+
+from __future__ import annotations
+
+import collections
+
+import pytest
+
+from scjax.language.events import EVENTS
+from scjax.language.facts import extract_facts
+from scjax.synthetic.events import EVENT_CLASSES
+from scjax.synthetic.world import make_world
+from tests.factories.synthetic_scenes import scenes_of
+
+
+@pytest.fixture(scope="module")
+def scene_events() -> list[tuple[str | None, set[str]]]:
+    """The event that each scene shows, and those that the rules find."""
+    return [
+        (ego.event, set(extract_facts(scene).events))
+        for k in range(50)
+        for ego, scene in scenes_of(make_world(11, k, event_share=1.0))
+    ]
+
+
+def test_event_classes_cover_all_events():
+    assert set(EVENT_CLASSES) == set(EVENTS)
+
+
+def test_worlds_show_most_events(scene_events):
+    shown = collections.Counter(event for event, _ in scene_events if event is not None)
+    assert len(shown) >= 5 and all(event in EVENTS for event in shown)
+
+
+def test_rules_find_shown_events(scene_events):
+    matches = [event in found for event, found in scene_events if event is not None]
+    assert sum(matches) / len(matches) >= 0.9
+
+
+def test_rules_find_no_other_events(scene_events):
+    num_other = sum(bool(found - {event}) for event, found in scene_events)
+    assert num_other / len(scene_events) < 0.02

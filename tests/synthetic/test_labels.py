@@ -1,0 +1,55 @@
+"""Labels of synthetic scenes against the facts that the language rules find."""
+
+from __future__ import annotations
+
+import collections
+
+import numpy as np
+import pytest
+
+from scjax.language.facts import Facts, extract_facts
+from scjax.scene import AgentType
+from scjax.synthetic.domains import draw_domain
+from scjax.synthetic.labels import SceneLabel, label_scene
+from scjax.synthetic.world import VERSION, make_world
+from tests.factories.synthetic_scenes import example_worlds, scenes_of
+
+
+@pytest.fixture(scope="module")
+def labeled_scenes() -> list[tuple[SceneLabel, Facts, int]]:
+    """Label, facts and number of vehicles of every scene."""
+    return [
+        (label_scene(world, ego), extract_facts(scene), int((scene.agent_types == AgentType.VEHICLE).sum()))
+        for world in example_worlds()
+        for ego, scene in scenes_of(world)
+    ]
+
+
+def test_layout_labels_agree_with_facts(labeled_scenes):
+    matches = [facts.layout == label.layout for label, facts, _ in labeled_scenes if label.layout is not None]
+    assert len(matches) > 60 and np.mean(matches) >= 0.95
+
+
+def test_signal_labels_agree_with_facts(labeled_scenes):
+    matches = [(facts.signals or "") == label.signal for label, facts, _ in labeled_scenes if label.signal is not None]
+    assert len(matches) > 60 and np.mean(matches) >= 0.95
+
+
+def test_scenes_have_realistic_numbers_of_vehicles(labeled_scenes):
+    assert 4 < np.mean([vehicles for _, _, vehicles in labeled_scenes]) < 10
+
+
+def test_roundabout_labels_agree_with_facts():
+    layouts = collections.Counter()
+    for k in range(400):
+        rng = np.random.default_rng([VERSION, 7, k])
+        if draw_domain(rng).draw_network_type(rng) == "roundabout":
+            world = make_world(7, k)
+            layouts.update(
+                extract_facts(scene).layout
+                for ego, scene in scenes_of(world)
+                if label_scene(world, ego).layout == "roundabout"
+            )
+        if layouts.total() >= 3:
+            break
+    assert layouts.total() >= 3 and set(layouts) == {"roundabout"}
