@@ -90,18 +90,15 @@ def _sentences_with_heads(facts: Facts, choices: _Choices) -> list[str]:
     rng = choices.rng
     layout = wording.pick_phrase(rng, *wording.LAYOUTS[facts.layout])
     is_plain = facts.layout in ("straight", "curve", "winding")
-    road = (
-        _capitalize(wording.road_phrase(facts, rng))
-        if is_plain
-        else f"{_capitalize(wording.road_phrase(facts, rng))} at {layout}"
-    )
-    controls = [choices.keep(wording.turn_lane_phrase(facts, rng)), choices.keep(wording.signal_phrase(facts, rng))]
-    controls += [choices.keep("separated by a median" if facts.median else None)]
-    controls += [
+    road = _capitalize(wording.road_phrase(facts, rng))
+    controls = [
+        choices.keep(wording.turn_lane_phrase(facts, rng)),
+        choices.keep(wording.signal_phrase(facts, rng)),
+        choices.keep("separated by a median" if facts.median else None),
         choices.keep(wording.curve_phrase(facts, rng)),
         choices.keep("a centre turn lane" if facts.centre_turn_lane else None),
     ]
-    clauses = [road, *(clause for clause in controls if clause)]
+    clauses = [road if is_plain else f"{road} at {layout}", *(clause for clause in controls if clause)]
     sentences = ["ROAD & CONTROL:", f"{', '.join(clauses)}."]
     absent = choices.keep(wording.absence_phrase(facts, rng))
     if absent:

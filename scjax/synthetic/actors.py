@@ -125,7 +125,7 @@ def draw_sizes(agent_type: AgentType, count: int, rng: np.random.Generator) -> F
     return np.array(sizes.mean) + normal * np.array(sizes.deviation)
 
 
-def overlapping_pairs(actors: Actors, margin: float = 0.15) -> Int[np.ndarray, "pairs 2"]:
+def overlapping_actors(actors: Actors, margin: float = 0.15) -> Int[np.ndarray, "pairs 2"]:
     """Pairs (i, j), i < j, of boxes with a gap below ``margin`` [m] on the same level (separating axis test)."""
     if len(actors) < 2:
         return np.zeros((0, 2), int)

@@ -27,7 +27,7 @@ class Crosswalk(NamedTuple):
 
 @dataclasses.dataclass
 class LaneWalker:
-    """A pedestrian or cyclist who moves along a lane.
+    """A pedestrian or cyclist along a lane.
 
     Attributes:
       lane: index of the lane.
@@ -44,7 +44,7 @@ class LaneWalker:
 
 @dataclasses.dataclass
 class CrosswalkWalker:
-    """A pedestrian who uses a crosswalk; attributes as in ``LaneWalker``, positions along the crosswalk."""
+    """A pedestrian on a crosswalk; attributes as in ``LaneWalker``, positions along the crosswalk."""
 
     crosswalk: Crosswalk
     start: float

@@ -1,4 +1,4 @@
-"""Terrain of a world: a slope, a ridge and small waves."""
+"""Terrain of a world: a slope, a ridge and small undulations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Ground:
       ridge_height, ridge_width, ridge_direction: of a ridge through ``ridge_center`` [m, m, rad]; a negative height
         is a dip.
       ridge_center: [m].
-      wave_height, wave_length: of small waves [m].
+      wave_height, wave_length: of small undulations [m].
     """
 
     grade: tuple[float, float]
@@ -54,7 +54,6 @@ class Ground:
         x, y = positions[..., 0], positions[..., 1]
         cos, sin = np.cos(self.ridge_direction), np.sin(self.ridge_direction)
         across = (x - self.ridge_center[0]) * cos + (y - self.ridge_center[1]) * sin
-        waves = self.wave_height * np.sin(2 * np.pi * (x + 0.5 * y) / self.wave_length)
-        return (
-            positions @ np.array(self.grade) + self.ridge_height * np.exp(-((across / self.ridge_width) ** 2)) + waves
-        )
+        undulation = self.wave_height * np.sin(2 * np.pi * (x + 0.5 * y) / self.wave_length)
+        ridge = self.ridge_height * np.exp(-((across / self.ridge_width) ** 2))
+        return positions @ np.array(self.grade) + ridge + undulation

@@ -243,7 +243,7 @@ class TrafficSimulation:
         return bool(room > 2 * queue.half_length[k] + 2.0 + 6.0 * self._num_grants[connector])
 
     def _withdraw_grants(self, queue: _Queue) -> None:
-        """Takes grants back from vehicles whose signal is not green any more and who can still stop."""
+        """Removes the grants of vehicles that can still stop at a signal that is not green any more."""
         fleet = self.fleet
         is_not_green = np.isin(self._signals[queue.next_lane], (Signal.CAUTION, Signal.STOP)) & (queue.next_lane >= 0)
         stop_distance = queue.speed**2 / (2 * _COMFORTABLE_DECELERATION)

@@ -145,7 +145,7 @@ def _agents_at(simulation: TrafficSimulation, bystanders: Bystanders, net: Netwo
     """Traffic and bystanders now. Of two agents that overlap the first stays; vehicles in traffic come first."""
     standing = bystanders_at(bystanders, simulation.lanes, simulation.signals, simulation.time, rng)
     agents = actors.concatenate_actors([_traffic_agents(simulation, net), standing])
-    pairs = actors.overlapping_pairs(agents)
+    pairs = actors.overlapping_actors(agents)
     if not len(pairs):
         return agents
     return agents.select(np.setdiff1d(np.arange(len(agents)), pairs[:, 1]))

@@ -15,7 +15,7 @@ from tests.factories.synthetic_scenes import scenes_of
 
 @pytest.fixture(scope="module")
 def scene_events() -> list[tuple[str | None, set[str]]]:
-    """The event that each scene shows, and those that the rules find."""
+    """The event that each scene shows, and those that the rules detect."""
     return [
         (ego.event, set(extract_facts(scene).events))
         for k in range(50)
@@ -33,10 +33,10 @@ def test_worlds_show_most_events(scene_events):
 
 
 def test_rules_find_shown_events(scene_events):
-    matches = [event in found for event, found in scene_events if event is not None]
+    matches = [event in detected for event, detected in scene_events if event is not None]
     assert sum(matches) / len(matches) >= 0.9
 
 
 def test_rules_find_no_other_events(scene_events):
-    num_other = sum(bool(found - {event}) for event, found in scene_events)
+    num_other = sum(bool(detected - {event}) for event, detected in scene_events)
     assert num_other / len(scene_events) < 0.02

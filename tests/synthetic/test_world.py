@@ -61,7 +61,7 @@ def test_neighboring_lanes_are_a_lane_width_apart(worlds):
 def test_agents_never_overlap(worlds):
     for world in worlds:
         for moment in world.moments:
-            assert not len(actors.overlapping_pairs(moment, 0.0))
+            assert not len(actors.overlapping_actors(moment, 0.0))
 
 
 def test_worlds_have_at_most_sixteen_scenes(worlds):

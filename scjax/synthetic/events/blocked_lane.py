@@ -92,4 +92,4 @@ def _add_parked_beside(scene: Actors, agent: int, rng: np.random.Generator) -> A
     size = actors.draw_vehicle_sizes(1, rng, long=False)
     parked = actors.make_actors(AgentType.VEHICLE, position[None], heading, 0.0, size)
     combined = actors.concatenate_actors([scene, parked])
-    return scene if (actors.overlapping_pairs(combined)[:, 1] == len(scene)).any() else combined
+    return scene if (actors.overlapping_actors(combined)[:, 1] == len(scene)).any() else combined

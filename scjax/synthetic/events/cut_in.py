@@ -44,7 +44,7 @@ class CutIn(StagedEvent):
             speed = scene.speeds[follower] * rng.uniform(0.85, 1.05)
             vehicle = actors.make_actors(AgentType.VEHICLE, position[None], new_heading, speed, size, lane=self.lane)
             combined = actors.concatenate_actors([scene, vehicle])
-            pairs = actors.overlapping_pairs(combined, _BOX_MARGIN)
+            pairs = actors.overlapping_actors(combined, _BOX_MARGIN)
             in_the_way = np.unique(pairs[pairs[:, 1] == len(combined) - 1, 0])
             if follower in in_the_way:
                 continue

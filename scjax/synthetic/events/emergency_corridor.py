@@ -60,7 +60,7 @@ class EmergencyCorridor(StagedEvent):
         )
         combined = actors.concatenate_actors([shifted, ambulance])
         # Vehicles in the way of the ambulance, and those that overlap a shifted vehicle, are left out.
-        first, second = actors.overlapping_pairs(combined).T
+        first, second = actors.overlapping_actors(combined).T
         removed = np.where(second == len(combined) - 1, first, second)
         remaining = np.setdiff1d(np.arange(len(combined)), removed)
         return EventOutcome(combined.select(remaining), len(remaining) - 1, self.event)
