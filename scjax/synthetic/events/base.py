@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class StagedEvent(abc.ABC):
     along: float
 
     @classmethod
-    def draw(cls, net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Self | None:
+    def draw(cls, net: Network, lanes: LaneArrays, rng: np.random.Generator) -> StagedEvent | None:
         """A random place near the origin, on a lane that is no connector; None where the network has none."""
         min_length = 2 * MIN_CLEARANCE + _MIN_LANE_MARGIN
         candidates = [
