@@ -31,7 +31,7 @@ def token_permutations(
     than ``tolerance`` form a group, which is sorted by the next key. Ties keep their order.
 
     Args:
-      lanes, agents: xy of all points and of the box centres, without padding; unit coordinates, or metres with
+      lanes, agents: xy of all points and of the box centers, without padding; unit coordinates, or meters with
         ``tolerance=TOLERANCE``.
       axes: which coordinate comes first.
     """

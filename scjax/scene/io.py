@@ -17,7 +17,7 @@ NPZ_VERSION = 1
 JSON_FORMAT, JSON_VERSION = "scjax-scene", 1
 _UNITS = {"x, y, z, length, width, height": "m", "speed": "m/s", "heading": "rad, counter-clockwise from +x"}
 _DIGITS = 7  # float32 holds about seven
-# Files keep the names of their first version, which other programs read: "layout" is the crop.
+# Files keep the names of their first version, which other programs read: "layout" is the crop. Both are read.
 _FILE_NAMES = {"crop": "layout"}
 _FILE_CROPS = {"centered": "centred"}
 _FIELD_NAMES = {file_name: name for name, file_name in _FILE_NAMES.items()}
@@ -166,7 +166,7 @@ def _read_scene(data: dict, slots: tuple[int, int, int], name: str) -> Scene:
     agents, lanes = _field(data, "agents", name), _field(data, "lanes", name)
     num_agents = max([slots[0], *(_id(agent, f"{name}, agents") + 1 for agent in agents)])
     num_lanes = max([slots[1], *(_id(lane, f"{name}, lanes") + 1 for lane in lanes)])
-    word = data.get("layout", "centred")
+    word = data.get("layout", data.get("crop", "centred"))
     crop = _enum(Crop, _CROP_NAMES.get(word, word), f"{name}, layout")
     scene = _blank(num_agents, num_lanes, slots[2], Crop(crop), data.get("domain", 0))
     for agent in agents:
@@ -200,7 +200,7 @@ def _blank(agents: int, lanes: int, points: int, crop: Crop = Crop.CENTERED, dom
 
 
 def _read_links(scene: Scene, lane: dict, where: str) -> None:
-    """``successors`` of i: PREDECESSOR in row i. ``left`` of i names j: j is the left neighbour, LEFT in row j."""
+    """``successors`` of i: PREDECESSOR in row i. ``left`` of i names j: j is the left neighbor, LEFT in row j."""
     i = lane["id"]
     for key, inverse, link in (
         ("successors", Link.SUCCESSOR, Link.PREDECESSOR),

@@ -68,7 +68,7 @@ class Scene(Replaceable):
     """A scene, or a batch of scenes with leading axes ``*b``.
 
     Attributes:
-      agents: box centre x, y, z [m], speed [m/s], cos and sin of the heading, length, width, height [m].
+      agents: box center x, y, z [m], speed [m/s], cos and sin of the heading, length, width, height [m].
       agent_types: ``AgentType``.
       agent_mask: True for real agents; agent 0 is the ego.
       agent_known: False where the source did not record the value and a fill (0, class mean) replaces it.

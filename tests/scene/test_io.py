@@ -230,6 +230,7 @@ def test_json_files_name_the_crop_layout():
         ("layout", "partitioned", Crop.PARTITIONED),
         ("layout", "forward", Crop.FORWARD),
         ("crop", "centered", Crop.CENTERED),
+        ("crop", "forward", Crop.FORWARD),
     ],
 )
 def test_scene_from_json_reads_both_names_of_the_crop(field, word, crop):
