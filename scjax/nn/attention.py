@@ -1,7 +1,7 @@
-"""Masked dense attention, written for XLA:CPU: explicit [B H, T, d] products, division after the value product.
+"""Masked dense attention: explicit [B H, T, d] products and division after the value product, fast on XLA:CPU.
 
-Two guarantees: a row without any admitted key yields exactly zero (value and gradient), and what stands at a masked
-key never reaches a result, provided that it is finite (callers zero masked inputs before they project).
+Two guarantees: a row without any admitted key yields exactly zero (value and gradient), and finite values at masked
+keys never reach a result (callers zero masked inputs before they project).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scjax.nn.cpu.backend import attention_parts
 
 
 def split_heads(x: Float[Array, "b t hd"], heads: int) -> Float[Array, "b h t d"]:
-    """Consecutive chunks of the width, one a head."""
+    """Splits the width into consecutive chunks, one per head."""
     return x.reshape(*x.shape[:-1], heads, -1).swapaxes(-2, -3)
 
 
@@ -25,7 +25,7 @@ def merge_heads(x: Float[Array, "b h t d"]) -> Float[Array, "b t hd"]:
 
 
 def weights(logits: Float[Array, "*b k"], mask: Bool[Array, "*#b #k"]) -> tuple[Array, Array]:
-    """Unnormalised softmax weights and their sums, in at least float32.
+    """Unnormalized softmax weights and their sums, in at least float32.
 
     Returns:
       p [*b, k], zero at masked keys; total [*b, 1], 1 for rows without any key (so that p / total is 0).
@@ -43,7 +43,7 @@ def attend(
 ) -> Float[Array, "b q hd"]:  # fmt: skip
     """softmax(q k' / sqrt(d)) v over the admitted keys, heads concatenated.
 
-    ``mask`` is True where query (or, with one row, every query) may read the key; None admits every key.
+    ``mask`` is True where the query (or, with one row, every query) may read the key; None admits every key.
     """
     return merge_heads(attend_heads(split_heads(q, heads), split_heads(k, heads), split_heads(v, heads), mask))
 
@@ -54,7 +54,7 @@ def attend_heads(
     v: Float[Array, "b h k d"],
     mask: Bool[Array, "b q_or_1 k"] | Bool[Array, "b h q_or_1 k"] | None,
 ) -> Float[Array, "b h q d"]:
-    """As ``attend``, by head; the mask may differ between heads."""
+    """As ``attend``, with separate heads; the mask may differ between heads."""
     if mask is None:
         mask = jnp.ones((len(q), 1, k.shape[2]), bool)
 
@@ -76,7 +76,7 @@ def attend_heads(
 def _attend(
     q: Float[Array, "n q d"], k: Float[Array, "n k d"], v: Float[Array, "n k d"], mask: Bool[Array, "n q_or_1 k"]
 ) -> Float[Array, "n q d"]:
-    """One head a row; queries are scaled. The softmax is in at least float32, divided after the value product."""
+    """Attention of one head per row, with scaled queries. The softmax is in at least float32."""
     logits = q @ k.swapaxes(1, 2)
     logits = jnp.where(mask, logits.astype(jnp.promote_types(logits.dtype, jnp.float32)), -1e30)
     # Rows without any key: the bound above the fill makes their weights underflow to exactly zero.

@@ -1,4 +1,4 @@
-"""Linear, layer norm and the residual MLP from which every network of scjax is made (official-spec §2.1, §4.1)."""
+"""Linear, layer norm and residual MLP, the layers of all networks of scjax (official-spec §2.1, §4.1)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EPS = 1e-5  # of the official model's layer norms
 
 
 class Linear(nnx.Module):
-    """y = x W + b with W [in, out], xavier-uniform, or N(0, std^2) where ``std`` is given; the bias starts at zero."""
+    """y = x W + b with W [in, out], xavier-uniform, or N(0, std^2) with ``std``; the bias starts at zero."""
 
     def __init__(
         self,
@@ -35,15 +35,15 @@ class Linear(nnx.Module):
         self.compute: Compute = compute
 
     def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:
-        # One flat product: XLA:CPU runs the weight gradient of a product over several axes at a third of the rate.
+        # One flat product: on XLA:CPU, weight gradients of products over several axes run at a third of the rate.
         y = matmul(x.reshape(-1, x.shape[-1]), self.kernel[...], self.compute).reshape(*x.shape[:-1], -1)
         return y if self.bias is None else y + _lift(self.bias[...], y.ndim)
 
 
 def fused_linear(linears: Sequence[Linear], x: Float[Array, "*b i"], zeros: int = 0) -> list[Float[Array, "*b _"]]:
-    """Each layer's result for the same x by one product, which reads a long x once instead of once a layer.
+    """The result of each layer for the same x, by one product that reads x only once.
 
-    The last ``zeros`` numbers of each row of x are no feature of the layers and have no weight.
+    The last ``zeros`` numbers of each row of x are padding without weights.
     """
     kernel = jnp.concatenate([linear.kernel[...] for linear in linears], 1)
     kernel = jnp.pad(kernel, ((0, zeros), (0, 0)))
@@ -75,7 +75,7 @@ def standardize(x: Float[Array, "*b d"], eps: float) -> Float[Array, "*b d"]:
 
 
 def subtract_mean(x: Float[Array, "*b c"]) -> Float[Array, "*b c"]:
-    """Mean-free over the last axis. A centred kernel and bias make a product whose norm needs one pass less."""
+    """x minus its mean over the last axis. Products with a centered kernel and bias need one pass less for a norm."""
     return x - x.mean(-1, keepdims=True)
 
 
@@ -106,7 +106,7 @@ class ResidualMLP(nnx.Module):
         return self.after_first(self.linears[0](x), self.skip(x))
 
     def after_first(self, first: Float[Array, "*b h"], skip: Float[Array, "*b h"]) -> Float[Array, "*b o"]:
-        """The rest of the network, given the two products with the input (which callers may compute more cheaply)."""
+        """The network after its two products with the input, which callers may compute more cheaply."""
         hidden = self.norms[0](first)
         for linear, norm in zip(list(self.linears)[1:], list(self.norms)[1:], strict=True):
             hidden = norm(linear(jax.nn.relu(hidden)))

@@ -48,7 +48,7 @@ def test_dense_edges_by_definition():
 
 @pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])
 def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
-    monkeypatch.setattr(chunks, "_PAIRS_ON_CPU", pairs)
+    monkeypatch.setattr(chunks, "_BLOCK_PAIRS", pairs)
     shared, rows, weight = (
         {"x": normal(1, B, L, C)},
         (normal(2, B, L, C), jnp.arange(B * L).reshape(B, L)),
@@ -94,5 +94,5 @@ def test_layers_do_not_depend_on_the_size_of_blocks(monkeypatch):
         return jax.jit(jax.value_and_grad(total, (0, 1, 2), has_aux=True))(params, x, values)
 
     whole = run()
-    monkeypatch.setattr(chunks, "_PAIRS_ON_CPU", 2 * L)
+    monkeypatch.setattr(chunks, "_BLOCK_PAIRS", 2 * L)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4, 1e-5), run(), whole)

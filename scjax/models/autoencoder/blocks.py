@@ -1,7 +1,7 @@
-"""The layers of encoder and decoder: graph attention, edge update, and the block made of them (official-spec §2.1).
+"""The layers of encoder and decoder: graph attention, edge update, and the factorized block (official-spec §2.1).
 
-A ``trace`` is a dict that a caller may hand in to receive every intermediate array under its name in the parity set;
-without one nothing more than the result is computed.
+A ``trace`` dict receives every intermediate array under its name in the parity set; without one only the result is
+computed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class PairMasks(NamedTuple):
 
 
 def pair_masks(mask: PerType, behind: PerType | None = None) -> PairMasks:
-    """All pairs of real nodes; with ``behind`` only those on the same side of the partition."""
+    """All pairs of real nodes; with ``behind`` only pairs on the same side of the partition."""
 
     def pairs(destination: str, source: str):
         rows, columns = getattr(mask, destination)[:, :, None], getattr(mask, source)[:, None]
@@ -47,7 +47,7 @@ def pair_masks(mask: PerType, behind: PerType | None = None) -> PairMasks:
 
 
 class GraphAttention(nnx.Module):
-    """Gated attention and a feed-forward layer, both normed before and after; edges add to keys and values."""
+    """Gated attention and a feed-forward layer, both normalized before and after; edges add to keys and values."""
 
     def __init__(
         self, width: int, heads: int, ff: int, *, init: ParamInit, edge_width: int | None = None, compute: Compute
@@ -74,7 +74,7 @@ class GraphAttention(nnx.Module):
         edges: Edges | None = None,
         trace: Trace = None,
     ) -> Float[Array, "b n d"]:
-        """The new x. ``sources`` defaults to x itself; a row without admitted source aggregates zero."""
+        """The updated x. ``sources`` defaults to x itself; a row without admitted sources aggregates zero."""
         own = self.norm(x)
         read = own if sources is None else self.norm(sources)
         q, k, v = self.query(own), self.key(read), self.value(read)
@@ -111,7 +111,7 @@ class GraphAttention(nnx.Module):
 
         kind, (own, *scene) = type(edges), edges
         args = tuple(scene), (towards, logits, mask, own)
-        # Only edges that are written out are heavy enough to be worked on piecemeal.
+        # Only dense edges are large enough to be processed in blocks.
         dense = isinstance(edges, DenseEdges)
         p, r = blockwise_map(mix, *args, mask.any(-1), mask.shape[2]) if dense else jax.checkpoint(mix)(*args)
         m = jnp.einsum("bihj,bhjd->bihd", p, split_heads(v, self.heads))
@@ -136,11 +136,11 @@ class EdgeUpdate(nnx.Module):
         real: Bool[Array, "b l"],
         then: Callable[[Array], Any] | None = None,
     ) -> Any:
-        """``then(new values)``, or the new values [B, L, L, C] themselves; anything finite where a lane is not real.
+        """``then(new values)``, or the new values [B, L, L, C]; arbitrary finite values where a lane is not real.
 
-        ``then`` is applied block by block, so that the new values never exist as a whole.
+        ``then`` is applied block by block, so the new values never exist as a whole.
         """
-        # The first products of the node MLP split into one of the destination and one of the source.
+        # The first products of the node MLP are sums of one of the destination and one of the source.
         first_own, first_other = _pair_products(self.nodes.linears[0], e)
         skip_own, skip_other = _pair_products(self.nodes.skip, e)
         entry = _mean_free_kernels(self.edges.linears[0], self.edges.skip)

@@ -18,7 +18,7 @@ from scjax.scene.per_type import PerType
 
 
 class SceneDecoder(nnx.Module):
-    """Two factorised blocks over all pairs of the scene, then one head per quantity."""
+    """Two factorized blocks over all pairs of the scene, then one head per quantity."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
         c, options = config, {"init": init, "compute": config.compute}
@@ -39,17 +39,17 @@ class SceneDecoder(nnx.Module):
         self.config = config
 
     def __call__(self, latents: PerType, mask: PerType, trace: Trace = None, *, through_pairs: bool = True) -> Decoded:
-        """Decodes latents [B, A, .], [B, L, .]; ``mask`` holds [B, A], [B, L], True for real nodes.
+        """Decodes latents [B, A, agent_latent] and [B, L, lane_latent]; ``mask`` [B, A], [B, L] is True at real nodes.
 
-        Without ``through_pairs`` nodes get no gradient by way of updated pair values: of trained weights little is lost
-        (cosine with the whole gradient 0.998) and a third of the time spared.
+        Without ``through_pairs`` no gradient flows through updated pair values. With trained weights the gradient
+        hardly changes (cosine 0.998) and takes a third less time.
         """
         c = self.config
         for name, width in (("agents", c.agent_latent), ("lanes", c.lane_latent)):
             shape, expected = getattr(latents, name).shape, (*getattr(mask, name).shape, width)
             if shape != expected or len(expected) != 3:
                 raise ValueError(
-                    f"latents.{name} has shape {shape}, but its mask and the configuration call for {expected}"
+                    f"latents.{name} has shape {shape}, but its mask and the configuration need {expected}"
                 )
         latents, mask = jax.tree.map(jnp.asarray, (latents, mask))
         masks = pair_masks(mask)

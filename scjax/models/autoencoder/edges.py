@@ -1,13 +1,12 @@
-"""Features of lane pairs c_ij, [B, L, L, C] indexed (destination i, source j), in the cheapest form that holds them.
+"""Features of lane pairs c_ij, [B, L, L, C] indexed (destination i, source j), each in its cheapest form.
 
-Attention and edge updates need three things of c: the inner products of its layer norm z with given vectors, weighted
-sums of z over the sources, and products of [n; c] with a matrix, n being other features of the pairs. All have a closed
-form when c is a table row per link type (encoder input) or a sum of two node terms (decoder input), so that
-[B, L, L, C] need not exist there. The layer norm is never written out either: with mean-free vectors
-z_ij . u = rstd_ij (c_ij . u), and a weighted sum of z is the centred, rstd-weighted sum of c. Its scale and offset are
-the caller's to fold.
+Attention and edge updates need three results: inner products of c's layer norm z with vectors u, weighted sums of z
+over the sources, and products of [n; c] with a matrix, where n are other features of the pairs. All have a closed form
+if c is a table row per link type (encoder input) or a sum of two node terms (decoder input); then [B, L, L, C] is never
+computed. Nor is the layer norm: with mean-free vectors z_ij . u = rstd_ij (c_ij . u), and a weighted sum of z is
+the centered, rstd-weighted sum of c. The caller folds in its scale and offset.
 
-The first field of each form belongs to the destination rows, the others to the scene, so that the work can be cut
+The first field of each form belongs to the destination rows, the others to the scene, so the work can be cut
 into blocks of rows i (``blockwise_map``); u, p and the results of ``scores`` and ``gather`` are [B, i, head, .].
 """
 
@@ -44,7 +43,7 @@ class TypedEdges(NamedTuple):
         return cpu_matmul.product(n, own) + self._spread(self.table @ other).reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
-        """c itself."""
+        """All c_ij [B, i, j, c]."""
         return self._spread(self.table)
 
     def _one_hot(self) -> Float[Array, "b i j k"]:
@@ -80,12 +79,12 @@ class PairEdges(NamedTuple):
         return cpu_matmul.product(n, own) + pairs.reshape(-1, w.shape[1])
 
     def dense(self) -> Float[Array, "b i j c"]:
-        """c itself."""
+        """All c_ij [B, i, j, c]."""
         return self.destination[:, :, None] + self.source[:, None]
 
 
 class DenseEdges(NamedTuple):
-    """c as it is."""
+    """All c_ij as one array."""
 
     values: Float[Array, "b i j c"]
 
@@ -102,7 +101,7 @@ class DenseEdges(NamedTuple):
         return cpu_matmul.product(jnp.concatenate([n, self.values.reshape(-1, self.values.shape[-1])], -1), w)
 
     def dense(self) -> Float[Array, "b i j c"]:
-        """c itself."""
+        """All c_ij [B, i, j, c]."""
         return self.values
 
     def _rstd(self) -> Float[Array, "b i j"]:

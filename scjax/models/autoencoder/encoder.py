@@ -18,7 +18,7 @@ from scjax.scene.per_type import PerType
 
 
 class SceneEncoder(nnx.Module):
-    """Two factorised blocks over lanes, agents and lane pairs; a query token counts what lies behind the partition."""
+    """Two factorized blocks over lanes, agents and lane pairs; a query token predicts the number of lanes at x > 0."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
         c, options = config, {"init": init, "compute": config.compute}
@@ -26,7 +26,7 @@ class SceneEncoder(nnx.Module):
         self.lane_in = ResidualMLP(c.lane_inputs, c.lane_width, **options)
         self.agent_in = ResidualMLP(c.agent_inputs, c.agent_width, **options)
         self.link_in = ResidualMLP(c.link_types, c.edge_width, **options)
-        # Nobody reads the edges after the last block, so there is no update there.
+        # Nothing reads the edges after the last block, so it does not update them.
         self.blocks = nnx.List(
             [
                 FactorizedBlock(lane, agent, c.edge_width, update_edges=i + 1 < c.encoder_blocks, **options)
@@ -97,7 +97,7 @@ def check_tokens(tokens: NormalizedScene, config: AutoencoderConfig) -> None:
     """Raises ValueError where the arrays do not fit the network."""
     if tokens.agent_mask.ndim != 2:
         raise ValueError(
-            f"agent_mask has shape {tokens.agent_mask.shape}, but the autoencoder wants one batch axis [B, A]"
+            f"agent_mask has shape {tokens.agent_mask.shape}, but the autoencoder needs one batch axis [B, A]"
         )
     expected = {
         "agents": (*tokens.agent_mask.shape, config.columns),
@@ -107,8 +107,8 @@ def check_tokens(tokens: NormalizedScene, config: AutoencoderConfig) -> None:
     for name, shape in expected.items():
         if getattr(tokens, name).shape != shape:
             raise ValueError(
-                f"tokens.{name} has shape {getattr(tokens, name).shape}, but the masks and the configuration call for "
-                f"{shape}: were the tokens made with another representation?"
+                f"tokens.{name} has shape {getattr(tokens, name).shape}, but the masks and the configuration need "
+                f"{shape}: normalize the scene with the codec of this model"
             )
 
 

@@ -1,8 +1,8 @@
 """The autoencoder's training loss and its reconstruction errors (official-spec §2.5).
 
-Every term is a mean over the elements of one scene; the loss is the mean over scenes, or, with ``typical_counts``, one
-in which elements of crowded scenes weigh as much as those of others. Values that the source did not
-record (known flags False) and padding count nowhere; where everything is known the terms are the official ones.
+Every term is a mean over the elements of one scene, and the loss is the mean over scenes. With ``typical_counts``
+elements of crowded scenes weigh as much as those of others. Padding and values that the source did not record (known
+flags False) are left out; if everything is known, the terms are the official ones.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from scjax.models.autoencoder.outputs import Decoded, Posterior
 from scjax.models.codec import NormalizedScene
 from scjax.scene import AnyArray, Crop, Link
 
-_COUNT_TOLERANCE = 3  # a lane count off by at most this is logged as right
+_COUNT_TOLERANCE = 3  # largest error of a lane count that the log counts as correct
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Weights of the terms; the defaults are the official ones, which know neither joints nor steps."""
+    """Weights of the terms. Defaults are official; the release has no ``lane_connections`` and ``lane_steps``."""
 
     agent_states: float = 1.0
     lane_points: float = 10.0
@@ -52,13 +52,12 @@ def loss(
     """The mean total over scenes, and the mean of every term for the log.
 
     Args:
-      official_lane_count: the lane-count cross-entropy counts in all but CENTRED scenes (FORWARD ones have target 0);
-        otherwise it counts in PARTITIONED ones only.
-      balanced_links: mean over the link classes present in a scene of each class's mean cross-entropy, instead of the
-        mean over all pairs, nearly all of which are unrelated.
-      typical_counts: (agents, lanes). Where given, the terms of a scene's coordinates, ``agent_states`` and those of
-        lanes, weigh in the total by its number of agents or lanes over this one: every element the same, where means
-        over scenes hardly count one of a crowd.
+      official_lane_count: use the lane-count cross-entropy in all but CENTERED scenes (FORWARD scenes have target 0);
+        otherwise in PARTITIONED scenes only.
+      balanced_links: average the mean cross-entropy of each link class present in a scene, instead of all pairs, most
+        of which are unrelated.
+      typical_counts: (agents, lanes), or () for none. Scales a scene's coordinate terms (``agent_states`` and those of
+        lanes) by its number of agents or lanes over this number, so every element has the same weight.
 
     Raises:
       ValueError: ``typical_counts`` that are not two numbers above 0.
@@ -87,7 +86,7 @@ def scene_losses(
     balanced_links: bool = False,
     typical_counts: tuple[float, ...] = (),
 ) -> dict[str, Float[AnyArray, " b"]]:
-    """Every unweighted term and their weighted sum ``total``, scene by scene. Options as for ``loss``."""
+    """Every unweighted term and the weighted sum ``total`` per scene [B]. Options as for ``loss``."""
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
     pairs = lane_mask[:, :, None] & lane_mask[:, None]
@@ -137,7 +136,7 @@ def scene_losses(
 
 
 def lanes_after(tokens: NormalizedScene) -> Int[AnyArray, " b"]:
-    """Lanes behind the partition (x > 0) of PARTITIONED scenes; 0 in others."""
+    """Number of lanes at x > 0 of PARTITIONED scenes; 0 in others."""
     after = (tokens.lane_mask & ~tokens.lane_behind).sum(-1)
     return jnp.where(tokens.crop == Crop.PARTITIONED, after, 0)
 
@@ -148,9 +147,9 @@ def scene_errors(decoded: Decoded, tokens: NormalizedScene) -> dict[str, Float[A
     Returns:
       lane_points, agent_positions: mean Euclidean distance in x, y over points and over agents;
       agent_headings: mean angle in radians; agent_states: mean |difference| over known entries;
-      agent_types, lane_types: share of right classes over agents, and over lanes whose class is known;
-      link_hits, link_true, link_predicted: numbers of related pairs of different lanes that are found with the right
-      class, that there are, and that are predicted (sums over scenes give recall, precision and F1).
+      agent_types, lane_types: share of correct classes over agents, and over lanes whose class is known;
+      link_hits, link_true, link_predicted: numbers of related pairs of different lanes that are predicted with the
+      correct class, that exist, and that are predicted (sums over scenes give recall, precision and F1).
     """
     decoded, tokens = jax.tree.map(jnp.asarray, (decoded, tokens))
     lane_mask, agent_mask = tokens.lane_mask, tokens.agent_mask
@@ -219,7 +218,7 @@ def _link_entropy(logits: AnyArray, links: AnyArray, pairs: AnyArray, balanced: 
 def _connection_error(lanes: AnyArray, tokens: NormalizedScene, pairs: AnyArray) -> Float[AnyArray, " b"]:
     """Mean |difference| of the step from the end of a lane to the start of each that follows it.
 
-    Errors that both lanes share cost nothing here: what counts is that a road stays whole.
+    Errors shared by both lanes cost nothing: this term measures whether roads stay connected.
     """
     known = tokens.lane_known & tokens.lane_mask[..., None]
     followed = (pairs & (tokens.links == Link.PREDECESSOR))[..., None] & known[:, :, None] & known[:, None]
@@ -232,7 +231,7 @@ def _connection_error(lanes: AnyArray, tokens: NormalizedScene, pairs: AnyArray)
 
 
 def _step_error(prediction: AnyArray, target: AnyArray, known: AnyArray) -> Float[AnyArray, " b"]:
-    """Mean |difference| of the step from each point of a lane to the next: lanes that tremble point anywhere."""
+    """Mean |difference| of the step from each point of a lane to the next: penalizes jitter."""
     true, known = jnp.diff(jnp.where(known, target, 0.0), axis=2), known[:, :, 1:]
     return _mean_per_scene(_absolute_error(jnp.diff(prediction, axis=2), true, known), known)
 
@@ -245,7 +244,7 @@ def _scene_kl(
 
 
 def _mean_per_scene(values: Float[AnyArray, "b ..."], mask: Bool[AnyArray, "b ..."]) -> Float[AnyArray, " b"]:
-    """Mean over the masked elements of each scene; 0 where there are none."""
+    """Mean over the elements of each scene where ``mask`` is True; 0 without any."""
     batch = values.shape[0]
     return _mean_of(values.reshape(batch, -1), mask.reshape(batch, -1))
 

@@ -18,7 +18,7 @@ from scjax.scene.per_type import PerType
 
 
 class Autoencoder(nnx.Module):
-    """Encoder and decoder; all methods work on batches [B] and never mix scenes."""
+    """Encoder and decoder; all methods take batches [B] and never mix scenes."""
 
     def __init__(self, config: AutoencoderConfig, *, init: ParamInit):
         self.encoder = SceneEncoder(config, init=init)
@@ -29,11 +29,11 @@ class Autoencoder(nnx.Module):
         return self.encoder(tokens)
 
     def decode(self, latents: PerType, mask: PerType, *, through_pairs: bool = True) -> Decoded:
-        """Scenes from latents; ``mask`` holds [B, A] and [B, L], True for real nodes; see ``SceneDecoder``."""
+        """Scenes from latents; ``mask`` [B, A] and [B, L] is True at real nodes; see ``SceneDecoder``."""
         return self.decoder(latents, mask, through_pairs=through_pairs)
 
     def reconstruct(self, tokens: NormalizedScene, noise: PerType | None = None) -> tuple[Posterior, Decoded]:
-        """Encodes, moves to mean + exp(logvar / 2) noise (mean alone without noise), and decodes: the training pass."""
+        """The training pass: encodes, samples mean + exp(logvar / 2) noise (the mean without noise), and decodes."""
         posterior = self.encoder(tokens)
         latents = posterior.mean if noise is None else shift_noise(posterior, noise)
         return posterior, self.decoder(latents, PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask))
@@ -53,7 +53,7 @@ def autoencoder(config: AutoencoderConfig) -> Functional:
 
 
 def noise_like(key: jax.Array, tokens: NormalizedScene, config: AutoencoderConfig) -> PerType:
-    """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent], a key for each kind."""
+    """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent], one key per type."""
     agents = (*tokens.agent_mask.shape, config.agent_latent)
     lanes = (*tokens.lane_mask.shape, config.lane_latent)
     return PerType(

@@ -1,4 +1,4 @@
-"""What the autoencoder's two halves return."""
+"""Outputs of the encoder and the decoder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Posterior:
 
     Attributes:
       mean, logvar: ``PerType`` of [B, A, agent_latent] and [B, L, lane_latent]; logvar is not clipped.
-      lane_count_logits: number of lanes behind the partition, classes 0..max_lanes.
+      lane_count_logits: for the number of lanes at x > 0 of a partitioned scene, classes 0..max_lanes.
     """
 
     mean: PerType
@@ -31,7 +31,7 @@ class Decoded:
     Attributes:
       agents: states.
       lanes: points.
-      link_logits: [.., i, j] for the relation of lane i (row, source) to lane j, as ``Tokens.links``.
+      link_logits: [.., i, j] for the relation of lane i (row, source) to lane j, as ``NormalizedScene.links``.
     """
 
     agents: Float[Array | np.ndarray, "b agents columns"]
@@ -42,12 +42,12 @@ class Decoded:
 
 
 def reparameterize(key: jax.Array, posterior: Posterior) -> PerType:
-    """A sample mean + exp(logvar / 2) noise. Agents and lanes draw from keys of their own."""
+    """A sample mean + exp(logvar / 2) noise. Agents and lanes have separate random keys."""
     keys = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
     noise = jax.tree.map(lambda k, x: jax.random.normal(k, x.shape, x.dtype), keys, posterior.mean)
     return shift_noise(posterior, noise)
 
 
 def shift_noise(posterior: Posterior, noise: PerType) -> PerType:
-    """mean + exp(logvar / 2) noise; padding has mean 0 and logvar 0 and gets the bare noise."""
+    """mean + exp(logvar / 2) noise; padding has mean 0 and logvar 0, so it becomes the noise itself."""
     return jax.tree.map(lambda m, lv, n: m + jax.numpy.exp(0.5 * lv) * n, posterior.mean, posterior.logvar, noise)

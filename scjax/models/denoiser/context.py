@@ -1,7 +1,7 @@
-"""From condition features to context tokens for both kinds (official-spec §4.7-4.8), with one convention for "none".
+"""Condition features -> context tokens for lanes and agents (official-spec §4.7-4.8).
 
-A dropped condition is the same thing in training and in the unconditional branch of the sampler: either a context of
-zeros that stays readable (official, ``attend_padding``), or no readable token at all.
+A dropped condition is the same in training and in the unconditional branch of the sampler: either a readable context
+of zeros (official, ``attend_padding``), or no readable token.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
 _STD = 0.02  # of tables and of the time and text MLPs
-_SPACING = 16  # zeros after each text token's features
+_ROW_PADDING = 16  # zeros after each text token's features
 
 
 @pytree
@@ -37,7 +37,7 @@ class TextFeatures:
 class ImageFeatures:
     """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalize_depth``).
 
-    ``present`` is False in scenes without an image, whose features are not read; None: all have one.
+    ``present`` is False in scenes without an image, whose features are ignored; None: all scenes have one.
     """
 
     dino: Float[Array | np.ndarray, "b channels rows columns"]
@@ -49,7 +49,7 @@ ConditionFeatures = TextFeatures | ImageFeatures
 
 
 class TextContext(nnx.Module):
-    """One two-layer MLP a kind; no positions."""
+    """One two-layer MLP for lanes and one for agents; no positions."""
 
     def __init__(self, config: DenoiserConfig, condition: TextCondition, *, init: ParamInit):
         def mlp(width):
@@ -61,13 +61,13 @@ class TextContext(nnx.Module):
     def __call__(
         self, features: TextFeatures, absent: Bool[Array, " b"], trace: dict | None = None
     ) -> tuple[PerType, Bool[Array, "b n"]]:
-        """Context tokens a kind, and which of them carry anything. ``absent`` features may hold garbage."""
+        """Context tokens per type, and which are real. Features of ``absent`` scenes are ignored, NaN included."""
         valid = jnp.asarray(features.mask) & ~absent[:, None]
-        # The features are the largest array of a training step. In rows of 2^n bytes they lie on the same few lines of
-        # a cache; with zeros between, the gradients of the kernels take a fifth less time (benchmarks/README.md).
-        tokens = jnp.pad(jnp.asarray(features.tokens), ((0, 0), (0, 0), (0, _SPACING)))
+        # The features are the largest array of a training step. Rows of 2^n bytes share a few lines of a CPU's cache;
+        # with zeros after each row, the gradients of the kernels take a fifth less time (benchmarks/README.md).
+        tokens = jnp.pad(jnp.asarray(features.tokens), ((0, 0), (0, 0), (0, _ROW_PADDING)))
         tokens = jnp.where(valid[..., None], tokens, 0)
-        first = fused_linear([self.agents[0], self.lanes[0]], tokens, _SPACING)
+        first = fused_linear([self.agents[0], self.lanes[0]], tokens, _ROW_PADDING)
         agents, lanes = (
             mlp[1](jax.nn.gelu(hidden, approximate=True))
             for mlp, hidden in zip((self.agents, self.lanes), first, strict=True)
@@ -76,7 +76,7 @@ class TextContext(nnx.Module):
 
 
 class ImageContext(nnx.Module):
-    """Image tokens, then depth tokens, both with the code of their cell; agents read a narrower copy."""
+    """Image tokens, then depth tokens, both plus the position code of their cell; agents read a narrower copy."""
 
     def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, init: ParamInit):
         self.dino = Linear(condition.channels, config.lane_width, init=init, compute=config.compute)
@@ -106,7 +106,7 @@ class ImageContext(nnx.Module):
 
 
 def normalize_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.ndarray, "*b height width"]:
-    """NaN -> 0, then each map to 0..1 by its own minimum and maximum (NumPy, once, when features are stored)."""
+    """NaN -> 0, then each map scaled to 0..1 by its own minimum and maximum (NumPy, when features are stored)."""
     depth = np.nan_to_num(depth, nan=0.0, posinf=None, neginf=None)
     low, high = (f(depth, axis=(-2, -1), keepdims=True) for f in (np.min, np.max))
     return (depth - low) / (high - low + 1e-8)
@@ -115,8 +115,8 @@ def normalize_depth(depth: Float[np.ndarray, "*b height width"]) -> Float[np.nda
 def depth_cells(depth: Float[Array, "b height width"], grid: tuple[int, int], patch: int) -> Float[Array, "b cells 1"]:
     """Means over patch x patch pixels of the map resized to [patch rows, patch columns] (spec §4.8), row-major.
 
-    Resizing (bilinear, half-pixel centres, two taps an axis: no antialiasing) and averaging are one small matrix an
-    axis, so that the resized map itself is never computed; ``patch`` 1 gives it.
+    Resizing (bilinear, half-pixel centers, two taps per axis: no antialiasing) and averaging together are one small
+    matrix per axis; the resized map itself is never computed. ``patch`` 1 gives it.
     """
     rows, columns = (
         jnp.asarray(_two_taps(size, cells * patch).reshape(cells, patch, size).mean(1), depth.dtype)
@@ -127,7 +127,7 @@ def depth_cells(depth: Float[Array, "b height width"], grid: tuple[int, int], pa
 
 @functools.cache
 def _two_taps(size: int, target: int) -> np.ndarray:
-    """Row i holds the two weights of output pixel i over the input pixels (official-spec §4.8)."""
+    """Matrix [target, size] whose row i has the two weights of output pixel i (official-spec §4.8)."""
     position = np.clip((np.arange(target) + 0.5) * (size / target) - 0.5, 0, size - 1)
     low = np.minimum(np.floor(position).astype(int), size - 1)
     high = np.minimum(low + 1, size - 1)

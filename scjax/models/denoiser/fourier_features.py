@@ -1,8 +1,8 @@
-"""Sines and cosines of what a token's latents say: whether two lanes meet is told by decimetres in 64 m.
+"""Fourier features of the latents, because lane connections depend on decimeters in 64 m.
 
-A network reads small differences of large numbers slowly (spectral bias); the product of two tokens' sines and cosines
-is a function of the difference alone, as narrow as the shortest wave (Tancik et al. 2020; in a diffusion model's input:
-Kingma et al. 2021, section 5). Not in the release.
+Networks learn small differences of large numbers slowly (spectral bias). The product of two tokens' sines and cosines
+is a function of their difference alone, as narrow as the shortest wavelength (Tancik et al. 2020; in a diffusion
+model's input: Kingma et al. 2021, section 5). Not in the release.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from scjax.nn.cpu.precision import Compute
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 
-# In units of a projection, which at first has the spread of one latent number.
+# In units of a projection, whose initial deviation is that of one latent number.
 WAVELENGTHS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)
 
 
 class FourierFeatures(nnx.Module):
-    """Latents [.., latent] -> what joins the embedding [.., width]: exactly zero in a fresh network."""
+    """Latents [.., latent] -> an addition to the embedding [.., width]: exactly zero in a fresh network."""
 
     def __init__(self, latent: int, width: int, projections: int, *, init: ParamInit, compute: Compute = "float32"):
-        self.project = Linear(latent, projections, init=init, std=latent**-0.5)  # full precision: phases are fine
+        self.project = Linear(latent, projections, init=init, std=latent**-0.5)  # full precision: phases need it
         self.out = Linear(2 * projections * len(WAVELENGTHS), width, init=init, compute=compute, std=0.0)
 
     def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b width"]:

@@ -1,6 +1,6 @@
 """The denoiser: noisy latents of agents and lanes, time, label -> estimate of noise or velocity (official-spec §4).
 
-Four stages a factorized block, in this order: agents to lanes, lanes to lanes, lanes to agents, agents to agents.
+A factorized block has four stages, in this order: agents to lanes, lanes to lanes, lanes to agents, agents to agents.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Block(nnx.Module):
         self.a2a = stage(*agent)
 
     def stages(self) -> dict[str, tuple[str, AttentionStage]]:
-        """Name -> (kind that the stage updates, stage), in the order of evaluation."""
+        """Name -> (type that the stage updates, stage), in the order of evaluation."""
         lane_stages = {name: ("lanes", stage) for name, stage in zip(_l2l_names(len(self.l2l)), self.l2l, strict=True)}
         return {
             "a2l": ("lanes", self.a2l), **lane_stages, "l2a": ("agents", self.l2a), "a2a": ("agents", self.a2a)
@@ -84,7 +84,7 @@ class Block(nnx.Module):
     def __call__(
         self, x: PerType, modulation: dict, masks: PerType, cache: dict | None, trace: dict | None
     ) -> tuple[PerType, dict[str, AuxOutputs]]:
-        """The updated tokens, and what the stages' conditioning tells of itself."""
+        """The updated tokens, and the losses and metrics of the conditioning, by stage."""
         sources = {"a2l": ("agents", self.agents_up), "l2a": ("lanes", self.lanes_down)}
         aux = {}
         for name, (kind, stage) in self.stages().items():
@@ -104,14 +104,14 @@ class Block(nnx.Module):
 
 
 class Denoiser(nnx.Module):
-    """z_t -> estimate of what was added; see ``__call__``."""
+    """Noisy latents -> estimate of the noise or a velocity; see ``__call__``."""
 
     def __init__(self, config: DenoiserConfig, *, init: ParamInit):
         def table(rows, width):
             return nnx.Param(init.normal((rows, width), _STD))
 
         lane, agent, compute = config.lane_width, config.agent_width, config.compute
-        # In full precision: near the data little noise is left to be told from latents that are mostly signal.
+        # Full precision: at low noise levels the little noise must be separated from latents that are mostly signal.
         self.lane_embedder = ResidualMLP(config.lane_latent, lane, init=init)
         self.agent_embedder = ResidualMLP(config.agent_latent, agent, init=init)
         fourier_features = config.fourier_features
@@ -148,7 +148,7 @@ class Denoiser(nnx.Module):
         self.agent_known = nnx.Param(jnp.zeros(agent)) if config.known_embedding else None
         context = None
         if isinstance(config.cross_attention, NoOptions):
-            pass  # nobody would read it
+            pass  # no stage would read it
         elif isinstance(config.condition, TextCondition):
             context = TextContext(config, config.condition, init=init)
         elif isinstance(config.condition, ImageCondition):
@@ -159,13 +159,13 @@ class Denoiser(nnx.Module):
     def encode_condition(
         self, features: ConditionFeatures, dropped: Bool[Array, " b"], trace: dict | None = None
     ) -> list:
-        """Features -> cross-attention caches (one dict a block), reusable in every denoising step.
+        """Features -> cross-attention caches (one dict per block), reusable in every denoising step.
 
-        ``dropped`` scenes get the null condition: the same one in training and in the unconditional branch of the
-        sampler. Whatever their features hold (also NaN) is ignored.
+        ``dropped`` scenes get the null condition, the same in training and in the unconditional branch of the sampler.
+        Their features are ignored, NaN included.
 
         Raises:
-          ValueError: the network has no condition, or one of the other kind.
+          ValueError: the network has no condition, or the features are of another kind.
         """
         if self.config.condition is None:
             raise ValueError("this denoiser is unconditional (config.condition is None): it has no condition to encode")
@@ -191,9 +191,9 @@ class Denoiser(nnx.Module):
     def modulation(
         self, t: Real[Array, " b"], label: Int[Array, " b"], counts: PerType, trace: dict | None = None
     ) -> dict:
-        """All AdaLN chunks, one row a scene and kind; ``counts`` are the numbers of valid tokens [B] a kind.
+        """All AdaLN chunks, one row per scene and type; ``counts`` are the numbers of valid tokens [B] per type.
 
-        Independent of the latents: a sampler with few scenes may compute it for all its steps at once.
+        They do not depend on the latents: a sampler of few scenes can precompute them for all steps at once.
         """
         time = self.time_out(jax.nn.silu(self.time_in(time_code(t, self.labels.dtype))))
         kind = self.labels[...][label]
@@ -225,17 +225,17 @@ class Denoiser(nnx.Module):
         """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
-          z: noisy latents [B, tokens, latent] a kind, in token order (scjax.data.token_order); padding may hold anything.
-          t: timesteps 0..99; of a rectified flow also between them (``diffusion.flow``).
+          z: noisy latents [B, tokens, latent] per type, in token order (scjax.data.token_order); padding may hold anything.
+          t: timesteps 0..99; for a rectified flow also fractions (``diffusion.flow``).
           label: ``config.domains * crop + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].
-          known: True at tokens that are given (clean); used by ``known_embedding`` only.
+          known: True at known (clean) tokens; used by ``known_embedding`` only.
           cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch
-            belongs to its first scenes (unless ``attend_padding``, the null branch of guidance needs none: the rest
-            gets what a dropped condition gives).
-          modulation: from ``modulation``, if it was precomputed (then ``t`` and ``label`` are ignored).
-          trace: filled with intermediate results (named as in the golden vectors) where a dict is given.
-          aux: filled with the losses and metrics of the conditioning, by block and stage, where a dict is given.
+            belongs to the first scenes; the others count as dropped. (So the null branch of guidance needs no cache,
+            unless ``attend_padding``.)
+          modulation: precomputed by ``modulation``; then ``t`` and ``label`` are ignored.
+          trace: receives intermediate arrays, named as in the golden vectors, if it is a dict.
+          aux: receives losses and metrics of the conditioning, by block and stage, if it is a dict.
         """
         z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
         tokens = PerType(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))

@@ -1,6 +1,6 @@
-"""Where a token lies, read from its latents by a small network that is fitted to the autoencoder and then left alone.
+"""Positions of a token from its latents, by a small network that is fitted to the autoencoder and then frozen.
 
-The autoencoder's decoder would tell it better, from all tokens together and at a hundred times the work.
+The autoencoder's decoder is more exact, since it reads all tokens together, but a hundred times slower.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ from scjax.scene import POINTS_PER_LANE
 from scjax.scene.per_type import PerType
 
 UNIT = 16.0
-"""Metres of an anchor's 1."""
+"""Meters per unit of the points."""
 ALONG = tuple(int(k) for k in np.linspace(0, POINTS_PER_LANE - 1, 5).round())
-"""Which of a lane's points are its anchors; those of an agent are its centre and a point ``AHEAD`` metres before it."""
+"""Indices of the predicted points of a lane. Those of an agent are its center and a point ``AHEAD`` in front of it."""
 AHEAD = 10.0
+"""Meters from an agent's center to its second point."""
 POINTS = PerType(agents=2, lanes=len(ALONG))
-"""Anchors of a token."""
+"""Points per token."""
 
 _HIDDEN = 96
 
 
 class PositionHead(nnx.Module):
-    """Latents [.., latent] -> points [.., points, 2] from the middle of the window, in units of ``UNIT``."""
+    """Latents [.., latent] -> points [.., points, 2] from the middle of the window, in units of ``UNIT`` meters."""
 
     def __init__(self, latent: int, points: int, *, init: ParamInit):
         def linear(features_in, features_out):
-            return Linear(features_in, features_out, init=init)  # in full precision: decimetres in 64 m
+            return Linear(features_in, features_out, init=init)  # full precision: decimeters in 64 m
 
         self.skip = linear(latent, 2 * points)
         self.first, self.second, self.out = (

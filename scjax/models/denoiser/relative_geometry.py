@@ -1,9 +1,9 @@
-"""What lies near a token, and which way: lanes are told of ends that they may join, agents of lanes and each other.
+"""Input features of nearby geometry: soft offsets to nearby lane endpoints, lanes and agents.
 
-Whether two lanes meet or a car stands on its lane is a matter of decimetres between two tokens, which attention has to
-find in products of hidden numbers. The mean shift toward what is near (Comaniciu & Meer 2002), at several scales, says
-it in numbers that are linear in what has to be corrected. It is taken between the points that the noisy latents tell
-(``PositionHead``). Not in the release.
+Whether two lanes connect, or a car is on its lane, depends on decimeters between two tokens. Attention would have to
+find them in products of hidden numbers. The mean shift toward nearby points (Comaniciu & Meer 2002), at several
+scales, is linear in the needed correction. The points come from the noisy latents (``PositionHead``). Not in the
+release.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.scene.per_type import PerType
 
-# Points of a lane, and of others that they are held against: what follows, precedes, splits, merges, runs beside.
+# (own, other) point of two lanes: successors, predecessors, splits, merges, parallel neighbors.
 _PAIRED = ((-1, 0), (0, -1), (0, 0), (-1, -1), (POINTS.lanes // 2, POINTS.lanes // 2))
-_SCALES = {"lanes": (1.0, 3.0, 9.0), "agents": (2.0, 4.0, 8.0), "on lane": (1.0, 2.0, 4.0)}  # metres
-_NUMBERS = PerType(  # shift and weight, and for agents on lanes the lane's direction
+_SCALES = {"lanes": (1.0, 3.0, 9.0), "agents": (2.0, 4.0, 8.0), "on lane": (1.0, 2.0, 4.0)}  # meters
+_NUMBERS = PerType(  # shift and weight; for agents on lanes also the lane's direction
     agents=3 * len(_SCALES["agents"]) + 5 * len(_SCALES["on lane"]), lanes=3 * len(_PAIRED) * len(_SCALES["lanes"])
 )
-_LEAST = 0.1  # of a neighbour at no distance: below, a shift fades
-_SHORT = 0.1  # m: directions of shorter segments fade
+_MIN_WEIGHT = 0.1  # a neighbor at distance zero weighs 1; shifts fade for total weights below this
+_MIN_LENGTH = 0.1  # m; directions of shorter segments fade
 
 
 class RelativeGeometry(nnx.Module):
-    """Points of tokens -> what joins their embeddings: exactly zero in a fresh network."""
+    """Points of tokens -> additions to their embeddings: exactly zero in a fresh network."""
 
     def __init__(self, width: PerType, *, init: ParamInit, compute: Compute = "float32"):
         self.agents = Linear(_NUMBERS.agents, width.agents, init=init, compute=compute, std=0.0)
         self.lanes = Linear(_NUMBERS.lanes, width.lanes, init=init, compute=compute, std=0.0)
 
     def __call__(self, points: PerType, masks: PerType) -> PerType:
-        """Anchors [B, tokens, points, 2] a kind, finite also at padding, and masks -> [B, tokens, width] a kind."""
+        """Points [B, tokens, points, 2] per type (finite at padding, too) and masks -> [B, tokens, width] per type."""
         agents, lanes = UNIT * points.agents, UNIT * points.lanes
         return PerType(
             agents=self.agents(agent_geometry(agents, lanes, masks)),
@@ -46,7 +46,7 @@ class RelativeGeometry(nnx.Module):
 
 
 def lane_geometry(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> Float[Array, "b n f"]:
-    """Shifts from points of every lane toward points of other lanes, in the axes of the window, in units of a scale."""
+    """Shifts from points of every lane toward points of other lanes, in the window's axes and in units of a scale."""
     others = mask[:, None] & ~jnp.eye(mask.shape[1], dtype=bool)[None]
     features = []
     for own, other in _PAIRED:
@@ -58,15 +58,15 @@ def lane_geometry(lanes: Float[Array, "b n p 2"], mask: Bool[Array, "b n"]) -> F
 def agent_geometry(
     agents: Float[Array, "b n p 2"], lanes: Float[Array, "b m r 2"], masks: PerType
 ) -> Float[Array, "b n f"]:
-    """Shifts from every agent toward the others and toward the nearest points of lanes, with the lanes' directions."""
+    """Shifts from every agent toward other agents and the nearest points of lanes, with the lanes' directions."""
     others = masks.agents[:, None] & ~jnp.eye(masks.agents.shape[1], dtype=bool)[None]
-    centre = agents[:, :, 0]
-    offset = centre[:, None] - centre[:, :, None]
+    center = agents[:, :, 0]
+    offset = center[:, None] - center[:, :, None]
     features = [_shift(offset, _proximity(offset, others, scale), scale) for scale in _SCALES["agents"]]
 
     start, along = (x.reshape(len(lanes), 1, -1, 2) for x in (lanes[:, :, :-1], lanes[:, :, 1:] - lanes[:, :, :-1]))
-    from_start = centre[:, :, None] - start
-    square = jnp.square(along).sum(-1) + _SHORT**2
+    from_start = center[:, :, None] - start
+    square = jnp.square(along).sum(-1) + _MIN_LENGTH**2
     foot = jnp.clip((from_start * along).sum(-1) / square, 0, 1)[..., None] * along
     offset = foot - from_start
     direction = jnp.broadcast_to(along * jax.lax.rsqrt(square)[..., None], offset.shape)
@@ -78,7 +78,7 @@ def agent_geometry(
 
 
 def _proximity(offset: Float[Array, "b n m 2"], mask: Bool[Array, "b n_or_1 m"], scale: float) -> Float[Array, "b n m"]:
-    """1 at no distance, falling as a Gaussian of standard deviation ``scale``; 0 where masked."""
+    """Gaussian of the distance with standard deviation ``scale`` [m], 1 at distance zero; 0 where masked."""
     return jnp.where(mask, jnp.exp(-0.5 * jnp.square(offset / scale).sum(-1)), 0.0)
 
 
@@ -88,4 +88,4 @@ def _shift(offset: Float[Array, "b n m 2"], proximity: Float[Array, "b n m"], sc
 
 
 def _mean(values: Float[Array, "b n m 2"], proximity: Float[Array, "b n m"]) -> Float[Array, "b n 2"]:
-    return (proximity[..., None] * values).sum(2) / (proximity.sum(-1, keepdims=True) + _LEAST)
+    return (proximity[..., None] * values).sum(2) / (proximity.sum(-1, keepdims=True) + _MIN_WEIGHT)

@@ -1,6 +1,6 @@
-"""One stage of a factorized block, and the heads: everything modulated by AdaLN (official-spec §4.2-4.4).
+"""The attention stage of a factorized block, and the heads, both modulated by AdaLN (official-spec §4.2-4.4).
 
-Modulation is one row a scene and kind, broadcast over tokens. A bipartite stage computes only the rows that it keeps.
+Modulation is one row per scene and type, broadcast over tokens. A bipartite stage computes only the rows it updates.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear, standardize
 from scjax.scene.pytree import pytree
 
-_ZERO = 0.0  # standard deviation of what starts at zero (adaLN-Zero)
+_ZERO = 0.0  # standard deviation of parameters that start at zero (adaLN-Zero)
 
 
 @pytree
@@ -28,8 +28,8 @@ class StageModulation:
 
     Attributes:
       to: shift, scale, gate of the attention, then of the MLP, for the tokens that the stage updates.
-      source: the same for the other kind, in a bipartite stage (only the first shift and scale act).
-      cross: shift, scale, gate of the cross attention, in a conditioned stage.
+      source: the same for the other type, in a bipartite stage (only the first shift and scale are used).
+      cross: shift, scale, gate of the cross-attention, in a conditioned stage.
     """
 
     to: Float[Array, "b 6 d"]
@@ -38,7 +38,7 @@ class StageModulation:
 
 
 class AttentionStage(nnx.Module):
-    """Attention to the sources, cross attention to the condition (if any), MLP; each modulated and gated."""
+    """Attention to the sources, cross-attention to the condition (if any), MLP; each modulated and gated."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class AttentionStage(nnx.Module):
     def modulation(
         self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None
     ) -> StageModulation:  # fmt: skip
-        """From the conditioning vectors (after SiLU) of the updated kind and, in a bipartite stage, of the sources."""
+        """AdaLN chunks from the conditioning vectors (after SiLU) of the updated type and, in a bipartite stage, the sources."""
         rows = [to] if source is None else [to, source]
         chunks = _chunks(self.adaln(jnp.concatenate(rows)), 6)
         return StageModulation(
@@ -89,9 +89,13 @@ class AttentionStage(nnx.Module):
         cache: Any = None,
         trace: dict | None = None,
     ) -> tuple[Float[Array, "b n d"], AuxOutputs | None]:
-        """Updates x, real where ``mask``: it reads ``source`` (None: itself) where ``source_mask``, and the condition.
+        """Updates the tokens x from ``source`` (None: x itself) and the condition.
 
-        A cache of fewer scenes than the batch belongs to the first scenes; the others have no condition.
+        Args:
+          mask, source_mask: True at real tokens of x and of the sources.
+          cache: of the condition. A cache of fewer scenes than the batch belongs to the first scenes; the others have
+            no condition.
+          trace: receives intermediate arrays if it is a dict.
         """
         shift, scale, gate, mlp_shift, mlp_scale, mlp_gate = _split_chunks(modulation.to)
         hidden = modulate(x, shift, scale)
@@ -119,7 +123,7 @@ class AttentionStage(nnx.Module):
         return x + mlp_gate * update, aux
 
     def _complete(self, cache: Any, x: Float[Array, "b n d"]) -> Any:
-        """The cache of all scenes, if a scene without condition gets something too (``empty_is_zero`` is False)."""
+        """The cache of all scenes, if scenes without condition do not get zero (``empty_is_zero`` is False)."""
         if self.cross is None or self.cross_attention is None or self.cross_attention.empty_is_zero:
             return cache
         if cache is None:
@@ -131,7 +135,7 @@ class AttentionStage(nnx.Module):
 
 
 class Head(nnx.Module):
-    """Modulated plain layer norm and a linear map to the estimate; zero at first."""
+    """Modulated layer norm without parameters and a linear map to the estimate; zero at first."""
 
     def __init__(self, width: int, features_out: int, *, init: ParamInit, compute: Compute = "float32"):
         self.adaln = Linear(width, 2 * width, init=init, compute=compute, std=_ZERO)

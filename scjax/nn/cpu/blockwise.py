@@ -1,8 +1,8 @@
-"""Work on lane pairs a few destination rows at a time: small enough for the cache, and none for padding.
+"""Functions of lane pairs in blocks of destination rows: blocks fit the cache, and padding costs nothing.
 
-On a CPU the features of 10,000 pairs fall out of the cache between any two operations, and half of a batch's pairs are
-padding. ``blockwise_map`` therefore walks through scenes and blocks of rows, leaves out blocks without a real row, and
-works each block out again for the gradient instead of keeping its intermediate values.
+On a CPU the features of 10,000 pairs do not stay in the cache between two operations, and half of a batch's pairs are
+padding. ``blockwise_map`` therefore loops over scenes and blocks of rows, skips blocks without a real row, and
+recomputes each block for the gradient instead of storing intermediate values.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from jaxtyping import Array, Bool
 
 from scjax.nn.cpu.backend import on_cpu
 
-# Lane pairs worked on at once: 64 float32 features of each are 128 kB, a dozen such arrays fit a core's L2 cache, and
-# blocks of few rows leave little padding. Much smaller ones spend their time on being started.
-_PAIRS_ON_CPU = 512
+# Lane pairs per block: 64 float32 features of each are 128 kB, so a dozen such arrays fit a core's L2 cache, and blocks
+# of few rows have little padding. In much smaller blocks the overhead of starting them dominates.
+_BLOCK_PAIRS = 512
 
 
 def blockwise_map(
     function: Callable[[Any, Any], Any], scenes: Any, rows: Any, real: Bool[Array, "b l"], sources: int
 ) -> Any:
-    """``function(scenes, rows)``, blockwise on a CPU; elsewhere at once. Its gradient recomputes.
+    """``function(scenes, rows)``, in blocks on a CPU, at once elsewhere. The backward pass recomputes it.
 
     Args:
       function: (PyTree [b, ...], PyTree [b, r, ...]) -> PyTree [b, r, ...], row by row; may close over parameters.
-      scenes: what all rows of a scene share, [B, ...].
-      rows: what each row has of its own, [B, L, ...].
-      real: rows to work out; others may come out as zero.
-      sources: pairs in a row.
+      scenes: inputs shared by all rows of a scene, [B, ...].
+      rows: inputs per row, [B, L, ...].
+      real: rows to compute; others may be zero in the result.
+      sources: pairs per row.
     """
     if not on_cpu():
         return jax.checkpoint(function)(scenes, rows)
     length = real.shape[1]
-    blocks = math.ceil(length / max(1, _PAIRS_ON_CPU // max(sources, 1)))
+    blocks = math.ceil(length / max(1, _BLOCK_PAIRS // max(sources, 1)))
     size = math.ceil(length / blocks)
 
     def block(x: Array) -> Array:

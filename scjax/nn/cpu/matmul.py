@@ -1,6 +1,6 @@
-"""Products and layer norms of many rows with some 64 features each, in the forms that XLA:CPU computes fastest.
+"""Products and layer norms of many rows with some 64 features each (lane pairs), in XLA:CPU's fastest forms.
 
-That is what a network does to lane pairs. Measured in benchmarks/README.md; on other backends the plain forms.
+Measured in benchmarks/README.md. Other backends get the plain forms.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def linear(x: Float[Array, "m k"], w: Float[Array, "k n"], b: Float[Array, " n"]
 def product(x: Float[Array, "m k"], w: Float[Array, "k n"]) -> Float[Array, "m n"]:
     """``x @ w``, in the operands' own precision.
 
-    XLA:CPU sums the gradient of so small a kernel over all rows at a third to a half of the forward product's rate; by
-    groups of rows it is faster. Larger kernels keep the plain form.
+    On XLA:CPU the gradient of a small kernel, a sum over all rows, runs at a third to a half of the forward product's
+    rate; in groups of rows it is faster. Larger kernels keep the plain form.
     """
     small = w.size <= _SMALL_KERNEL and on_cpu()
     return _by_groups(x, w) if small else x @ w
