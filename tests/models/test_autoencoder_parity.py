@@ -13,7 +13,7 @@ from scjax.convert.autoencoder import aliases, from_official, to_official, unuse
 from scjax.models.autoencoder import autoencoder
 from scjax.models.autoencoder.blocks import GraphAttention
 from scjax.models.autoencoder.edges import DenseEdges
-from scjax.models.autoencoder.loss import loss, per_scene
+from scjax.models.autoencoder.loss import loss, scene_losses
 from scjax.models.codec import NormalizedScene
 from scjax.nn.functional import functional
 from scjax.scene.per_type import PerType
@@ -48,7 +48,7 @@ def run(config, params):
     def total(params, tokens, noise):
         posterior, decoded = apply(params, tokens, noise, method="reconstruct")
         value, means = loss(decoded, posterior, tokens)
-        return value, (means, per_scene(decoded, posterior, tokens))
+        return value, (means, scene_losses(decoded, posterior, tokens))
 
     def everything(tokens, latents, noise):
         arrays = _arrays(*apply(params, tokens, latents, method="trace"))

@@ -20,7 +20,7 @@ RAW_COLUMNS = ("x", "y", "speed", "cos", "sin", "length", "width", "z", "height"
 
 @functools.cache
 def _compiled(name: str):
-    return jax.jit(PRESETS[name]().tokens)
+    return jax.jit(PRESETS[name]().normalize)
 
 
 def _batch(name: str, *scenes: Scene) -> Scene:
