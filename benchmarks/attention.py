@@ -1,12 +1,12 @@
 """What do the ten conditioning mechanisms cost? python -m benchmarks.attention --out=benchmarks/results
 
-Microbenchmark on one core (attention-variants §10): for every mechanism the core alone (queries, keys and values
-given), the module (context encoded, then attended to) and a step with a cached condition, forward and backward, over
-the number of keys and of queries and at the sizes of real scenes. FLOPs in closed form are held against XLA's count;
-log-log slopes of the core over the keys tell which mechanism grows with its context.
+Microbenchmark on one core (attention-variants §10). For every mechanism it times the core alone (queries, keys and
+values as inputs), the module (encode, then attend) and a step with a cached condition, forward and backward, over the
+numbers of keys and queries and at the sizes of real scenes. It compares closed-form FLOPs with XLA's count. The log-log
+slope of the core over the keys shows which mechanisms grow with the context.
 
-OUT receives attention.jsonl (a line a point; points that are there are not measured again), attention.md (tables) and
-attention.png. --smoke measures three small points a mechanism, checks FLOPs and their slopes, and writes nothing.
+OUT receives attention.jsonl (one line per point; existing points are not measured again), attention.md (tables) and
+attention.png. --smoke measures three small points per mechanism, checks FLOPs and slopes, and writes nothing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ NO_CORE = ("full, 2x parameters",)  # its projections change the width
 SLOPES = {name: 1.0 for name in VARIANTS} | {
     "windowed": 0.0, "deformable": 0.0, "linear": 0.0, "agent, learned": 0.0
 }  # fmt: skip
-_TOGETHER = 8  # points of a process
+_POINTS_PER_PROCESS = 8  # points of a process
 
 
 def points(part: str) -> list[Point]:
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--out", type=Path, default=Path("benchmarks/results"), help="folder (default: %(default)s)")
     add("--parts", nargs="+", default=["keys", "queries", "real", "long"], help="of the benchmark (default: all)")
     add("--cores", type=int, default=1, help="cores to run on (default: 1)")
-    add("--smoke", action="store_true", help="see above")
+    add("--smoke", action="store_true", help="three small points per mechanism; checks FLOPs, writes nothing")
     args = parser.parse_args(arguments)
     if args.smoke:
         smoke()
@@ -80,22 +80,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     log = args.out / "attention.jsonl"
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
     done = {point_of(row) for row in rows}
-    wanted = [point for part in args.parts for point in points(part) if point not in done]
-    for row in tqdm(measured(wanted, args.cores), "points", total=len(wanted), disable=None):
+    pending = [point for part in args.parts for point in points(part) if point not in done]
+    for row in tqdm(measure_points(pending, args.cores), "points", total=len(pending), disable=None):
         rows.append(row)
         with log.open("a") as file:
             file.write(json.dumps(row) + "\n")
     write_text(args.out / "attention.md", report(rows))
-    draw(rows, args.out / "attention.png")
+    plot_scaling(rows, args.out / "attention.png")
     print(report(rows))
 
 
-def measured(wanted: Sequence[Point], cores: int) -> Iterator[dict[str, Any]]:
+def measure_points(pending: Sequence[Point], cores: int) -> Iterator[dict[str, Any]]:
     """Rows of the points, some of them a process at a time, on so many cores."""
     flags = f"--xla_cpu_multi_thread_eigen={'true' if cores > 1 else 'false'} intra_op_parallelism_threads={cores}"
     allowed = sorted(os.sched_getaffinity(0))[:cores]
-    for start in range(0, len(wanted), _TOGETHER):
-        part = [dataclasses.asdict(point) for point in wanted[start : start + _TOGETHER]]
+    for start in range(0, len(pending), _POINTS_PER_PROCESS):
+        part = [dataclasses.asdict(point) for point in pending[start : start + _POINTS_PER_PROCESS]]
         child = subprocess.run(
             [sys.executable, "-m", "benchmarks.attention_points"], input=json.dumps(part), text=True, check=True,
             stdout=subprocess.PIPE, env={**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
@@ -107,20 +107,22 @@ def measured(wanted: Sequence[Point], cores: int) -> Iterator[dict[str, Any]]:
 def smoke() -> None:
     """Three contexts: XLA counts what the closed form counts, and as many FLOPs more with longer contexts."""
     lengths = (256, 512, 1024)
-    rows = list(measured([Point(name, "core", False, 32, m, 64, 4) for m in lengths for name in DENSE], 1))
+    rows = list(measure_points([Point(name, "core", False, 32, m, 64, 4) for m in lengths for name in DENSE], 1))
     faults = []
     for name in DENSE:
         own = [row for row in rows if row["variant"] == name]
         ratio = [row["flops_xla"] / row["flops_closed"] for row in own]
-        slope = fit(lengths, [row["flops_xla"] for row in own])
+        slope = log_slope(lengths, [row["flops_xla"] for row in own])
         print(f"{name:<18} XLA's FLOPs / closed form {min(ratio):.3f}..{max(ratio):.3f}, slope over keys {slope:.2f}")
         if not all(0.95 < r < 1.35 for r in ratio) or abs(slope - 1) > 0.25:
             faults.append(name)
     if faults:
-        sys.exit(f"benchmarks.attention: counts of {', '.join(faults)} are off: see scjax/nn/cross_attention/flops.py")
+        sys.exit(
+            f"benchmarks.attention: counts of {', '.join(faults)} are off: see ``work`` of the mechanism's options in scjax/nn/cross_attention"
+        )
 
 
-def fit(x: Sequence[float], y: Sequence[float]) -> float:
+def log_slope(x: Sequence[float], y: Sequence[float]) -> float:
     """Slope of log y over log x by least squares."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
@@ -133,18 +135,20 @@ def point_of(row: dict[str, Any]) -> Point:
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: slopes of the core, then whole modules at real sizes and over long contexts."""
     lines = ["## Core over the number of keys (160 queries, width 256, 8 heads)", ""]
-    found = []
+    table_rows = []
     for name in VARIANTS:
         own = {row["m"]: row for row in rows if _is(row, name, "core", False, n=160) and row["m"] in KEYS}
         tail = [m for m in sorted(own) if m >= 1024]
         if len(tail) >= 2:
-            slope = fit(tail, [own[m]["median_s"] for m in tail])
-            told = {f"m = {m}": f"{1e3 * own[m]['median_s']:.2f} ms" if m in own else "" for m in (512, 4096, 16384)}
-            found.append({"mechanism": name, **told, "slope from 1,024 on": f"{slope:.2f}", "expected": SLOPES[name]})
-    lines += [table(found) if found else "not measured", ""]
+            slope = log_slope(tail, [own[m]["median_s"] for m in tail])
+            times = {f"m = {m}": f"{1e3 * own[m]['median_s']:.2f} ms" if m in own else "" for m in (512, 4096, 16384)}
+            table_rows.append(
+                {"mechanism": name, **times, "slope from 1,024 on": f"{slope:.2f}", "expected": SLOPES[name]}
+            )
+    lines += [table(table_rows) if table_rows else "not measured", ""]
     sizes = [(n, m, d, image) for n, m, image in REAL for d in WIDTHS] + [(160, m, 256, False) for m in LONG]
     for n, m, d, image in sizes:
-        found = []
+        table_rows = []
         for name in VARIANTS:
             cells: dict[str, Any] = {"mechanism": name}
             for stage in ("module", "cached"):
@@ -156,9 +160,14 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
                         cells[f"{stage} MFLOP"] = f"{row['flops_closed'] / 1e6:.0f}"
                         cells[f"{stage} share of peak"] = f"{100 * row['share']:.0f} %"
             if len(cells) > 5:
-                found.append(cells)
-        if found:
-            lines += [f"## {n} queries, {m} keys ({'image' if image else 'text'}), width {d}", "", table(found), ""]
+                table_rows.append(cells)
+        if table_rows:
+            lines += [
+                f"## {n} queries, {m} keys ({'image' if image else 'text'}), width {d}",
+                "",
+                table(table_rows),
+                "",
+            ]
     unsteady = sum(not row["steady"] for row in rows)
     if rows:
         machine = {name: rows[-1][name] for name in ("cpu", "jax", "amx")}
@@ -166,7 +175,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def plot_scaling(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Time of the core over keys and over queries, forward, on logarithmic axes."""
     figure = Figure(figsize=(14, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
@@ -192,8 +201,8 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def _is(row: dict[str, Any], variant: str, stage: str, backward: bool, **fields: Any) -> bool:
-    wanted = {"variant": variant, "stage": stage, "backward": backward, **fields}
-    return all(math.isclose(row[k], v) if isinstance(v, float) else row[k] == v for k, v in wanted.items())
+    expected = {"variant": variant, "stage": stage, "backward": backward, **fields}
+    return all(math.isclose(row[k], v) if isinstance(v, float) else row[k] == v for k, v in expected.items())
 
 
 if __name__ == "__main__":

@@ -92,11 +92,11 @@ VARIANTS: dict[str, Callable[[int], CrossAttentionOptions]] = {
     "squeezed, dense-masked": _sparse("squeezed"),
     "cross_global": _fixed("cross_global"),
 }
-_LEFT_OUT = {"cross_global": 3, "deformable": 1}  # projections of scene tokens that ``Same`` replaces; elsewhere 2
+_LEFT_OUT = {"cross_global": 3, "deformable": 1}  # projections of scene tokens that ``Identity`` replaces; elsewhere 2
 DENSE = ("concat", "full", "full + 32 tokens", "gated", "cross_global")
 
 
-class Same(nnx.Module):
+class Identity(nnx.Module):
     """Stands in for a projection where only the core is measured."""
 
     def __call__(self, x):
@@ -107,39 +107,39 @@ def network(point: Point) -> Functional:
     """The mechanism; for the core, with queries and results that go through no projection."""
 
     def make(init):
-        made = build_cross_attention(VARIANTS[point.variant](point.m), point.d, point.heads, point.spec, init=init)
+        module = build_cross_attention(VARIANTS[point.variant](point.m), point.d, point.heads, point.spec, init=init)
         if point.stage == "core":
-            assert made is not None
+            assert module is not None
             for name in ("q", "out", "latent_out"):
-                if hasattr(made, name):
-                    setattr(made, name, Same())
-        return made
+                if hasattr(module, name):
+                    setattr(module, name, Identity())
+        return module
 
     return functional(make)
 
 
-def parameters(made: Functional) -> Params:
+def parameters(module: Functional) -> Params:
     """Initial parameters with sparse selection switched on and random gates, so that no branch is idle."""
-    params = jax.device_get(made.init(jax.random.key(0)))
+    params = jax.device_get(module.init(jax.random.key(0)))
     return params | {name: np.ones(1, np.float32) for name in ("fitted", "gate") if name in params}
 
 
 def program(point: Point) -> tuple[Callable[..., Any], tuple]:
     """A function to compile and its arguments."""
-    made = network(point)
+    module = network(point)
     rng = np.random.default_rng(0)
     x, context = (
         jnp.asarray(rng.normal(size=(point.scenes, size, point.d)), jnp.float32) for size in (point.n, point.m)
     )
     x_mask, mask = (jnp.ones(a.shape[:2], bool) for a in (x, context))
-    params = parameters(made)
-    cache = None if point.stage == "module" else jax.jit(functools.partial(made.apply, method="encode"))(
+    params = parameters(module)
+    cache = None if point.stage == "module" else jax.jit(functools.partial(module.apply, method="encode"))(
         params, context, mask
     )  # fmt: skip
 
     def forward(params, x, known):
-        cache = made.apply(params, known, mask, method="encode") if point.stage == "module" else known
-        return made.apply(params, x, x_mask, cache, method="attend")[0]
+        cache = module.apply(params, known, mask, method="encode") if point.stage == "module" else known
+        return module.apply(params, x, x_mask, cache, method="attend")[0]
 
     arguments = params, x, context if cache is None else cache
     if not point.backward:

@@ -1,9 +1,9 @@
 """How long does it take to measure 10,000 scenes? python -m benchmarks.metrics
 
-Every metric that needs no network (scjax.metrics.measure: both modes of the distributions, overlaps, matches, average
-precision, control) on tiles of the synthetic world, each moved and turned a little, against another such set, as
-scjax.evaluate measures them: read from npz files, part by part, in processes. The wanted time is 60 s on 2 cores
-and the wanted memory 2 GB. Bootstrap intervals and floors come apart.
+Times every metric without a network (scjax.metrics.measure: both modes of the distributions, overlaps, matches, average
+precision, control) between two sets of synthetic tiles, each tile shifted and rotated a little. As in scjax.evaluate,
+scenes are read from npz files, part by part, in processes. Targets: 60 s on 2 cores, 2 GB of memory. Bootstrap
+intervals and floors are timed separately.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from benchmarks import workload
 from benchmarks.sampler import REFERENCE as SAMPLING
-from benchmarks.sampler import asked, guided, useful
+from benchmarks.sampler import guided_sampler, useful_flops, workload_inputs
 from benchmarks.steps import REFERENCE, denoiser_config, step_of
 from scjax.nn.sharding import spread, use_every_core
 
@@ -103,16 +103,17 @@ def main(arguments: list[str] | None = None) -> None:
     use_every_core()
     scenes = max(64, args.batch)
     programs, work = (sampling if args.sampling else training)(args.kind, args.batch, scenes, args.compute)
-    found: Counter[Product] = Counter()
+    times_of: Counter[Product] = Counter()
     for program in programs:
         for product, times in products(program):
-            found[product] += times
+            times_of[product] += times
     seconds = {
-        product: seconds_alone(product) for product in tqdm(found, "products", unit="size", leave=False, disable=None)
+        product: seconds_alone(product)
+        for product in tqdm(times_of, "products", unit="size", leave=False, disable=None)
     }
     cores = jax.device_count()
-    alone = sum(times * cores * product.flops for product, times in found.items()) / 1e9
-    rate = alone / sum(times * seconds[product] for product, times in found.items())
+    alone = sum(times * cores * product.flops for product, times in times_of.items()) / 1e9
+    rate = alone / sum(times * seconds[product] for product, times in times_of.items())
 
     peak = workload.rooflines()[args.compute]
     reference = (SAMPLING if args.sampling else REFERENCE)[args.kind].get(args.batch)
@@ -122,17 +123,17 @@ def main(arguments: list[str] | None = None) -> None:
     most = {name: value * 1e9 * scenes / work for name, value in rates.items()}  # scenes/s
     row = {
         "step": f"sampling, {args.kind}" if args.sampling else args.kind, "batch": args.batch, "compute": args.compute,
-        "useful GFLOP a scene": work / scenes / 1e9, "sizes of products": len(found),
+        "useful GFLOP a scene": work / scenes / 1e9, "sizes of products": len(times_of),
         **{f"{name} GFLOP/s": value for name, value in rates.items()},
         **{f"most scenes/s, {name}": value for name, value in most.items()},
         **{f"ratio, {name}": value / reference for name, value in most.items() if reference},
     }  # fmt: skip
     print(workload.table([row]))
     print(json.dumps({**row, "machine": workload.machine()}))
-    slowest = sorted(found, key=lambda product: -found[product] * seconds[product])[:12]
+    slowest = sorted(times_of, key=lambda product: -times_of[product] * seconds[product])[:12]
     print(workload.table([
-        {"left": _shape(product.left), "right": _shape(product.right), "times": found[product],
-         "share of time": found[product] * seconds[product] * rate / alone,
+        {"left": _shape(product.left), "right": _shape(product.right), "times": times_of[product],
+         "share of time": times_of[product] * seconds[product] * rate / alone,
          "GFLOP/s": cores * product.flops / seconds[product] / 1e9}
         for product in slowest if seconds[product] > 0
     ]))  # fmt: skip
@@ -145,16 +146,16 @@ def training(kind: str, batch: int, scenes: int, compute: str) -> tuple[list[Any
     gradient = jax.grad(timed.objective, has_aux=True)
     share = jax.tree.map(lambda x: x[: batch // jax.device_count()], timed.inputs)
     programs = [jax.make_jaxpr(gradient)(params, part, jax.random.key(0)).jaxpr for part in share]
-    return programs, sum(timed.useful(lanes, agents) for lanes, agents in workload.counts(scenes))
+    return programs, sum(timed.useful_flops(lanes, agents) for lanes, agents in workload.counts(scenes))
 
 
 def sampling(kind: str, batch: int, scenes: int, compute: str) -> tuple[list[Any], float]:
     """The same of sampling."""
     config = denoiser_config(kind, compute)
-    run, params = guided(config, "ddpm", _STEPS)
+    run, params = guided_sampler(config, "ddpm", _STEPS)
     parts = workload.batches(batch, scenes)
-    programs = [jax.make_jaxpr(spread(run, shared=1))(params, *asked(part, kind)).jaxpr for part in parts]
-    return programs, sum(useful(config, kind, _STEPS, part) for part in parts)
+    programs = [jax.make_jaxpr(spread(run, shared=1))(params, *workload_inputs(part, kind)).jaxpr for part in parts]
+    return programs, sum(useful_flops(config, kind, _STEPS, part) for part in parts)
 
 
 def _shape(shape: tuple[int, ...]) -> str:

@@ -1,8 +1,8 @@
 """How fast is sampling? python -m benchmarks.sampler [unconditional|text|image] --batch 8
 
-100 steps with guidance 4 (two branches), condition and modulation computed once (--per-step: modulation in every
-step), decoding left out, on scenes of the reference workload. Prints seconds a scene against the float32 PyTorch
-reference of the same batch.
+100 steps with guidance 4 (two branches) on scenes of the reference workload, without decoding. Condition and modulation
+are computed once (--per-step: modulation in every step). Prints seconds per scene and the ratio to the float32 PyTorch
+reference at the same batch size.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ def main(arguments: list[str] | None = None) -> None:
     use_every_core()
     steps = 2 if args.smoke else args.steps
     parts = workload.batches(args.batch)
-    wanted = args.batch if args.smoke else args.scenes or (64 if args.batch > 1 else 8)
-    stride = max(len(parts) * args.batch // wanted, 1)
+    num_scenes = args.batch if args.smoke else args.scenes or (64 if args.batch > 1 else 8)
+    stride = max(len(parts) * args.batch // num_scenes, 1)
     parts = parts[stride // 2 :: stride]  # evenly over the sizes
 
     config = denoiser_config(args.kind, args.compute)
-    run, params = guided(config, args.sampler, steps, max_precomputed=0 if args.per_step else MAX_PRECOMPUTED)
+    run, params = guided_sampler(config, args.sampler, steps, max_precomputed=0 if args.per_step else MAX_PRECOMPUTED)
     jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
     jobs, programs = [], {}
     start = time.perf_counter()
     for part in parts:
-        inputs = (params, *asked(part, args.kind))
+        inputs = (params, *workload_inputs(part, args.kind))
         shape = (part.agent_mask.shape, part.lane_mask.shape)
         if shape not in programs:
             programs[shape] = jitted.lower(*inputs).compile()
@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> None:
         jax.block_until_ready(program(*inputs))
     seconds = time.perf_counter() - start
     scenes = len(parts) * args.batch
-    rate = sum(useful(config, args.kind, steps, part) for part in parts) / seconds / 1e9
+    rate = sum(useful_flops(config, args.kind, steps, part) for part in parts) / seconds / 1e9
 
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
@@ -86,10 +86,10 @@ def main(arguments: list[str] | None = None) -> None:
     print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
 
 
-def guided(
+def guided_sampler(
     config: DenoiserConfig, name: str, steps: int, max_precomputed: int = MAX_PRECOMPUTED
 ) -> tuple[Callable[..., Any], Params]:
-    """A function of (parameters, masks, condition, keys) that samples latents with guidance; and parameters for it."""
+    """A function (parameters, masks, condition, keys) -> latents, sampled with guidance, and its initial parameters."""
     network, sampler = denoiser(config), resolve_sampler(name, config.prediction)
     schedule = make_schedule(sampler, config.prediction, steps)
 
@@ -107,15 +107,15 @@ def guided(
     return run, network.init(jax.random.key(0))
 
 
-def asked(scenes: Scene, kind: str) -> tuple[PerType, Any, jax.Array]:
-    """Masks, condition and keys of a batch: what ``guided`` samples for."""
+def workload_inputs(scenes: Scene, kind: str) -> tuple[PerType, Any, jax.Array]:
+    """Masks, condition and keys of a batch: the inputs of ``guided_sampler``'s function."""
     masks = PerType(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
     number = len(scenes.crop)
     return masks, features(kind, number), jax.random.split(jax.random.key(1), number)
 
 
-def useful(config: DenoiserConfig, kind: str, steps: int, scenes: Scene) -> float:
-    """FLOPs of real lanes and agents, in closed form; the branch without condition reads none."""
+def useful_flops(config: DenoiserConfig, kind: str, steps: int, scenes: Scene) -> float:
+    """Closed-form FLOPs of real lanes and agents; the unconditional branch reads no condition."""
     counts = zip(scenes.num_lanes.tolist(), scenes.num_agents.tolist(), strict=True)
     return steps * sum(
         flops.denoiser_forward(config, lanes, agents, context, cached=True)

@@ -42,13 +42,13 @@ class Step(NamedTuple):
       network: what is trained.
       objective: (parameters, batch, key) -> (loss, metrics).
       inputs: the batches of the workload.
-      useful: FLOPs of a step by the real lanes and agents of a scene, in closed form.
+      useful_flops: FLOPs of a step by the real lanes and agents of a scene, in closed form.
     """
 
     network: Functional
     objective: Callable[..., Any]
     inputs: Sequence[Any]
-    useful: Callable[[int, int], float]
+    useful_flops: Callable[[int, int], float]
 
 
 def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
@@ -104,10 +104,10 @@ def latents(scenes, config: DenoiserConfig, kind: str) -> LatentBatch:
     rng = np.random.default_rng(3)
     masks = PerType(agents=jnp.asarray(scenes.agent_mask), lanes=jnp.asarray(scenes.lane_mask))
     widths = PerType(agents=config.agent_latent, lanes=config.lane_latent)
-    drawn = jax.tree.map(
+    values = jax.tree.map(
         lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths
     )
     return LatentBatch(
-        latents=drawn, masks=masks, known=jax.tree.map(jnp.zeros_like, masks),
+        latents=values, masks=masks, known=jax.tree.map(jnp.zeros_like, masks),
         label=jnp.zeros(len(scenes.crop), jnp.int32), condition=features(kind, len(scenes.crop)),
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """How fast is a training step? python -m benchmarks.train_step [autoencoder|unconditional|text|image] --batch 16
 
-Prints scenes/s (real scenes of the reference workload), GFLOP/s of useful work, its share of the measured rooflines,
-compile time apart, peak memory, and the ratio against the float32 PyTorch reference of the same batch.
+Prints scenes/s (real scenes of the reference workload), GFLOP/s of useful work and its share of the measured rooflines,
+compile time, peak memory, and the ratio to the float32 PyTorch reference at the same batch size.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
     first_pass = time.perf_counter() - start
     seconds = workload.best_seconds(run, 1 if args.smoke else args.repeats)
     programs = {tuple(leaf.shape for leaf in jax.tree.leaves(batch)) for batch in timed.inputs}
-    work = sum(timed.useful(lanes, agents) for lanes, agents in workload.counts(scenes)) / seconds / 1e9
+    work = sum(timed.useful_flops(lanes, agents) for lanes, agents in workload.counts(scenes)) / seconds / 1e9
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
     row = {

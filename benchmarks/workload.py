@@ -75,14 +75,14 @@ def best_seconds(run: Callable[[], Any], repeats: int) -> float:
 def rooflines() -> dict[str, float]:
     """GFLOP/s of a large matrix product: float32, and bfloat16 operands accumulated in float32."""
     x = jnp.ones((2048, 2048))
-    found = {}
+    rates = {}
     for name, dtype in (("float32", jnp.float32), ("bfloat16", jnp.bfloat16)):
         product = jax.jit(
             lambda a, b, dtype=dtype: jnp.dot(a.astype(dtype), b.astype(dtype), preferred_element_type=jnp.float32)
         )
         seconds = best_seconds(lambda product=product: product(x, x).block_until_ready(), 5)
-        found[name] = 2 * 2048**3 / seconds / 1e9
-    return found
+        rates[name] = 2 * 2048**3 / seconds / 1e9
+    return rates
 
 
 def machine() -> dict[str, Any]:

@@ -33,7 +33,7 @@ def heads(sizes, name):
     return [str(sizes[name][f"{kind}_heads"]) for kind in ("lane", "agent")]
 
 
-def test_two_files_into_one_model(weights, sizes, tmp_path, capsys):
+def test_convert_completes_a_model_folder(weights, sizes, tmp_path, capsys):
     out = tmp_path / "model"
     main(["official", str(weights / "ae.safetensors"), str(out), "--heads", *heads(sizes, "autoencoder")])
     main(["official", str(weights / "text.safetensors"), str(out), "--heads", *heads(sizes, "denoiser")])
@@ -45,7 +45,7 @@ def test_two_files_into_one_model(weights, sizes, tmp_path, capsys):
     assert np.array_equal(model.autoencoder.params["encoder"]["lane_mean"]["kernel"], state["encoder.lane_mu.weight"].T)
 
 
-def test_wrappers_and_both_networks_in_one_file(weights, tmp_path):
+def test_convert_reads_wrapped_and_joint_files(weights, tmp_path):
     joined = {f"diff_model.autoencoder.{key}": value for key, value in read_state(weights / "ae.safetensors").items()}
     joined |= {f"diff_model.{key}": value for key, value in read_state(weights / "uncond.safetensors").items()}
     safetensors.numpy.save_file(joined, tmp_path / "joined.safetensors")
@@ -54,12 +54,12 @@ def test_wrappers_and_both_networks_in_one_file(weights, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["uncond", "image"])
-def test_other_conditions(weights, name):
+def test_convert_detects_the_condition(weights, name):
     model = convert_checkpoint(weights / f"{name}.safetensors")
     assert (model.denoiser.config.condition is None) == (name == "uncond")
 
 
-def test_misfits_are_listed_and_nothing_is_written(weights, tmp_path):
+def test_convert_lists_misfits_and_writes_nothing(weights, tmp_path):
     state = read_state(weights / "ae.safetensors")
     state["surprise"] = np.zeros(2, np.float32)
     state["decoder.agent_mlp.bias"] = np.zeros(3, np.float32)
@@ -74,7 +74,7 @@ def test_misfits_are_listed_and_nothing_is_written(weights, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_files_that_are_no_checkpoints(tmp_path):
+def test_convert_rejects_other_files(tmp_path):
     with pytest.raises(ValueError, match="no such file"):
         read_state(tmp_path / "none.safetensors")
     (tmp_path / "cut.safetensors").write_bytes(b"\x10\x00")

@@ -101,11 +101,11 @@ def reference(run, params):
     return run(params, *pair())
 
 
-def assert_close(found, wanted, tolerance: float):
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, tolerance, tolerance), found, wanted)
+def assert_close(result, expected, tolerance: float):
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, tolerance, tolerance), result, expected)
 
 
-def test_scene_alone_equals_scene_in_a_padded_batch_with_garbage(run, params):
+def test_scene_equals_itself_in_a_padded_batch(run, params):
     """Values to 1e-10, and the batch's gradient is the sum of the scenes' to 1e-10."""
     *both, gradient = run(params, *pair(garbage=np.nan))
     sizes = AGENTS, LANES
@@ -125,7 +125,7 @@ def test_scene_alone_equals_scene_in_a_padded_batch_with_garbage(run, params):
     assert_close(gradient, jax.tree.map(np.add, singles[0][-1], singles[1][-1]), 1e-10)
 
 
-def test_gradients_may_leave_out_the_way_through_pairs():
+def test_decode_without_pair_gradients_is_close():
     """Values are the same; gradients differ where an updated pair value is read again, in the second block only."""
     latents, mask = random_nodes(5, AGENTS, LANES, np.float32), PerType(
         agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)
@@ -135,7 +135,7 @@ def test_gradients_may_leave_out_the_way_through_pairs():
             AutoencoderConfig.preset("tiny", decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12)
         )
         params = network.init(jax.random.key(0))
-        found = [
+        result = [
             jax.value_and_grad(
                 lambda z, through=through, network=network, params=params: network.apply(
                     params, z, mask, method="decode", through_pairs=through
@@ -143,30 +143,30 @@ def test_gradients_may_leave_out_the_way_through_pairs():
             )(latents)
             for through in (True, False)
         ]
-        assert float(found[0][0]) == float(found[1][0])
-        assert np.allclose(found[0][1].lanes, found[1][1].lanes, atol=1e-6) == (blocks == 1)
+        assert float(result[0][0]) == float(result[1][0])
+        assert np.allclose(result[0][1].lanes, result[1][1].lanes, atol=1e-6) == (blocks == 1)
 
 
-def test_garbage_in_padding_changes_no_bit(run, params, reference):
+def test_padding_values_change_no_bit(run, params, reference):
     for garbage in (np.nan, 1e30):
-        for found, wanted in zip(
+        for result, expected in zip(
             jax.tree.leaves(run(params, *pair(garbage=garbage))), jax.tree.leaves(reference), strict=True
         ):
-            np.testing.assert_array_equal(found, wanted)
+            np.testing.assert_array_equal(result, expected)
 
 
-def test_float32_agrees_with_float64(params, reference):
+def test_float32_is_close_to_float64(params, reference):
     def forward(params, tokens, noise):
         return autoencoder(CONFIG).apply(params, tokens, noise, method="reconstruct")
 
     params = jax.tree.map(lambda x: np.asarray(x, np.float32), params)
-    found = jax.jit(forward)(jax.tree.map(jnp.asarray, params), *pair(np.float32, garbage=1e30))
-    for value, wanted in zip(jax.tree.leaves(found), jax.tree.leaves(reference[:2]), strict=True):
+    result = jax.jit(forward)(jax.tree.map(jnp.asarray, params), *pair(np.float32, garbage=1e30))
+    for value, expected in zip(jax.tree.leaves(result), jax.tree.leaves(reference[:2]), strict=True):
         assert value.dtype == np.float32
-        np.testing.assert_allclose(value, wanted, 1e-4, 1e-4)
+        np.testing.assert_allclose(value, expected, 1e-4, 1e-4)
 
 
-def test_padding_comes_out_as_zero(reference):
+def test_padding_rows_are_zero(reference):
     posterior, decoded, *_ = reference
     tokens, _ = pair()
     for array in (posterior.mean.lanes, posterior.logvar.lanes, decoded.lanes, decoded.lane_type_logits):
@@ -176,7 +176,7 @@ def test_padding_comes_out_as_zero(reference):
     assert not decoded.link_logits[~(tokens.lane_mask[:, :, None] & tokens.lane_mask[:, None])].any()
 
 
-def test_order_of_agents_and_lanes_does_not_matter(run, params, reference):
+def test_autoencoder_is_permutation_equivariant(run, params, reference):
     tokens, noise = pair()
     agents, lanes = np.random.default_rng(0).permutation(AGENTS), np.random.default_rng(1).permutation(LANES)
     agents = np.concatenate([agents, np.arange(AGENTS, tokens.agent_mask.shape[1])])
@@ -194,11 +194,11 @@ def test_order_of_agents_and_lanes_does_not_matter(run, params, reference):
         return type(tree)(**fields)
 
     posterior, decoded, terms, gradient = run(params, permuted(tokens), permuted(noise))
-    wanted = permuted(reference[0]), permuted(reference[1]), *reference[2:]
-    assert_close((posterior, decoded, terms, gradient), wanted, 1e-10)
+    expected = permuted(reference[0]), permuted(reference[1]), *reference[2:]
+    assert_close((posterior, decoded, terms, gradient), expected, 1e-10)
 
 
-def test_nothing_behind_the_partition_reaches_the_latents_before_it(run, params, reference):
+def test_partition_separates_latents(run, params, reference):
     tokens, noise = pair()
     after_lanes, after_agents = ~tokens.lane_behind, ~tokens.agent_behind
     after_lanes[1], after_agents[1] = False, False  # the other scene is not partitioned
@@ -219,7 +219,7 @@ def test_nothing_behind_the_partition_reaches_the_latents_before_it(run, params,
     np.testing.assert_array_equal(posterior.lane_count_logits, old.lane_count_logits)
 
 
-def test_unknown_values_are_visible_to_the_network_and_absent_from_the_loss(run, params, reference):
+def test_unknown_values_are_flagged_and_not_in_the_loss(run, params, reference):
     tokens, noise = pair()
     known = tokens.agent_known.copy()
     known[0, 0, 6] = ~known[0, 0, 6]
@@ -237,7 +237,7 @@ def test_unknown_values_are_visible_to_the_network_and_absent_from_the_loss(run,
         np.testing.assert_allclose(terms[name], reference[2][name], 1e-10, 1e-10)
 
 
-def test_official_parameter_count():
+def test_official_preset_parameter_count():
     config = AutoencoderConfig.preset("official")
     used = count(jax.eval_shape(autoencoder(config).init, jax.random.key(0)))
     unused = unused_sizes(config)
@@ -261,12 +261,12 @@ def test_presets_are_ordered_by_size():
         ({"columns": 7}, "known_inputs"),
     ],
 )
-def test_config_says_what_is_wrong(changes, word):
+def test_config_rejects_bad_sizes(changes, word):
     with pytest.raises(ValueError, match=word):
         AutoencoderConfig.preset("tiny", **changes)
 
 
-def test_tokens_of_another_representation_are_refused(params):
+def test_encode_rejects_tokens_of_another_codec(params):
     tokens, noise = pair()
     apply = autoencoder(CONFIG).apply
     with pytest.raises(ValueError, match="another representation"):
@@ -288,7 +288,7 @@ def by_hand(links, link_logits) -> tuple[Decoded, Posterior, NormalizedScene]:
     return decoded, Posterior(mean=zeros, logvar=zeros, lane_count_logits=np.zeros((1, 13), np.float32)), tokens
 
 
-def test_balanced_links_by_hand():
+def test_balanced_link_loss_by_hand():
     """Three pairs of class 0 with cross-entropy log(1 + 5/e), one of class 1 with log 6."""
     logits = np.zeros((1, 2, 2, 6))
     logits[..., 0] = 1.0
@@ -304,7 +304,7 @@ def test_balanced_links_by_hand():
     assert logged["kl"] == 0 and logged["agent_states"] == 0
 
 
-def test_lane_count_counts_where_it_should():
+def test_lane_count_loss_depends_on_the_crop():
     case = by_hand(np.zeros((1, 2, 2)), np.zeros((1, 2, 2, 6)))
     for crop, official, ours in ((Crop.CENTERED, 0, 0), (Crop.PARTITIONED, 1, 1), (Crop.FORWARD, 1, 0)):
         tokens = case[2].replace(crop=np.array([crop], np.int32))
@@ -313,7 +313,7 @@ def test_lane_count_counts_where_it_should():
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
 
 
-def test_with_typical_counts_every_element_weighs_the_same(reference):
+def test_typical_counts_weigh_elements_equally(reference):
     """Coordinates weigh by how many there are over the typical number; classes and the rest stay as they are."""
     posterior, decoded = reference[:2]
     tokens = pair()[0]
@@ -334,7 +334,7 @@ def test_with_typical_counts_every_element_weighs_the_same(reference):
             scene_losses(decoded, posterior, tokens, typical_counts=wrong)
 
 
-def test_joint_error_counts_only_what_parts_linked_lanes():
+def test_connection_loss_ignores_shared_errors():
     """Both ends of a joint moved alike cost nothing; one moved by (0.3, 0.1, 0) costs the mean of the three."""
     case = by_hand([[[0, 1], [2, 0]]], np.zeros((1, 2, 2, 6)))
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
@@ -350,7 +350,7 @@ def test_joint_error_counts_only_what_parts_linked_lanes():
     assert scene_losses(apart, case[1], unlinked, weights)["lane_connections"] == 0
 
 
-def test_step_error_counts_trembling_but_no_shift():
+def test_step_loss_ignores_shifts():
     case = by_hand(np.zeros((1, 2, 2)), np.zeros((1, 2, 2, 6)))
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
     weights = LossWeights(lane_steps=1.0)
@@ -364,17 +364,17 @@ def test_step_error_counts_trembling_but_no_shift():
     np.testing.assert_allclose(scene_losses(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
 
 
-def test_errors_by_hand():
+def test_scene_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0
     decoded, _, tokens = by_hand([[[5, 1], [2, 5]]], logits)
-    found = scene_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
-    np.testing.assert_allclose(found["lane_points"], [0.5], 1e-5)
-    assert found["agent_types"] == 1 and found["agent_positions"] == 0 and found["agent_headings"] < 1e-6
-    assert (found["link_hits"], found["link_true"], found["link_predicted"]) == (1, 2, 2)
+    result = scene_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
+    np.testing.assert_allclose(result["lane_points"], [0.5], 1e-5)
+    assert result["agent_types"] == 1 and result["agent_positions"] == 0 and result["agent_headings"] < 1e-6
+    assert (result["link_hits"], result["link_true"], result["link_predicted"]) == (1, 2, 2)
 
 
-def test_reparameterise_has_the_posteriors_moments():
+def test_reparameterize_has_the_posterior_moments():
     mean = PerType(agents=jnp.full((1, 2000, 10), 2.0), lanes=jnp.full((1, 2000, 24), -1.0))
     logvar = jax.tree.map(lambda x: jnp.full_like(x, 2 * np.log(0.5)), mean)
     posterior = Posterior(mean=mean, logvar=logvar, lane_count_logits=jnp.zeros((1, 13)))
@@ -384,7 +384,7 @@ def test_reparameterise_has_the_posteriors_moments():
     assert abs(np.corrcoef(sample.agents.ravel(), sample.lanes.ravel()[: sample.agents.size])[0, 1]) < 0.05
 
 
-def test_noise_like_fits():
+def test_noise_like_has_latent_shapes():
     tokens, _ = pair(np.float32)
     noise = noise_like(jax.random.key(0), tokens, CONFIG)
     assert noise.agents.shape == (2, AGENTS + 1, 10) and noise.lanes.shape == (2, LANES + 2, 24)

@@ -26,28 +26,28 @@ def forms():
 
 
 @pytest.mark.parametrize("edges", forms(), ids=["typed", "pair"])
-def test_closed_forms_equal_dense_edges(edges):
+def test_closed_form_edges_equal_dense_edges(edges):
     dense = DenseEdges(edges.dense())
     u, p = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L))
     n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
     for name, known in (("scores", [u]), ("gather", [p]), ("beside", [n, w])):
-        found, wanted = (getattr(form, name)(*known) for form in (edges, dense))
-        np.testing.assert_allclose(found.reshape(wanted.shape), wanted, 1e-5, 2e-5, err_msg=name)
+        result, expected = (getattr(form, name)(*known) for form in (edges, dense))
+        np.testing.assert_allclose(result.reshape(expected.shape), expected, 1e-5, 2e-5, err_msg=name)
 
 
-def test_dense_edges_by_definition():
+def test_dense_edges_match_their_definition():
     values = normal(7, B, L, L, C) + 2
     z = (values - values.mean(-1, keepdims=True)) / jnp.sqrt(values.var(-1, keepdims=True) + 1e-5)
     u, p = normal(4, B, L, H, C), normal(5, B, L, H, L)
     np.testing.assert_allclose(DenseEdges(values).scores(u), jnp.einsum("bijc,bihc->bihj", z, u), 1e-4, 1e-4)
     np.testing.assert_allclose(DenseEdges(values).gather(p), jnp.einsum("bijc,bihj->bihc", z, p), 1e-4, 1e-4)
     n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
-    wanted = n @ w[:3] + values.reshape(-1, C) @ w[3:]
-    np.testing.assert_allclose(DenseEdges(values).project_with(n, w), wanted, 1e-4, 1e-4)
+    expected = n @ w[:3] + values.reshape(-1, C) @ w[3:]
+    np.testing.assert_allclose(DenseEdges(values).project_with(n, w), expected, 1e-4, 1e-4)
 
 
 @pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])
-def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
+def test_blockwise_map_equals_the_function(monkeypatch, pairs):
     monkeypatch.setattr(chunks, "_BLOCK_PAIRS", pairs)
     shared, rows, weight = (
         {"x": normal(1, B, L, C)},
@@ -79,7 +79,7 @@ def test_blockwise_work_equals_work_at_once(monkeypatch, pairs):
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4, 1e-4), run(True), run(False))
 
 
-def test_layers_do_not_depend_on_the_size_of_blocks(monkeypatch):
+def test_layers_do_not_depend_on_block_size(monkeypatch):
     attention = functional(lambda init: GraphAttention(8, 2, 8, init=init, edge_width=C, compute="float32"))
     update = functional(lambda init: EdgeUpdate(8, C, init=init, compute="float32"))
     params = attention.init(jax.random.key(0)), update.init(jax.random.key(1))

@@ -93,15 +93,15 @@ def _arrays(posterior, decoded, trace) -> dict[str, jax.Array]:
     return from_name
 
 
-def _compare(found: dict[str, np.ndarray], outputs, inputs, scene: str, row: int) -> int:
+def _compare(result: dict[str, np.ndarray], outputs, inputs, scene: str, row: int) -> int:
     same_side = inputs[f"{scene}/lane_lane_same_side"][..., None]
-    wanted = {name.split("/", 1)[1]: x for name, x in outputs.items() if name.startswith(f"{scene}/")}
+    expected = {name.split("/", 1)[1]: x for name, x in outputs.items() if name.startswith(f"{scene}/")}
     # The never-used edges after the last encoder block are not computed here.
-    last = max(name for name in wanted if name.startswith("enc/block")).split("/")[1]
-    wanted.pop(f"enc/{last}/edge", None)
-    assert wanted.keys() <= found.keys(), sorted(wanted.keys() - found.keys())
-    for name, reference in wanted.items():
-        value = found[name][row][tuple(slice(n) for n in reference.shape)]
+    last = max(name for name in expected if name.startswith("enc/block")).split("/")[1]
+    expected.pop(f"enc/{last}/edge", None)
+    assert expected.keys() <= result.keys(), sorted(expected.keys() - result.keys())
+    for name, reference in expected.items():
+        value = result[name][row][tuple(slice(n) for n in reference.shape)]
         if name.startswith("enc/") and name.endswith("edge"):
             value = np.where(same_side, value, 0)
         if reference.dtype == np.int32:
@@ -109,7 +109,7 @@ def _compare(found: dict[str, np.ndarray], outputs, inputs, scene: str, row: int
         else:
             tolerance = 2e-5 if name.endswith("edge") else 1e-5
             np.testing.assert_allclose(value, reference, tolerance, tolerance, err_msg=f"{scene}/{name}")
-    return len(wanted)
+    return len(expected)
 
 
 def test_forward_parity_in_one_padded_batch(parity_dir, inputs, together):
@@ -127,31 +127,31 @@ def test_partition_masks_parity(inputs):
             ("agent_agent", tokens.agent_behind, tokens.agent_behind),
             ("lane_agent", tokens.lane_behind, tokens.agent_behind),
         ):
-            wanted = inputs[f"{scene}/{name}_same_side"]
-            np.testing.assert_array_equal(rows[0][:, None] == columns[0][None], wanted, err_msg=f"{scene} {name}")
+            expected = inputs[f"{scene}/{name}_same_side"]
+            np.testing.assert_array_equal(rows[0][:, None] == columns[0][None], expected, err_msg=f"{scene} {name}")
 
 
 def test_loss_parity(parity_dir, together):
     reference = cases.load(parity_dir, "ae_loss.npz")
     means, scenes = together[1]
     renamed = {"lane_count_over_nonzero_types": "lane_count_over_counted"}
-    for name, wanted in reference.items():
+    for name, expected in reference.items():
         kind, term = name.split("/")
-        found = scenes[term] if kind == "per_scene" else means[renamed.get(term, term)]
-        np.testing.assert_allclose(found, wanted, 1e-5, 1e-5, err_msg=name)
+        result = scenes[term] if kind == "per_scene" else means[renamed.get(term, term)]
+        np.testing.assert_allclose(result, expected, 1e-5, 1e-5, err_msg=name)
 
 
 def test_gradient_parity(parity_dir, config, together):
     reference = cases.load(parity_dir, "ae_grads.npz")
-    found = to_official(together[2], config)
+    result = to_official(together[2], config)
     unused = unused_sizes(config)
-    for key, wanted in reference.items():
+    for key, expected in reference.items():
         if key in unused:
-            assert not wanted.any() and key not in found, key
+            assert not expected.any() and key not in result, key
         else:
-            worst, bound = np.abs(found[key] - wanted).max(), 1e-4 * np.linalg.norm(wanted) + 1e-7
+            worst, bound = np.abs(result[key] - expected).max(), 1e-4 * np.linalg.norm(expected) + 1e-7
             assert worst <= bound, f"{key}: {worst} > {bound}"
-    assert found.keys() | unused.keys() == set(reference)
+    assert result.keys() | unused.keys() == set(reference)
 
 
 @pytest.mark.parametrize("kind", ["edge", "plain"])
@@ -173,11 +173,11 @@ def test_attention_layer_parity(parity_dir, config, params, kind):
         return trace
 
     r = known["edge/r"].swapaxes(0, 1)[None] if kind == "edge" else None
-    found = run(layer, known[f"{kind}/x"][None], known[f"{kind}/mask"].T[None], r)
-    wanted = {name.split("/")[1]: x for name, x in reference.items() if name.startswith(f"{kind}/")}
-    assert wanted.keys() <= found.keys()
-    for name, value in wanted.items():
-        np.testing.assert_allclose(found[name][0], value, 1e-5, 1e-5, err_msg=f"{kind}/{name}")
+    result = run(layer, known[f"{kind}/x"][None], known[f"{kind}/mask"].T[None], r)
+    expected = {name.split("/")[1]: x for name, x in reference.items() if name.startswith(f"{kind}/")}
+    assert expected.keys() <= result.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(result[name][0], value, 1e-5, 1e-5, err_msg=f"{kind}/{name}")
 
 
 def test_state_dict_parity(weights, config, params):

@@ -49,7 +49,7 @@ def _decode(name: str):
 
 @pytest.mark.parametrize("crop", CROPS)
 @pytest.mark.parametrize("name", PRESETS)
-def test_round_trip_metres_unit_metres(name, crop):
+def test_normalize_denormalize_round_trip(name, crop):
     preset = PRESETS[name]()
     examples = [example_scene(seed, agents=6, crop=crop) for seed in range(3)]
     scene, tokens = _batch(name, *examples), _encode(name, *examples)
@@ -66,7 +66,7 @@ def test_round_trip_metres_unit_metres(name, crop):
     assert (back.agent_known == (scene.agent_mask[..., None] & known)).all()
 
 
-def test_tokens_of_a_single_scene_and_of_a_batch_agree():
+def test_normalize_of_one_scene_equals_batch():
     examples = [example_scene(seed) for seed in range(3)]
     fused_linear = _encode("official_waymo", *examples)
     # Not jitted: NumPy in, as users call it.
@@ -75,13 +75,13 @@ def test_tokens_of_a_single_scene_and_of_a_batch_agree():
         np.testing.assert_allclose(getattr(fused_linear, field)[1], getattr(alone, field), atol=1e-6, err_msg=field)
 
 
-def test_padding_is_zero_in_tokens():
+def test_normalize_gives_zero_padding():
     tokens = _encode("scjax", example_scene())
     for values, mask in ((tokens.agents, tokens.agent_mask), (tokens.lanes, tokens.lane_mask)):
         assert not np.asarray(values)[~np.asarray(mask)].any()
 
 
-def test_window_corners_are_plus_minus_one():
+def test_normalize_maps_window_corners_to_one():
     for name, forward_axis in (("scjax", 0), ("official_nuplan", 0), ("official_waymo", 1)):
         scene = example_scene(lanes=1, crop=Crop.FORWARD)
         scene.lanes[0, 0, :2], scene.lanes[0, 1, :2] = (0, 32), (64, -32)
@@ -91,7 +91,7 @@ def test_window_corners_are_plus_minus_one():
         assert first[1 - forward_axis] == (1 if forward_axis == 0 else -1)
 
 
-def test_waymo_turns_forward_into_plus_y():
+def test_waymo_codec_looks_along_y():
     preset = codec.official_waymo()
     scene = example_scene(agents=1, lanes=1)
     scene.agents[0, :6] = 10, 4, 0, 5, 1, 0  # ten metres ahead, four to the left, driving forward
@@ -101,7 +101,7 @@ def test_waymo_turns_forward_into_plus_y():
     assert unit["cos"] == pytest.approx(0, abs=1e-7) and unit["sin"] == pytest.approx(1)
 
 
-def test_lanes_without_signal_are_told_where_the_scene_records_signals():
+def test_signal_is_known_in_scenes_with_any_signal():
     scene = example_scene()
     lit = scene.signals.copy()
     lit[:] = Signal.UNKNOWN
@@ -124,7 +124,7 @@ def test_partition_flags():
     assert not tokens.agent_behind.any() and not tokens.lane_behind.any()
 
 
-def test_select_makes_light_tokens_and_leaves_foreign_classes_out():
+def test_select_adds_light_tokens_and_drops_other_classes():
     scene = example_scene(agents=4, lanes=3)
     scene.agent_types[:4] = list(AgentType)
     scene.signals[:3] = Signal.GO, Signal.UNKNOWN, Signal.STOP
@@ -138,7 +138,7 @@ def test_select_makes_light_tokens_and_leaves_foreign_classes_out():
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_links_are_consistent_whatever_the_logits(name):
+def test_denormalize_links_are_consistent(name):
     preset = PRESETS[name]()
     tokens = _encode(name, example_scene(lanes=6))
     logits = np.random.default_rng(0).normal(0, 3, (3, 12, 12, len(preset.links))).astype(np.float32)
@@ -147,7 +147,7 @@ def test_links_are_consistent_whatever_the_logits(name):
     assert set(np.unique(np.asarray(made.links))) <= {int(link) for link in preset.links}
 
 
-def test_links_of_equal_evidence_are_consistent():
+def test_denormalize_links_of_equal_logits():
     preset = codec.scjax()
     logits = np.zeros((3, 12, 12, len(preset.links)), np.float32)
     logits[..., preset.links.index(Link.LEFT)] = logits[..., preset.links.index(Link.RIGHT)] = 1
@@ -157,7 +157,7 @@ def test_links_of_equal_evidence_are_consistent():
     assert set(made.links[pairs].tolist()) == {Link.LEFT, Link.RIGHT}
 
 
-def test_evidence_of_both_directions_decides_a_link():
+def test_denormalize_links_sum_both_directions():
     tokens = _encode("official_nuplan", example_scene(agents=1, lanes=2))
     logits = np.zeros((3, 12, 12, 4), np.float32)
     logits[0, 0, 1, 0], logits[0, 1, 0, 2] = 1.0, 3.0  # 0 -> 1 "none" weakly, 1 -> 0 "successor" strongly
@@ -166,7 +166,7 @@ def test_evidence_of_both_directions_decides_a_link():
 
 
 @pytest.mark.parametrize("crop", CROPS)
-def test_normalisation_parity(parity_dir, crop):
+def test_normalize_parity(parity_dir, crop):
     """Golden vectors §9.2: nothing is clipped on the way in; agents to [-1, 1] and lanes to 1000 on the way out."""
     inputs, outputs = (load(parity_dir, f"normalisation_{kind}.npz") for kind in ("inputs", "outputs"))
     known = {name: value for name, value in inputs.items() if name.startswith(f"type{int(crop)}/")}
@@ -190,7 +190,7 @@ def test_normalisation_parity(parity_dir, crop):
         np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-6, err_msg=name)
 
 
-def test_wrong_presets_are_refused():
+def test_codec_rejects_contradictions():
     options = dict(
         name="mine", agent_types=(AgentType.VEHICLE,), lane_classes="none", links=tuple(Link), point_dims=2,
         agent_z=(-1.0, 1.0), lane_z=(-1.0, 1.0), speed=(0.0, 30.0), sizes=(((0.0, 1.0),) * 3,),

@@ -78,7 +78,7 @@ def _unconditional(params, z, t, label, masks, known):
 
 
 @pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-10), (False, 1e-5)])
-def test_padding_batch_and_garbage_never_matter(x64, tolerance):
+def test_padding_and_batch_never_matter(x64, tolerance):
     """The first scene alone and unpadded, against in a batch whose padding and dropped conditions are garbage."""
     with jax.enable_x64(x64):
         dtype = jnp.float64 if x64 else jnp.float32
@@ -116,7 +116,7 @@ def test_padding_batch_and_garbage_never_matter(x64, tolerance):
             assert not any(np.any(np.asarray(leaf)[1:]) for leaf in jax.tree.leaves(many_of_z))
 
 
-def test_dropped_or_empty_condition_is_unconditional():
+def test_dropped_and_empty_conditions_are_unconditional():
     z, t, label, masks, known, features = _cast(_scenes())
     shared = {name: leaf for name, leaf in _params().items() if name != "context"}
     shared["blocks"] = {i: {n: _without_cross(n, s) for n, s in b.items()} for i, b in shared["blocks"].items()}
@@ -127,7 +127,7 @@ def test_dropped_or_empty_condition_is_unconditional():
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-6), eps, expected)
 
 
-def test_a_shorter_cache_conditions_the_first_scenes():
+def test_shorter_cache_conditions_the_first_scenes():
     z, t, label, masks, known, features = _cast(_scenes())
     dropped = jnp.array([False, True, True])
     _, expected = _evaluate(_params(), z, t, label, masks, known, features, dropped)
@@ -151,7 +151,7 @@ def _cast(tree):
     return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if np.issubdtype(x.dtype, np.floating) else None), tree)
 
 
-def test_fresh_network_ignores_its_condition_and_estimates_zero():
+def test_fresh_network_estimates_zero():
     params = _network().init(jax.random.key(1))
     z, t, label, masks, known, features = _cast(_scenes())
     _, eps = _evaluate(params, z, t, label, masks, known, features, jnp.zeros(3, bool))
@@ -161,7 +161,7 @@ def test_fresh_network_ignores_its_condition_and_estimates_zero():
     assert not np.any(params["blocks"][0]["a2l"]["cross"]["gate"])
 
 
-def test_precomputed_modulation_changes_nothing():
+def test_precomputed_modulation_is_equal():
     z, t, label, masks, known, _ = _cast(_scenes())
     network, params = _network(None), _params(None)
 
@@ -179,7 +179,7 @@ def test_precomputed_modulation_changes_nothing():
     )
 
 
-def test_position_counts_valid_tokens_only():
+def test_positions_count_valid_tokens():
     """Holes in the mask: a token's code is its rank among the valid ones."""
     z, t, label, masks, known, _ = _cast(_scenes())
     spread = np.array([0, 2, 3, 5, 7])  # the five lanes of the first scene among eight rows
@@ -193,28 +193,28 @@ def test_position_counts_valid_tokens_only():
     np.testing.assert_allclose(moved.agents, direct.agents, rtol=1e-5, atol=1e-6)
 
 
-def test_given_tokens_are_marked():
+def test_known_embedding_marks_known_tokens():
     z, t, label, masks, known, _ = _cast(_scenes())
     nothing = jax.tree.map(jnp.zeros_like, known)
     marked, unmarked = (_unconditional(_params(None), z, t, label, masks, flags) for flags in (known, nothing))
     assert all(np.abs(x - y).max() > 1e-3 for x, y in zip(*map(jax.tree.leaves, (marked, unmarked)), strict=True))
 
 
-def test_fresh_waves_are_silent_and_random_ones_are_not():
+def test_fresh_fourier_features_are_zero():
     z, t, label, masks, known, _ = _cast(_scenes())
     params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "fourier_features": 0}))
     fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in FOURIER}}
     without = {name: value for name, value in params.items() if name not in FOURIER}
-    wanted = golden.jit(plain.apply)(without, z, t, label, masks, known)
+    expected = golden.jit(plain.apply)(without, z, t, label, masks, known)
     silent = _unconditional(fresh, z, t, label, masks, known)
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), silent, wanted)
-    assert np.abs(_unconditional(params, z, t, label, masks, known).lanes - wanted.lanes).max() > 1e-3
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=1e-6), silent, expected)
+    assert np.abs(_unconditional(params, z, t, label, masks, known).lanes - expected.lanes).max() > 1e-3
 
 
 @pytest.mark.parametrize(
     ("condition", "parameters"), [(None, 345_145_890), (TextCondition(), 556_719_658), (ImageCondition(), 544_015_402)]
 )
-def test_official_parameter_counts(condition, parameters):
+def test_official_preset_parameter_counts(condition, parameters):
     """As the release counts: its fixed position tables included."""
     config = DenoiserConfig.preset("official", condition=condition)
     abstract = jax.eval_shape(denoiser(config).init, jax.random.key(0))
@@ -237,12 +237,12 @@ def test_presets_are_valid(preset):
         ({"agent_width": 7, "agent_heads": 1}, "even"),
     ],
 )
-def test_impossible_configs_are_refused(change, message):
+def test_config_rejects_bad_sizes(change, message):
     with pytest.raises(ValueError, match=message):
         DenoiserConfig(**{**SMALLEST, **change})
 
 
-def test_conditions_of_another_kind_are_refused():
+def test_encode_condition_rejects_other_features():
     image = ImageFeatures(dino=jnp.zeros((1, 2, 3, 3)), depth=jnp.zeros((1, 8, 8)))
     text = TextFeatures(tokens=jnp.zeros((1, 2, 6)), mask=jnp.ones((1, 2), bool))
     nobody = jnp.zeros(1, bool)

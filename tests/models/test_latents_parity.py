@@ -80,7 +80,7 @@ def test_tables_parity(parity_dir):
         assert golden.relative(value, reference, key) < 1e-5, key
 
 
-def test_statistics_are_those_of_the_valid_numbers():
+def test_statistics_use_valid_tokens_only():
     rng = np.random.default_rng(0)
     shape = PerType(agents=(3, 4, 5), lanes=(3, 6, 7))
     init = [jax.tree.map(lambda s: rng.normal(2, 3, s), shape, is_leaf=lambda x: isinstance(x, tuple)) for _ in "ab"]
@@ -89,11 +89,11 @@ def test_statistics_are_those_of_the_valid_numbers():
         jax.tree.map(lambda x, mask: np.where(mask[..., None], x, np.nan), *pair)
         for pair in zip(init, masks, strict=True)
     ]
-    found = statistics(garbage, masks)
+    result = statistics(garbage, masks)
     for kind in ("agents", "lanes"):
         values = np.concatenate([getattr(x, kind)[getattr(m, kind)] for x, m in zip(init, masks, strict=True)])
-        np.testing.assert_allclose(getattr(found.mean, kind), values.mean())
-        np.testing.assert_allclose(getattr(found.std, kind), values.std())
-    assert LatentStatistics(**json.loads(json.dumps(dataclasses.asdict(found)))) == found
+        np.testing.assert_allclose(getattr(result.mean, kind), values.mean())
+        np.testing.assert_allclose(getattr(result.std, kind), values.std())
+    assert LatentStatistics(**json.loads(json.dumps(dataclasses.asdict(result)))) == result
     with pytest.raises(ValueError, match="no valid agents"):
         statistics(init, [jax.tree.map(np.zeros_like, mask) for mask in masks])

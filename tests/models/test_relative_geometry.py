@@ -26,7 +26,7 @@ def _weight(distance, scale):
     return np.exp(-0.5 * (distance / scale) ** 2)
 
 
-def test_a_lane_is_told_how_far_the_next_begins():
+def test_lane_geometry_points_to_the_next_lane():
     """One lane ends at (10, 0); another begins 0.6 m ahead and 0.8 m left of there, a third far away."""
     lanes = jnp.asarray([[_lane((-5, 0), (10, 0)), _lane((10.6, 0.8), (25, 3)), _lane((0, 900), (0, 950))]])
     told = np.asarray(lane_geometry(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
@@ -38,7 +38,7 @@ def test_a_lane_is_told_how_far_the_next_begins():
     assert not told[2].any() and np.abs(told[0, 3, 0]).max() < 1e-6  # nothing ends where the first lane does
 
 
-def test_an_agent_is_told_of_its_lane_and_of_who_stands_in_its_way():
+def test_agent_geometry_points_to_lane_and_agents():
     lane = jnp.asarray([[_lane((-20, 0), (20, 0))]])
     agents = jnp.asarray([[[(3.0, 1.5), (13.0, 1.5)], [(6.0, 1.5), (16.0, 1.5)]]])
     masks = PerType(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
@@ -55,7 +55,7 @@ def test_an_agent_is_told_of_its_lane_and_of_who_stands_in_its_way():
         assert abs(across) < 1e-6 and abs(shift_x) < 1
 
 
-def test_hints_are_the_same_wherever_the_scene_lies_and_never_of_padding():
+def test_geometry_ignores_translation_and_padding():
     rng = np.random.default_rng(0)
     with jax.enable_x64(True):
         lanes, agents = rng.normal(0, 4, (2, 5, POINTS.lanes, 2)), rng.normal(0, 4, (2, 4, 2, 2))
@@ -68,18 +68,18 @@ def test_hints_are_the_same_wherever_the_scene_lies_and_never_of_padding():
             both = agent_geometry(agents, lanes, masks), lane_geometry(lanes, masks.lanes)
             return [np.asarray(x)[np.asarray(mask)] for x, mask in zip(both, (masks.agents, masks.lanes), strict=True)]
 
-        wanted = told(lanes, agents)
-        for found, expected in zip(told(lanes + 7, agents + 7), wanted, strict=True):
-            np.testing.assert_allclose(found, expected, atol=1e-12)
+        expected = told(lanes, agents)
+        for result, expected in zip(told(lanes + 7, agents + 7), expected, strict=True):
+            np.testing.assert_allclose(result, expected, atol=1e-12)
         spoilt = (
             np.where(np.asarray(masks.lanes)[..., None, None], lanes, 0.3),
             np.where(np.asarray(masks.agents)[..., None, None], agents, 0.3),
         )
-        for found, expected in zip(told(*spoilt), wanted, strict=True):
-            np.testing.assert_allclose(found, expected, atol=1e-12)
+        for result, expected in zip(told(*spoilt), expected, strict=True):
+            np.testing.assert_allclose(result, expected, atol=1e-12)
 
 
-def test_fresh_hints_are_silent_and_random_ones_are_not():
+def test_fresh_relative_geometry_is_zero():
     rng = np.random.default_rng(0)
     masks = PerType(agents=np.arange(4)[None] < np.array([[4], [2]]), lanes=np.arange(6)[None] < np.array([[3], [6]]))
     widths = PerType(agents=3, lanes=5)
@@ -93,8 +93,8 @@ def test_fresh_hints_are_silent_and_random_ones_are_not():
 
     with_hints, without = golden.jit(hinted.apply), golden.jit(plain.apply)
     t, label = np.array([3, 70]), np.array([0, 5])
-    wanted = without(unflatten(unhinted), z, t, label, masks)
-    found = with_hints(unflatten(silent), z, t, label, masks)
-    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-5), found, wanted)
+    expected = without(unflatten(unhinted), z, t, label, masks)
+    result = with_hints(unflatten(silent), z, t, label, masks)
+    jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-5), result, expected)
     heard = with_hints(unflatten(noisy), z, t, label, masks)
-    assert all(np.abs(x - y).max() > 1e-2 for x, y in zip(*map(jax.tree.leaves, (heard, wanted)), strict=True))
+    assert all(np.abs(x - y).max() > 1e-2 for x, y in zip(*map(jax.tree.leaves, (heard, expected)), strict=True))

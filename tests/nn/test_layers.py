@@ -14,14 +14,14 @@ def layers():
     return [Linear(8, features, init=init) for features in (3, 4)]
 
 
-def test_layers_together_are_the_layers_and_read_no_zeros_after_x():
+def test_fused_linear_equals_separate_layers():
     for zeros in (0, 4):
         padded = jnp.pad(X, ((0, 0), (0, 0), (0, zeros)))
         for result, layer in zip(fused_linear(layers(), padded, zeros), layers(), strict=True):
             np.testing.assert_allclose(result, layer(X), 1e-5, 1e-5)
 
 
-def test_layers_together_refuse_another_width():
+def test_fused_linear_rejects_other_widths():
     with pytest.raises(TypeError, match=r"matmul|contracting"):
         fused_linear(layers(), X[..., :7])
     with pytest.raises(TypeError, match=r"matmul|contracting"):

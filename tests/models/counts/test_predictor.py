@@ -27,14 +27,14 @@ def network():
     return made, made.init(jax.random.key(1))
 
 
-def test_a_table_of_probabilities_without_empty_scenes(network):
+def test_predictor_gives_a_distribution(network):
     made, params = network
     shares = np.exp(made.apply(params, texts(), jnp.array([0, 1, 2])))
     np.testing.assert_allclose(shares.sum((1, 2)), 1.0, atol=1e-5)
     assert shares[:, 0].max() < 1e-6 and shares[:, :, 0].max() < 1e-6
 
 
-def test_padding_never_matters(network):
+def test_predictor_ignores_padding(network):
     made, params = network
     text = texts()
     garbage = text.replace(tokens=jnp.where(text.mask[..., None], text.tokens, jnp.nan))
@@ -46,7 +46,7 @@ def test_padding_never_matters(network):
         np.testing.assert_allclose(made.apply(params, other, domain), made.apply(params, text, domain), atol=1e-5)
 
 
-def test_learns_what_a_text_says(network):
+def test_predictor_learns_counts_from_text(network):
     """Token k stands for k lanes and 8 - k agents."""
     made, params = network
     numbers = jnp.arange(1, 7)
@@ -68,6 +68,6 @@ def test_learns_what_a_text_says(network):
 
 
 @pytest.mark.parametrize("change", [{"width": 0}, {"width": 15}])
-def test_bad_sizes(change):
+def test_config_rejects_bad_sizes(change):
     with pytest.raises(ValueError, match=r"CounterConfig\.width"):
         CountPredictorConfig(**{"text_width": 4, "domains": 1, **change})

@@ -31,12 +31,12 @@ def sums(request, monkeypatch):
 
 
 @pytest.mark.parametrize("rows, features", [(512, 64), (1012, 64), (509, 64), (24, 64), (512, 128), (1000, 256)])
-def test_linear_maps_are_products_and_offsets(rows, features, sums):
+def test_linear_equals_plain_form(rows, features, sums):
     x, w, b, g = drawn((rows, 64), (64, features), (features,), (rows, features))
     assert_same(cpu_matmul.linear, lambda x, w, b: x @ w + b[None], (x, w, b), g)
 
 
-def test_rows_are_normed_scaled_and_shifted(sums):
+def test_affine_with_rstd_is_layer_norm(sums):
     x, scale, offset, g = drawn((96, 64), (64,), (64,), (96, 64))
 
     def plain(x, scale, offset):
@@ -50,12 +50,12 @@ def test_rows_are_normed_scaled_and_shifted(sums):
     assert_same(result, plain, (x, scale, offset), g)
 
 
-def test_a_given_factor_gets_its_gradient(sums):
+def test_affine_gradient_of_factor(sums):
     arrays = drawn((40, 8), (40, 1), (8,), (8,))
     (g,) = drawn((40, 8))
     assert_same(cpu_matmul.affine, lambda x, f, s, o: x * f * s[None] + o[None], arrays, g)
 
 
 @pytest.mark.parametrize("rows, groups", [(512, 4), (1012, 11), (509, 1), (24, 1), (160, 1), (161, 1), (162, 2)])
-def test_rows_are_grouped_evenly(rows, groups):
+def test_groups_divide_rows_evenly(rows, groups):
     assert cpu_matmul._groups(rows) == groups

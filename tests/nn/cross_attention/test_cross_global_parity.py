@@ -77,7 +77,7 @@ def _case():
     return x, context, jnp.arange(6)[None] < jnp.array([[6], [3]])
 
 
-def test_a_scene_without_context_reads_exactly_zero(module):
+def test_scene_without_context_gives_zero(module):
     params, run = module
     x, context, mask = _case()
     mask = mask.at[0].set(False)
@@ -104,7 +104,7 @@ def test_masked_context_never_matters(module, garbage):
     np.testing.assert_allclose(alone[0], run(params, x, dirty, mask)[1], rtol=1e-5, atol=1e-6)
 
 
-def test_closed_gate_leaves_the_full_path(module):
+def test_closed_gate_leaves_the_direct_path(module):
     params, run = module
     x, context, mask = _case()
     shut = {**params, "gate": jnp.zeros(1)}

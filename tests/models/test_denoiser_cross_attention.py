@@ -82,7 +82,7 @@ def _training(name, kind):
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_training_on_images_exports(name):
+def test_image_training_program_exports(name):
     """Lowered without running; a gradient for every parameter."""
     function, arguments = _training(name, "image")
     exported = jax.export.export(function)(*arguments)
@@ -92,7 +92,7 @@ def test_training_on_images_exports(name):
 
 
 @pytest.mark.parametrize("name", ["saap", "squeezed"])
-def test_training_on_text(name):
+def test_text_gradients_are_finite(name):
     """A loss of its own is added to the scenes'; gradients reach every parameter but statistics, and the features."""
     function, arguments = _training(name, "text")
     exported = jax.export.export(function)(*arguments)
@@ -107,7 +107,7 @@ def test_training_on_text(name):
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_estimates_on_text(name):
+def test_text_estimates(name):
     """A cache of the first scenes serves a larger batch; another prompt changes their estimates and no other."""
     network, batch = _network(name, "text"), _batch("text")
     labels, masks, z = (concat_branches(part, part) for part in (batch.label, batch.masks, batch.latents))
@@ -168,7 +168,7 @@ def test_no_cache_is_a_dropped_condition():
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_configs_are_written_and_read(name):
+def test_config_round_trip(name):
     for kind in CONDITIONS:
         config = _config(name, kind)
         assert DenoiserConfig.from_json(json.loads(json.dumps(config.to_json()))) == config

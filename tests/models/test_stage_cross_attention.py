@@ -89,7 +89,7 @@ def _unlocked(history):
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_every_trained_leaf_starts_to_learn(name):
+def test_all_trained_parameters_get_gradients(name):
     for init in ("zero", "xavier"):
         history, ema = _history(name, init)
         unlocked = _unlocked(history)
@@ -106,7 +106,7 @@ def test_every_trained_leaf_starts_to_learn(name):
                 assert min(inside) == 2
 
 
-def test_cross_global_unlocks_from_outside_in():
+def test_cross_global_learns_gates_first():
     unlocked = _unlocked(_history("cross_global", "zero")[0])
     order = {path[2]: step for path, step in unlocked.items() if path[1] == "cross"}
     assert unlocked["stage", "cross_adaln", "kernel"] == 1
@@ -114,7 +114,7 @@ def test_cross_global_unlocks_from_outside_in():
     assert {order[part] for part in ("latents", "latent_q", "latent_k", "latent_v", "latent_out")} == {3}
 
 
-def test_two_zeros_never_train():
+def test_gated_with_two_zeros_never_trains():
     """A closed gate behind AdaLN that starts at zero: stuck for ever; Flamingo's start with AdaLN that does not."""
     shut = {"gate": jnp.zeros(1)}
     stuck = _unlocked(_history("gated", "zero", **shut)[0])
