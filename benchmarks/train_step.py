@@ -16,13 +16,14 @@ import json
 import time
 
 import jax
+import numpy as np
 
 from benchmarks import workload
 from benchmarks.steps import REFERENCE, step_of
 from scjax.nn.sharding import use_every_core
 from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
-from scjax.train.step import initial, training_step
+from scjax.train.step import TrainingStep, initial_state
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -43,14 +44,14 @@ def main(arguments: list[str] | None = None) -> None:
     # The step of experiments.train itself, with its moving average and its use of every core.
     optimizer = adamw(learning_rate=1e-4, steps=1000)
     params = timed.network.init(jax.random.key(0))
-    packing = FlatParams.of(params)
-    step = training_step(timed.objective, packing, optimizer, ema_decay=0.999, seed=1, batch_size=args.batch)
-    state = initial(params, packing, optimizer)
+    groups, index = FlatParams.of(params), np.arange(args.batch, dtype=np.uint32)
+    step = TrainingStep(timed.objective, groups, optimizer, ema_decay=0.999, seed=1, batch_size=args.batch)
+    state = initial_state(params, groups, optimizer)
 
     def run() -> None:
         nonlocal state
         for batch in timed.inputs:
-            state, metrics = step(state, batch)
+            state, metrics = step(state, batch, index)
             jax.block_until_ready(metrics)
 
     start = time.perf_counter()

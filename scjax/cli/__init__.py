@@ -16,6 +16,7 @@ from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, plot
+from scjax.cli.train import train
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -30,7 +31,7 @@ def cli() -> None:
     """
 
 
-for command in (demo, generate, evaluate, caption, plot, data, info):
+for command in (demo, generate, evaluate, caption, plot, data, train, info):
     cli.add_command(command)
 
 

@@ -1,7 +1,9 @@
 """Record shards -> batches of scenes: pose jitter, crop, token order, buckets of padded shapes, exact resume.
 
-Every training example is a pure function of (seed, index): which record, which jitter, crop, order and text. So the
-whole state of the stream is one index and, per bucket, the indices of the examples that wait for a full batch.
+Every training example is a pure function of (seed, index): record, jitter, crop, order and caption. Examples wait in
+the queue of their bucket until it holds a batch. So the bucket of a step and the rows of its batch are functions of
+(seed, step) and the records; all processes agree on them, and each prepares its share of the rows. The state of the
+stream is the next index and the indices that wait.
 """
 
 from __future__ import annotations
@@ -10,36 +12,41 @@ import collections
 import concurrent.futures
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import grain
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Integer
 
 from scjax.camera.raycast import CLASSES, GRID, SemanticDepth, render
 from scjax.data import records
-from scjax.data import token_order as ordering
 from scjax.data.caption_features import TextStore
+from scjax.data.token_order import sort_tokens
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
 from scjax.scene.pytree import Replaceable, pytree
+
+_PLANNED = 2  # batches that are under way while a step runs
 
 Bucket = tuple[int, int]  # (agent slots, lane slots)
 
 
 @pytree
-class Example(Replaceable):
+class TrainingExample(Replaceable):
     """One training example, or a batch of them.
 
     Attributes:
-      scene: in the pipeline's layout and order.
+      scene: in the crop and token order of the stream.
+      index: number of the example in the stream, from which training draws its noise; None outside of streams.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
-      image, depth: semantic classes and depth ahead of the ego (``render``), or None; zeros where ``has_image`` is
-        False, i.e. in windows that do not lie ahead.
+      image, depth: semantic classes and depth as a camera sees them (``scjax.camera.raycast``), or None; zeros where
+        ``has_image`` is False, i.e. in windows that are not ahead of the ego.
     """
 
     scene: Scene
+    index: Integer[AnyArray, "*b"] | None = None
     tokens: Float[AnyArray, "*b slots width"] | None = None
     token_mask: Bool[AnyArray, "*b slots"] | None = None
     image: Float[AnyArray, "*b classes rows columns"] | None = None
@@ -48,19 +55,19 @@ class Example(Replaceable):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PipelineConfig:
+class LoaderConfig:
     """What a stream of training batches looks like.
 
     Attributes:
       batch_size: scenes a batch, over all processes.
       buckets: (agent slots, lane slots) of the padded shapes, smallest first; all scenes of a batch share one.
-      crops: relative frequency of the centred, partitioned and forward crop.
-      jitter_position: the crop's pose is moved by up to this many metres along x and y.
-      jitter_heading: and turned by up to this many degrees.
+      crops: relative frequencies of the centered, partitioned and forward crop.
+      jitter_position: largest shift of the pose along x and along y [m].
+      jitter_heading: largest rotation of the pose [degrees].
       order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
-      text_slots: tokens of a caption at most; the rest is cut off.
-      seed: of everything random in the stream.
-      workers: threads that prepare examples ahead.
+      text_slots: largest number of tokens of a caption; the rest is cut off.
+      seed: seed of everything random in the stream.
+      workers: threads that prepare examples ahead of their step.
     """
 
     batch_size: int = 16
@@ -73,99 +80,145 @@ class PipelineConfig:
     seed: int = 0
     workers: int = 1
 
+    @classmethod
+    def from_json(cls, fields: dict[str, Any], **changes: Any) -> LoaderConfig:
+        """A config from its JSON fields, in which lists stand for tuples."""
+        return cls(**{**{name: _as_tuples(value) for name, value in fields.items()}, **changes})
+
     def __post_init__(self):
         if self.batch_size < 1:
             raise ValueError(f"batch_size must be at least 1, not {self.batch_size}")
         if not self.buckets or list(self.buckets) != sorted(self.buckets):
             raise ValueError(f"buckets must be (agents, lanes) pairs, smallest first, not {self.buckets}")
         if len(self.crops) != len(Crop) or min(self.crops) < 0 or sum(self.crops) <= 0:
-            raise ValueError(f"layouts must be three frequencies of positive sum, not {self.crops}")
+            raise ValueError(f"crops must be three frequencies of positive sum, not {self.crops}")
         if self.order not in ("shuffle", "recursive"):
             raise ValueError(f'order must be "shuffle" or "recursive", not {self.order!r}')
 
 
-class BatchLoader(Iterator[Example]):
-    """Endless batches [batch_size, ...] of one bucket each; ``state`` and ``restore`` resume to the very next batch.
+class Drawn(NamedTuple):
+    """What decides an example: its unpadded scene, and the number of its caption in the text store, if it has one."""
 
-    ``example`` maps an index to a single example of an unpadded scene and must be pure; threads prepare them ahead.
+    scene: Scene
+    caption: int | None = None
+
+
+class _PlannedBatch(NamedTuple):
+    """A batch under way: its rows of this process, its padded shape, and the loader's state after it."""
+
+    rows: list[Future[TrainingExample]]
+    bucket: Bucket
+    state: dict[str, Any]
+
+
+class BatchLoader(Iterator[TrainingExample]):
+    """Endless batches of one bucket each; ``state`` and ``restore`` resume to the very next batch.
+
+    With several processes, process p gets the rows [p::processes] of every batch. Each process draws all scenes,
+    since their sizes decide the buckets, but completes its own rows only.
+
+    Args:
+      draw: index -> scene and caption; must be pure.
+      complete: (index, drawn) -> training example with its features; must be pure.
+      config: batch size over all processes, buckets, threads.
+      process, processes: number of this process, and of all.
+
+    Raises:
+      ValueError: the batch size does not divide over the processes.
     """
 
-    def __init__(self, example: Callable[[int], Example], config: PipelineConfig, *, processes: int = 1):
-        self._example = example
-        self._batch_size = config.batch_size // processes
+    def __init__(
+        self,
+        draw: Callable[[int], Drawn],
+        complete: Callable[[int, Drawn], TrainingExample],
+        config: LoaderConfig,
+        *,
+        process: int = 0,
+        processes: int = 1,
+    ):
         if config.batch_size % processes:
             raise ValueError(f"batch_size {config.batch_size} does not divide over {processes} processes")
-        # Processes would have to agree on the bucket of every step: with several of them only the largest is used.
-        self._buckets = config.buckets if processes == 1 else config.buckets[-1:]
+        self._draw, self._complete = draw, complete
+        self._batch_size, self._buckets = config.batch_size, config.buckets
+        self._process, self._processes = process, processes
         self._pool = concurrent.futures.ThreadPoolExecutor(config.workers)
-        self._ahead = 2 * self._batch_size
-        self._start(0, {})
+        self.restore({"next": 0, "waiting": {}})
 
     def state(self) -> dict[str, Any]:
-        """JSON-serialisable state after the last batch."""
-        waiting = {str(bucket): [index for index, _ in queue] for bucket, queue in enumerate(self._waiting)}
-        return {"next": self._next, "waiting": waiting}
+        """JSON-serializable state after the last batch: the next index, and the indices that wait in each bucket."""
+        return self._state
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continues after the batch at which ``state`` was taken."""
-        self._start(int(state["next"]), state["waiting"])
-
-    def __next__(self) -> Example:
-        while True:
-            index, example = self._next, self._futures.popleft().result()
-            self._next += 1
-            self._futures.append(self._pool.submit(self._example, self._next + len(self._futures)))
-            bucket = bucket_of(example.scene, self._buckets)
-            queue = self._waiting[bucket]
-            queue.append((index, example))
-            if len(queue) == self._batch_size:
-                batch = batch_of([ready for _, ready in queue], self._buckets[bucket])
-                queue.clear()
-                return batch
-
-    def _start(self, first: int, waiting: dict[str, list[int]]) -> None:
-        self._next = first
-        self._waiting: list[list[tuple[int, Example]]] = [
-            [(index, self._example(index)) for index in waiting.get(str(bucket), [])]
-            for bucket in range(len(self._buckets))
-        ]
-        self._futures = collections.deque(
-            self._pool.submit(self._example, first + offset) for offset in range(self._ahead)
+        self._state = state
+        self._next = int(state["next"])
+        self._planned: collections.deque[_PlannedBatch] = collections.deque()
+        self._waiting: list[list[tuple[int, Future[TrainingExample] | None]]] = [[] for _ in self._buckets]
+        for bucket, queue in enumerate(self._waiting):
+            for index in state["waiting"].get(str(bucket), []):
+                self._append(queue, index, self._draw(index))
+        self._draws = collections.deque(
+            self._pool.submit(self._draw, self._next + offset) for offset in range(2 * self._batch_size)
         )
 
+    def __next__(self) -> TrainingExample:
+        while len(self._planned) < _PLANNED:
+            self._planned.append(self._plan())
+        rows, bucket, self._state = self._planned.popleft()
+        return batch_of([row.result() for row in rows], bucket)
 
-def captioned(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: int) -> Example:
+    def _plan(self) -> _PlannedBatch:
+        """Moves the stream on until a bucket holds a batch."""
+        while True:
+            index, drawn = self._next, self._draws.popleft().result()
+            self._next += 1
+            self._draws.append(self._pool.submit(self._draw, self._next + len(self._draws)))
+            bucket = bucket_of(drawn.scene, self._buckets)
+            queue = self._waiting[bucket]
+            self._append(queue, index, drawn)
+            if len(queue) == self._batch_size:
+                rows = [row for _, row in queue if row is not None]
+                queue.clear()
+                waiting = {str(b): [index for index, _ in other] for b, other in enumerate(self._waiting)}
+                return _PlannedBatch(rows, self._buckets[bucket], {"next": self._next, "waiting": waiting})
+
+    def _append(self, queue: list, index: int, drawn: Drawn) -> None:
+        is_own = len(queue) % self._processes == self._process
+        queue.append((index, self._pool.submit(self._complete, index, drawn) if is_own else None))
+
+
+def with_caption(scene: Scene, features: Float[np.ndarray, "tokens width"], slots: int) -> TrainingExample:
     """A scene with the features of a caption, padded with zeros to ``slots`` tokens or cut there."""
     features = features[:slots]
     tokens = np.zeros((slots, features.shape[1]), np.float16)
     tokens[: len(features)] = features
-    return Example(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features))
+    return TrainingExample(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features))
 
 
-def pictured(scene: Scene) -> Example:
-    """A scene with the stand-in for its image, if its window lies ahead of the ego."""
+def with_image(scene: Scene) -> TrainingExample:
+    """A scene with what a camera sees of it, if its window is ahead of the ego; zeros otherwise."""
     if int(scene.crop) == Crop.FORWARD:
-        return Example(scene=scene, **render(scene)._asdict(), has_image=np.asarray(True))
+        return TrainingExample(scene=scene, **render(scene)._asdict(), has_image=np.asarray(True))
     none = SemanticDepth(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
-    return Example(scene=scene, **none._asdict(), has_image=np.asarray(False))
+    return TrainingExample(scene=scene, **none._asdict(), has_image=np.asarray(False))
 
 
-def batch_of(examples: Sequence[Example], bucket: Bucket) -> Example:
+def batch_of(examples: Sequence[TrainingExample], bucket: Bucket) -> TrainingExample:
     """Examples, padded to ``bucket``, as one batch; all of them have a caption, or all an image, or none has."""
-    names = ("tokens", "token_mask", "image", "depth", "has_image")
+    names = ("index", "tokens", "token_mask", "image", "depth", "has_image")
     features = {
         name: np.stack([getattr(example, name) for example in examples])
         for name in names
         if getattr(examples[0], name) is not None
     }
-    return Example(scene=stack([example.scene for example in examples], bucket), **features)
+    return TrainingExample(scene=stack([example.scene for example in examples], bucket), **features)
 
 
 def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
-    """Index of the first bucket that holds ``scene``.
+    """Position of the first bucket that holds the unpadded ``scene``.
 
     Raises:
-      ValueError: if none does.
+      ValueError: the scene is larger than the last bucket.
     """
     agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
     for index, (agent_slots, lane_slots) in enumerate(buckets):
@@ -177,56 +230,85 @@ def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
 
 
 def training_batches(
-    folder: str | Path, codec: SceneCodec, config: PipelineConfig, *, texts: TextStore | None = None,
-    images: bool = False, process: int = 0, processes: int = 1,
-) -> BatchLoader:  # fmt: skip
-    """Endless augmented batches of the training split in ``folder`` (made by ``python -m scjax.data build``).
+    folder: str | Path,
+    codec: SceneCodec,
+    config: LoaderConfig,
+    *,
+    texts: TextStore | None = None,
+    images: bool = False,
+    process: int = 0,
+    processes: int = 1,
+) -> BatchLoader:
+    """Endless augmented batches of the training split in ``folder`` (written by ``python -m scjax.data build``).
 
     Args:
-      texts: captions of that split, of which every example gets one. They describe the centred window, so that the
-        forward one goes without.
-      images: whether examples carry the stand-in for an image, seen from where the window's jittered pose is.
+      texts: captions of that split, one of which goes with every example. They describe the centered window, so the
+        forward window has none.
+      images: whether examples carry what a camera sees from the jittered pose of their window.
+      process, processes: number of this process, and of all; a process gets its rows of every batch.
 
     Raises:
-      ValueError: the texts are not those of the records, texts and images are both wanted, or images of windows none of
-        which lies ahead.
+      ValueError: the texts are not those of the records, both texts and images are given, or images are given but no
+        window is ahead of the ego.
     """
     if images and texts is not None:
         raise ValueError("a network reads texts or images: leave one of them out")
     if images and not config.crops[Crop.FORWARD]:
         raise ValueError(
-            f"images show what lies ahead, but of layouts {config.crops} the forward one, the last, never occurs: "
-            "give it a frequency, as in (0, 0, 1)"
+            f"images show the forward window, but crops {config.crops} give it, the last, no frequency: "
+            "give it one, as in (0, 0, 1)"
         )
-    held = records.open_records(folder, "train")
-    if texts is not None and len(texts) != len(held):
-        raise ValueError(f"{folder}: {len(texts)} captions for {len(held)} records: caption and embed them again")
-    source = grain.MapDataset.source(_Numbered(held))
-    stream = source.seed(config.seed).shuffle().repeat(None)[process::processes]
-    frequencies = np.cumsum(config.crops) / np.sum(config.crops)
+    source = records.open_records(folder, "train")
+    if texts is not None and len(texts) != len(source):
+        raise ValueError(f"{folder}: {len(texts)} captions for {len(source)} records: caption and embed them again")
+    examples = _Examples(codec, config, texts, images)
+    stream = grain.MapDataset.source(_Numbered(source)).seed(config.seed).shuffle().repeat(None)
+    drawn = stream.random_map(examples.draw)
+    return BatchLoader(
+        lambda index: cast(Drawn, drawn[index]), examples.complete, config, process=process, processes=processes
+    )
 
-    def augment(item: tuple[int, bytes], rng: np.random.Generator) -> Example:
+
+@dataclasses.dataclass(frozen=True)
+class _Examples:
+    """Records -> training examples; arguments as for ``training_batches``."""
+
+    codec: SceneCodec
+    config: LoaderConfig
+    texts: TextStore | None
+    images: bool
+
+    def draw(self, item: tuple[int, bytes], rng: np.random.Generator) -> Drawn:
+        """The augmented scene of a record (number, bytes), and one of its captions."""
         number, data = item
+        config = self.config
+        frequencies = np.cumsum(config.crops) / np.sum(config.crops)
         crop = Crop(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
         scene = records.sample_scene(records.decode_record(data), crop, dx, dy, turn)
-        scene = clip_counts(codec.select(scene), config.buckets[-1])
-        scene = shuffle(scene, rng) if config.order == "shuffle" else ordering.sort_tokens(scene)[0]
-        if images:
-            return pictured(scene)
-        if texts is None:
-            return Example(scene=scene)
-        if crop == Crop.FORWARD:
-            return captioned(scene, np.zeros((0, texts.width), np.float16), config.text_slots)
-        return captioned(scene, texts.features(int(rng.choice(texts.texts_of(number)))), config.text_slots)
+        scene = clip_counts(self.codec.select(scene), config.buckets[-1])
+        scene = shuffle(scene, rng) if config.order == "shuffle" else sort_tokens(scene)[0]
+        if self.texts is None or crop == Crop.FORWARD:
+            return Drawn(scene)
+        return Drawn(scene, int(rng.choice(self.texts.texts_of(number))))
 
-    examples = stream.random_map(augment)
-    return BatchLoader(lambda index: cast(Example, examples[index]), config, processes=processes)
+    def complete(self, index: int, drawn: Drawn) -> TrainingExample:
+        """The example of a drawn scene, with its features."""
+        return self._with_features(drawn).replace(index=np.asarray(index, np.uint32))
+
+    def _with_features(self, drawn: Drawn) -> TrainingExample:
+        if self.images:
+            return with_image(drawn.scene)
+        if self.texts is None:
+            return TrainingExample(scene=drawn.scene)
+        none = np.zeros((0, self.texts.width), np.float16)
+        features = none if drawn.caption is None else self.texts.features(drawn.caption)
+        return with_caption(drawn.scene, features, self.config.text_slots)
 
 
 class _Numbered:
-    """A source whose items know their place."""
+    """A source of (number, record) pairs."""
 
     def __init__(self, source: Any):
         self._source = source
@@ -239,26 +321,37 @@ class _Numbered:
 
 
 def validation_scenes(
-    folder: str | Path, codec: SceneCodec, *, crop: Crop = Crop.CENTERED, split: str = "val",
+    folder: str | Path,
+    codec: SceneCodec,
+    *,
+    crop: Crop = Crop.CENTERED,
+    split: str = "val",
     bucket: Bucket = (61, 100),
-) -> list[Scene]:  # fmt: skip
-    """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order."""
+) -> list[Scene]:
+    """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order.
+
+    Scenes larger than ``bucket`` lose their farthest agents and lanes.
+    """
     scenes = []
     for data in records.open_records(folder, split):
         scene = codec.select(records.sample_scene(records.decode_record(data), crop, 0.0, 0.0, 0.0))
-        scenes.append(ordering.sort_tokens(clip_counts(scene, bucket))[0])
+        scenes.append(sort_tokens(clip_counts(scene, bucket))[0])
     return scenes
 
 
 def shuffle(scene: Scene, rng: np.random.Generator) -> Scene:
-    """One unpadded NumPy scene with its tokens permuted at random; the ego stays agent 0."""
+    """One unpadded NumPy scene with its tokens in random order; the ego stays agent 0."""
     agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
     return permute(scene, np.concatenate([[0], 1 + rng.permutation(agents - 1)]), rng.permutation(lanes))
 
 
 def clip_counts(scene: Scene, bucket: Bucket) -> Scene:
-    """At most the bucket's numbers of agents and lanes; crops store the nearest first, so the farthest go."""
+    """At most the bucket's numbers of agents and lanes; crops store the nearest first, so the farthest are cut."""
     agents, lanes = scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]
     if agents <= bucket[0] and lanes <= bucket[1]:
         return scene
     return permute(scene, np.arange(min(agents, bucket[0])), np.arange(min(lanes, bucket[1])))
+
+
+def _as_tuples(value: Any) -> Any:
+    return tuple(map(_as_tuples, value)) if isinstance(value, list | tuple) else value

@@ -16,6 +16,7 @@ from scjax.diffusion.process import estimate_x0, prediction_target, q_sample
 from scjax.diffusion.schedule import CosineSchedule
 from scjax.diffusion.timestep_sampling import TimestepSampling, sample_noise_levels
 from scjax.models.denoiser.config import Prediction
+from scjax.nn import random
 from scjax.nn.cross_attention import AuxOutputs
 from scjax.nn.functional import Functional, Params
 from scjax.scene.per_type import PerType
@@ -122,7 +123,7 @@ def training_loss(
     count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """Loss of one batch with random noise levels, noise and dropout from ``key``.
+    """Loss of one batch with random noise levels, noise and dropout from ``key``, one for the batch or one per scene.
 
     Args:
       null_label: row of the label table that replaces dropped labels.
@@ -133,16 +134,16 @@ def training_loss(
       The loss, and batch means of its terms: agent, lane, total, and penalty if there is one. Losses of the cross
       attention itself are added to the loss and reported as ``cross_attention``.
     """
-    key_level, key_agents, key_lanes, key_label, key_condition = (jax.random.fold_in(key, i) for i in range(5))
+    key_level, key_agents, key_lanes, key_label, key_condition = (random.fold_in(key, i) for i in range(5))
     scenes = batch.label.shape
     level = sample_noise_levels(key_level, len(batch.label), schedule, prediction, timestep_sampling)
     noise = jax.tree.map(
-        lambda k, x: jax.random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
+        lambda k, x: random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
     )
-    label = jnp.where(jax.random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
+    label = jnp.where(random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
     cache = None
     if batch.condition is not None:
-        dropped = jax.random.bernoulli(key_condition, condition_dropout, scenes)
+        dropped = random.bernoulli(key_condition, condition_dropout, scenes)
         if batch.has_condition is not None:
             dropped = dropped | ~batch.has_condition
         cache = network.apply(params, batch.condition, dropped, method="encode_condition")

@@ -15,6 +15,7 @@ from scjax.diffusion.flow import flow_level
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import CosineSchedule
 from scjax.models.denoiser.config import Prediction
+from scjax.nn import random
 
 DISTRIBUTIONS = ("uniform", "logit-normal")
 
@@ -59,12 +60,12 @@ def sample_noise_levels(
         raise ValueError(f"a network that estimates {prediction} knows timesteps only: leave continuous times to flow")
     total, shape = schedule.steps, (scenes,)
     if sampling.distribution == "uniform" and not sampling.continuous:
-        step = jax.random.randint(key, shape, 0, total)
+        step = random.randint(key, shape, 0, total)
     else:
         if sampling.distribution == "uniform":
-            s = jax.random.uniform(key, shape)
+            s = random.uniform(key, shape)
         else:
-            s = jax.nn.sigmoid(sampling.mean + sampling.std * jax.random.normal(key, shape))
+            s = jax.nn.sigmoid(sampling.mean + sampling.std * random.normal(key, shape))
         if sampling.continuous:
             return flow_level(s, total)
         step = jnp.minimum((s * total).astype(jnp.int32), total - 1)

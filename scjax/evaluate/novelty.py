@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from scjax.data.loader import PipelineConfig
+from scjax.data.loader import LoaderConfig
 from scjax.evaluate.eval_tiles import EvaluationTiles
 from scjax.evaluate.hashing import content_hash
 from scjax.evaluate.population import Population
@@ -48,7 +48,7 @@ class JitteredTrainingScenes:
         self.fingerprint = content_hash("jittered", records.fingerprint, str(seed), str(count))
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
-        scenes, jitter = [], PipelineConfig()
+        scenes, jitter = [], LoaderConfig()
         for row in rows:
             rng = np.random.default_rng([self.seed, int(row)])
             dx, dy = rng.uniform(-1, 1, 2) * jitter.jitter_position

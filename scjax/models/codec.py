@@ -154,7 +154,7 @@ class SceneCodec:
         heading = heading / jnp.sqrt(jnp.square(heading).sum(-1, keepdims=True) + 1e-12)
         metres = metres.at[..., 4:6].set(heading).at[..., 6:9].set(jnp.maximum(metres[..., 6:9], 0.05))
         known = np.isin(STATE_COLUMNS, self.columns)
-        signals = jnp.zeros_expand(lane_types)
+        signals = jnp.zeros_like(lane_types)
         if self.lane_classes == "signal":
             signals = lane_types
         elif self.lane_classes == "lights":

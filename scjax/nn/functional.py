@@ -6,14 +6,14 @@ Rngs); from here on parameters are nested dicts and every transform is JAX's own
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 from flax import nnx
 
-from scjax.nn.init import ParamInit
+from scjax.nn.init import ParamInit, path_numbers
 
 Params = dict[str, Any]
 Path = tuple[str | int, ...]
@@ -33,13 +33,20 @@ class Functional(NamedTuple):
 
 def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
     """Turns a module constructor into pure functions; the module is traced abstractly once."""
-    counter = ParamInit()
-    graphdef, abstract = nnx.split(nnx.eval_shape(lambda: make(counter)))
+    paths: list[str] = []
+    sizes: list[int] = []
+
+    def build() -> nnx.Module:
+        module, recorder = _record(make)
+        for path, size in recorder:
+            paths.append(path)
+            sizes.append(size)
+        return module
+
+    graphdef, abstract = nnx.split(nnx.eval_shape(build))
 
     def init(key: jax.Array) -> Params:
-        # The open interval (-1, 1): the least float32 above -1 keeps the inverse error function finite.
-        numbers = jax.random.uniform(key, (counter.used,), minval=np.nextafter(np.float32(-1), np.float32(0)))
-        return nnx.to_pure_dict(nnx.state(make(ParamInit(numbers))))
+        return nnx.to_pure_dict(nnx.state(make(ParamInit(path_numbers(key, paths, sizes)))))
 
     def apply(params: Params, *args, method: str = "__call__", **kwargs):
         state = jax.tree.map(lambda leaf: leaf, abstract)
@@ -47,6 +54,22 @@ def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
         return getattr(nnx.merge(graphdef, state), method)(*args, **kwargs)
 
     return Functional(jax.jit(init), apply)
+
+
+def _record(make: Callable[[ParamInit], nnx.Module]) -> tuple[nnx.Module, list[tuple[str, int]]]:
+    """The module and, for each array that it asked ``ParamInit`` for, the array's path and size.
+
+    Raises:
+      ValueError: a parameter is not an array of ``ParamInit`` as it was returned, so that its path is unknown.
+    """
+    param_init = ParamInit()
+    module = make(param_init)
+    paths = {id(leaf): path for path, leaf in flatten(nnx.to_pure_dict(nnx.state(module))).items()}
+    requests = []
+    for number, array in enumerate(param_init.requests):
+        path = paths.get(id(array), ("unused", number))
+        requests.append(("/".join(map(str, path)), math.prod(array.shape)))
+    return module, requests
 
 
 def count(params: Params) -> int:

@@ -9,7 +9,8 @@ from typing import Any
 import jax
 import orbax.checkpoint as ocp
 
-FORMAT = 2  # of the items below and what they hold; a reader refuses others
+FORMAT = 3
+"""Format of the items below and of what they hold. Others are refused: their random numbers would not continue."""
 
 
 class Checkpoints:
@@ -44,7 +45,7 @@ class Checkpoints:
         return self._manager.latest_step()
 
     def save(self, step: int, state: Any, data: dict[str, Any], *, wait: bool = False) -> None:
-        """Starts writing; at most one write is under way. Errors of the write before surface here."""
+        """Starts writing; waits for the write before, and raises its errors."""
         if step == self.latest:
             return
         self._manager.save(
@@ -59,45 +60,45 @@ class Checkpoints:
             self._manager.wait_until_finished()
 
     def restore(self, like: Any) -> tuple[Any, dict[str, Any]]:
-        """(state, data position) of the last checkpoint; ``like`` gives shapes, dtypes and shardings.
+        """(state, data position) of the last checkpoint; ``like`` has its shapes, dtypes and shardings.
 
         Raises:
           ValueError: if it was written by another format or under another config.
         """
         step = self.latest
-        written = (self._manager.metadata().custom_metadata or {}).get("format", 1)
-        if written != FORMAT:
-            cure = "update scjax" if written > FORMAT else "go on from an exported model with --config.start"
+        version = (self._manager.metadata().custom_metadata or {}).get("format", 1)
+        if version != FORMAT:
+            cure = "update scjax" if version > FORMAT else "start from an exported model with --config.init_from"
             raise ValueError(
-                f"{self._folder} was written by checkpoint format {written}, this code reads {FORMAT}: {cure}, "
+                f"{self._folder} has checkpoint format {version}, this code reads {FORMAT}: {cure}, "
                 "or choose another --workdir"
             )
-        to_config = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
-        theirs, ours = (_shaping(json.loads(json.dumps(c))) for c in (to_config["config"], self._config))
-        if theirs != ours:
-            changed = sorted(key for key in {*theirs, *ours} if theirs.get(key) != ours.get(key))
+        items = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
+        saved, current = (_network_fields(json.loads(json.dumps(c))) for c in (items["config"], self._config))
+        if saved != current:
+            changed = sorted(key for key in {*saved, *current} if saved.get(key) != current.get(key))
             raise ValueError(
                 f"{self._folder} holds a run with another config.model ({', '.join(changed)} differ): "
                 "give its values, or another --workdir"
             )
         target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-        loaded = self._manager.restore(
+        items = self._manager.restore(
             step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
         )
-        return loaded["state"], loaded["data"]
+        return items["state"], items["data"]
 
 
 def _one_copy(leaf: Any) -> Any:
-    """A leaf as it lies on one device, if every device has all of it: orbax would cut it up, a program a shape.
+    """The leaf on one device, if every device has all of it: orbax would cut it up, by one program per shape.
 
-    No copy is made: JAX does not overwrite a donated buffer that somebody still reads.
+    This makes no copy: JAX does not overwrite a donated buffer that is still read.
     """
     if isinstance(leaf, jax.Array) and leaf.is_fully_replicated and jax.process_count() == 1:
         return leaf.addressable_shards[0].data
     return leaf
 
 
-def _shaping(config: dict[str, Any]) -> dict[str, Any]:
+def _network_fields(config: dict[str, Any]) -> dict[str, Any]:
     """The fields of a resolved config that decide what the parameters mean."""
     return {
         **config["model"],

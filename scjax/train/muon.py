@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
+import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from jaxtyping import Array, Float
 from optax.contrib import MuonDimensionNumbers
 from optax.contrib import muon as optax_muon
 
-from scjax.train.flat_params import KEPT, FlatParams, Vectors
 from scjax.train.optimizer import KERNEL, clip_by_global_norm, learning_rates
+from scjax.train.param_groups import Groups, ParamGroups
 
 _RMS = 0.2
-"""Root mean square of an update at rate 1, about that of AdamW's, whose rates and decay therefore fit."""
+"""Root mean square of an update at rate 1: about that of AdamW, so that its rates and weight decay fit."""
 
 
 def muon(
-    packing: FlatParams,
+    param_groups: ParamGroups,
     *,
     learning_rate: float,
     steps: int,
@@ -30,48 +29,60 @@ def muon(
     weight_decay: float = 1e-5,
     clip: float | None = 10.0,
 ) -> optax.GradientTransformation:
-    """Clipping by global norm, then kernels move by their momentum with all its singular values made about equal.
+    """Clips by the global norm, then moves kernels by their momentum with about equal singular values.
 
-    Costs some 30 n^3 operations a step for each n x n kernel, whatever the batch: the
-    smaller the batch, the more they weigh.
+    A step takes some 30 n^3 operations per n x n kernel, for any batch size.
 
     Args:
-      packing: how parameters lie in the vectors that this is a transformation of.
+      param_groups: how the groups that this transforms hold the parameters.
       learning_rate: the rate after warm-up; see ``learning_rates`` for ``steps``, ``warmup`` and ``schedule``.
-      clip: largest global norm of the gradient; None to leave it.
+      clip: largest global norm of the gradient; None: no clipping.
     """
     rates = learning_rates(learning_rate, steps=steps, warmup=warmup, schedule=schedule)
-    shapes = [shape for _, shape in packing.groups.get(KERNEL, ())]
-    matrices = [MuonDimensionNumbers(1, 2)] * len(set(shapes))
-    moved: Any = {name: matrices if name == KERNEL else None for name in packing.groups if name != KEPT}
-    inner = optax_muon(rates, weight_decay=weight_decay, consistent_rms=_RMS, muon_weight_dimension_numbers=moved)
+    shapes = param_groups.kernel_shapes
+    inner = optax_muon(
+        rates,
+        weight_decay=weight_decay,
+        consistent_rms=_RMS,
+        muon_weight_dimension_numbers=cast(Any, _matrix_dimensions),
+    )
+
+    def stack_kernels(groups: Groups) -> Groups:
+        return _with_kernels(groups, lambda group: stacked(param_groups.split_kernels(group)))
 
     def init(params: Any) -> Any:
-        return inner.init(_with_kernels(params, stacked, shapes))
+        return inner.init(stack_kernels(params))
 
     def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
-        given = None if params is None else _with_kernels(params, stacked, shapes)
-        updates, state = inner.update(_with_kernels(updates, stacked, shapes), state, given)
-        return _with_kernels(updates, unstacked, shapes), state
+        stacks = None if params is None else stack_kernels(params)
+        updates, state = inner.update(stack_kernels(updates), state, stacks)
+        return _with_kernels(updates, lambda stacks: param_groups.join_kernels(unstacked(stacks, shapes))), state
 
     transformation = optax.GradientTransformation(init, update)
     return transformation if clip is None else optax.chain(clip_by_global_norm(clip), transformation)
 
 
-def stacked(vector: Float[Array, " numbers"], shapes: list[tuple[int, ...]]) -> list[Float[Array, "_ _ _"]]:
-    """Kernels of these shapes, one after another in a vector, as one stack for each shape: few, large products."""
-    ends = np.cumsum([math.prod(shape) for shape in shapes])
+def stacked(kernels: list[Float[Array, "_ _"]]) -> list[Float[Array, "_ _ _"]]:
+    """One stack per shape of the kernels: a few large products instead of many small ones."""
     parts: dict[tuple[int, ...], list] = {}
-    for shape, part in zip(shapes, jnp.split(vector, ends[:-1]), strict=True):
-        parts.setdefault(shape, []).append(part.reshape(shape))
+    for kernel in kernels:
+        parts.setdefault(kernel.shape, []).append(kernel)
     return [jnp.stack(part) for part in parts.values()]
 
 
-def unstacked(stacks: list[Float[Array, "_ _ _"]], shapes: list[tuple[int, ...]]) -> Float[Array, " numbers"]:
-    """Inverse of ``stacked``."""
-    kinds = {shape: iter(stack) for shape, stack in zip(dict.fromkeys(shapes), stacks, strict=True)}
-    return jnp.concatenate([next(kinds[shape]).reshape(-1) for shape in shapes])
+def unstacked(stacks: list[Float[Array, "_ _ _"]], shapes: list[tuple[int, ...]]) -> list[Float[Array, "_ _"]]:
+    """Inverse of ``stacked`` for kernels of these shapes."""
+    rows = {shape: iter(stack) for shape, stack in zip(dict.fromkeys(shapes), stacks, strict=True)}
+    return [next(rows[shape]) for shape in shapes]
 
 
-def _with_kernels(groups: Any, change: Callable, shapes: list[tuple[int, ...]]) -> Vectors:
-    return {name: change(group, shapes) if name == KERNEL else group for name, group in groups.items()}
+def _matrix_dimensions(groups: Groups) -> Any:
+    """Muon for the stacks of kernels, whose matrices are axes 1 and 2; None (AdamW) for all other arrays."""
+    return {
+        name: [MuonDimensionNumbers(1, 2)] * len(group) if name == KERNEL else jax.tree.map(lambda _: None, group)
+        for name, group in groups.items()
+    }
+
+
+def _with_kernels(groups: Groups, change: Callable[[Any], Any]) -> Groups:
+    return {name: change(group) if name == KERNEL else group for name, group in groups.items()}

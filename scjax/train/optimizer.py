@@ -28,22 +28,23 @@ def adamw(
     b2: float = 0.999,
     eps: float = 1e-7,
 ) -> optax.GradientTransformation:
-    """Clipping by global norm, Adam, and decoupled weight decay on the kernels of linear layers only.
+    """Clips by the global norm, then AdamW with decoupled weight decay on the kernels of linear layers only.
 
     Args:
       learning_rate: the rate after warm-up; see ``learning_rates`` for ``steps``, ``warmup`` and ``schedule``.
-      clip: largest global norm of the gradient; None to leave it.
+      clip: largest global norm of the gradient; None: no clipping.
     """
     rates = learning_rates(learning_rate, steps=steps, warmup=warmup, schedule=schedule)
-    adam = optax.adamw(rates, b1=b1, b2=b2, eps=eps, weight_decay=weight_decay, mask=decayed)
+    adam = optax.adamw(rates, b1=b1, b2=b2, eps=eps, weight_decay=weight_decay, mask=is_decayed)
     return adam if clip is None else optax.chain(clip_by_global_norm(clip), adam)
 
 
 def learning_rates(
     peak: float, *, steps: int, warmup: int, schedule: Literal["linear", "constant"]
 ) -> Callable[[Any], Float[Array, ""]]:
-    """An optax schedule, count -> rate: linear from 0 to ``peak`` at ``warmup``, then constant, or linear to 0 at
-    ``steps``. The first update has rate 0.
+    """An optax schedule, number of updates -> learning rate.
+
+    Linear from 0 to ``peak`` at ``warmup``, then constant, or linear to 0 at ``steps``. The first update has rate 0.
 
     Raises:
       ValueError: unknown ``schedule``, or a linear one that ends before the warm-up does.
@@ -62,9 +63,11 @@ def learning_rates(
     return rate
 
 
-def decayed(params: Params) -> Params:
-    """True at the leaves that weight decay acts on: ``KERNEL`` of a linear layer, or of all (``FlatParams``)."""
-    return jax.tree_util.tree_map_with_path(lambda path, _: getattr(path[-1], "key", None) == KERNEL, params)
+def is_decayed(params: Params) -> Params:
+    """True at the leaves that weight decay acts on: those named ``KERNEL``, in a layer or in the groups of a state."""
+    return jax.tree_util.tree_map_with_path(
+        lambda path, _: jax.tree_util.keystr(path, simple=True, separator=".").rsplit(".")[-1] == KERNEL, params
+    )
 
 
 def clip_by_global_norm(largest: float) -> optax.GradientTransformation:

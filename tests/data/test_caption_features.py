@@ -7,7 +7,7 @@ from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import TextStore, embed_captions
 from scjax.data.captions import add_captions, captions_path, read_captions
-from scjax.data.loader import PipelineConfig, training_batches
+from scjax.data.loader import LoaderConfig, training_batches
 from scjax.models.codec import scjax
 from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
@@ -52,7 +52,7 @@ def test_embed_captions_single_split(folder, tmp_path):
 
 def test_training_batches_carry_captions(folder):
     store = TextStore(folder, "train")
-    config = PipelineConfig(batch_size=4, buckets=((61, 100),), text_slots=40, jitter_position=0.0)
+    config = LoaderConfig(batch_size=4, buckets=((61, 100),), text_slots=40, jitter_position=0.0)
     batches = training_batches(folder, scjax(), config, texts=store)
     texts = {store.features(k)[:40].tobytes() for record in range(len(store)) for k in map(int, store.texts_of(record))}
     for _ in range(4):

@@ -1,16 +1,18 @@
-"""Batches: one bucket each, the same after a resume, and every example a function of (seed, index)."""
+"""Batches of one bucket, the same after a resume and for every number of processes."""
 
+import chex
+import jax
 import numpy as np
 import pytest
 
-from scjax.data.loader import BatchLoader, PipelineConfig, bucket_of, clip_counts, training_batches, validation_scenes
+from scjax.data.loader import BatchLoader, LoaderConfig, bucket_of, clip_counts, training_batches, validation_scenes
 from scjax.data.token_order import sort_tokens
 from scjax.models.codec import official_nuplan, scjax
 from scjax.scene import AgentType, Crop, Scene, unpadded, validate
 from tests.factories.examples import example_scene
 from tests.factories.worlds import make_records
 
-CONFIG = PipelineConfig(batch_size=4, buckets=((8, 8), (20, 24), (61, 100)), seed=3)
+CONFIG = LoaderConfig(batch_size=4, buckets=((8, 8), (20, 24), (61, 100)), seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -26,19 +28,19 @@ def take(batches: BatchLoader, number: int) -> list[Scene]:
     return [next(batches).scene for _ in range(number)]
 
 
-def test_batches_are_valid_scenes_of_one_bucket(records):
+def test_loader_batches_are_valid_scenes_of_one_bucket(records):
     for batch in take(training_batches(records, scjax(), CONFIG), 6):
         assert batch.batch_shape == (4,)
         assert (batch.agent_mask.shape[1], batch.lane_mask.shape[1]) in CONFIG.buckets
         validate(batch)
 
 
-def test_all_layouts_occur(records):
+def test_loader_yields_every_crop(records):
     crops = np.concatenate([batch.crop for batch in take(training_batches(records, scjax(), CONFIG), 10)])
     assert set(crops.tolist()) == set(Crop)
 
 
-def test_resumes_to_the_very_next_batch(records):
+def test_loader_resumes_to_the_very_next_batch(records):
     batches = training_batches(records, scjax(), CONFIG)
     take(batches, 5)
     state = batches.state()
@@ -48,23 +50,49 @@ def test_resumes_to_the_very_next_batch(records):
     assert all(equal(a, b) for a, b in zip(expected, take(again, 4), strict=True))
 
 
-def test_seed_decides_everything(records):
+def test_loader_depends_on_its_seed(records):
     first, second, other = (
         next(training_batches(records, scjax(), config)).scene
-        for config in (CONFIG, CONFIG, PipelineConfig(batch_size=4, buckets=CONFIG.buckets, seed=4))
+        for config in (CONFIG, CONFIG, LoaderConfig(batch_size=4, buckets=CONFIG.buckets, seed=4))
     )
     assert equal(first, second)
     assert not equal(first, other)
 
 
-def test_processes_share_the_stream_and_the_bucket(records):
-    parts = [next(training_batches(records, scjax(), CONFIG, process=i, processes=2)).scene for i in range(2)]
-    assert [part.batch_shape for part in parts] == [(2,), (2,)]
-    assert all(part.lane_mask.shape[1] == 100 for part in parts)
-    assert not equal(*parts)
+@pytest.mark.parametrize("resume", [False, True])
+def test_loader_processes_share_the_stream_of_one(records, resume):
+    """Rows [p::2] of every batch, in the same buckets."""
+    alone = training_batches(records, scjax(), CONFIG)
+    parts = [training_batches(records, scjax(), CONFIG, process=p, processes=2) for p in range(2)]
+    if resume:
+        take(alone, 3)
+        for part in parts:
+            part.restore(alone.state())
+    for _ in range(6):
+        whole = next(alone)
+        for process, part in enumerate(parts):
+            chex.assert_trees_all_equal(jax.tree.map(lambda x, p=process: x[p::2], whole), next(part))
+    assert all(part.state() == alone.state() for part in parts)
 
 
-def test_validation_is_the_recorded_pose_in_token_order(records):
+def test_loader_uses_every_bucket_with_processes(records):
+    batches = training_batches(records, scjax(), CONFIG, process=1, processes=2)
+    assert len({scene.lane_mask.shape[1] for scene in take(batches, 12)}) > 1
+
+
+def test_loader_refuses_a_batch_that_processes_cannot_share(records):
+    with pytest.raises(ValueError, match="batch_size 4 does not divide over 3 processes"):
+        training_batches(records, scjax(), CONFIG, processes=3)
+
+
+def test_every_example_of_the_stream_occurs_once(records):
+    batches = training_batches(records, scjax(), CONFIG)
+    indices = np.concatenate([next(batches).index for _ in range(12)]).tolist()
+    waiting = [index for queue in batches.state()["waiting"].values() for index in queue]
+    assert sorted(indices + waiting) == list(range(batches.state()["next"]))
+
+
+def test_validation_scenes_keep_the_recorded_pose(records):
     scenes = validation_scenes(records, scjax())
     assert scenes
     assert all(equal(scene, other) for scene, other in zip(scenes, validation_scenes(records, scjax()), strict=True))
@@ -74,17 +102,19 @@ def test_validation_is_the_recorded_pose_in_token_order(records):
         assert np.allclose(scene.agents[0, :2], 0, atol=1e-4)
 
 
-def test_presets_drop_foreign_classes(records):
+def test_validation_scenes_drop_classes_of_other_codecs(records):
     scenes = validation_scenes(records, official_nuplan())
     assert not any((scene.agent_types == AgentType.CYCLIST).any() for scene in scenes)
 
 
-def test_too_many_elements_are_cut_and_no_bucket_is_an_error():
-    scene = unpadded(example_scene(agents=9, lanes=7))
-    cut = clip_counts(scene, (4, 3))
+def test_clip_counts_cuts_to_the_bucket():
+    cut = clip_counts(unpadded(example_scene(agents=9, lanes=7)), (4, 3))
     assert (len(cut.agent_mask), len(cut.lane_mask)) == (4, 3)
+
+
+def test_bucket_of_a_larger_scene_is_an_error():
     with pytest.raises(ValueError, match="fits no bucket"):
-        bucket_of(scene, ((4, 3),))
+        bucket_of(unpadded(example_scene(agents=9, lanes=7)), ((4, 3),))
 
 
 @pytest.mark.parametrize(
@@ -95,6 +125,6 @@ def test_too_many_elements_are_cut_and_no_bucket_is_an_error():
         ("crops", (0.0, 0.0, 0.0), "frequencies"),
     ],
 )
-def test_bad_config(field, value, message):
+def test_loader_config_rejects_bad_values(field, value, message):
     with pytest.raises(ValueError, match=message):
-        PipelineConfig(**{field: value})
+        LoaderConfig(**{field: value})

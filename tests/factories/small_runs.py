@@ -1,21 +1,25 @@
-"""Every stage at the smallest size that still runs every part: --config=tests/factories/small_runs.py:autoencoder"""
+"""Every objective at the smallest size that still runs all its parts.
+
+On the command line: --config=tests/factories/small_runs.py:autoencoder
+"""
 
 from __future__ import annotations
 
 import dataclasses
 
-from scjax.train.configs import autoencoder, denoiser
-from scjax.train.configs import counts as counter
+from scjax.train.configs import autoencoder, counts, denoiser
 from tests.factories.worlds import AUTOENCODER, DENOISER
 
 
-def get_config(stage: str = "autoencoder"):
+def get_config(objective: str = "autoencoder"):
     """Nine steps, a checkpoint every third."""
-    config = {"autoencoder": autoencoder, "denoiser": denoiser, "counter": counter}[stage].get_config("tiny")
+    config = {"autoencoder": autoencoder, "denoiser": denoiser, "counts": counts}[objective].get_config("tiny")
     sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
     config.model = {"width": 8, "queries": 2, "heads": 2}
-    if stage in sizes:
-        config.model = {k: v for k, v in dataclasses.asdict(sizes[stage]).items() if k != "cross_attention"}
+    if objective in sizes:
+        config.model = {k: v for k, v in dataclasses.asdict(sizes[objective]).items() if k != "cross_attention"}
+    if objective == "denoiser":
+        config.position_head_fit = {"batches": 4, "steps": 40}
     config.batch.batch_size = 2
     config.batch.buckets = ((52, 64),)
     config.steps = 9

@@ -10,7 +10,8 @@ X = jax.random.normal(jax.random.key(1), (2, 5, 8))
 
 
 def layers():
-    init = ParamInit(jax.random.uniform(jax.random.key(0), (100,), minval=-1.0))
+    numbers = jax.random.uniform(jax.random.key(0), (56,), minval=-1.0)
+    init = ParamInit([numbers[:24], numbers[24:]])
     return [Linear(8, features, init=init) for features in (3, 4)]
 
 

@@ -12,7 +12,7 @@ from scjax.train import checkpoint
 from scjax.train.checkpoint import FORMAT, Checkpoints
 
 
-def test_donated_steps_after_a_save_do_not_reach_what_is_written(tmp_path):
+def test_save_is_not_changed_by_later_donated_steps(tmp_path):
     step = jax.jit(lambda state: jax.tree.map(lambda x: x + 1, state), donate_argnums=0)
     state = replicated({str(n): jnp.full((300_000,), float(n)) for n in range(8)}, jax.device_count())
     with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
@@ -27,14 +27,14 @@ def test_donated_steps_after_a_save_do_not_reach_what_is_written(tmp_path):
         assert value.sharding == state[name].sharding
 
 
-@pytest.mark.parametrize("written, cure", [(FORMAT - 1, "--config.start"), (FORMAT + 1, "update scjax")])
-def test_another_format_is_told_with_the_cure(tmp_path, monkeypatch, written, cure):
+@pytest.mark.parametrize("version, cure", [(FORMAT - 1, "--config.init_from"), (FORMAT + 1, "update scjax")])
+def test_restore_of_another_format_names_the_cure(tmp_path, monkeypatch, version, cure):
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint, "FORMAT", written)
+        patch.setattr(checkpoint, "FORMAT", version)
         with Checkpoints(tmp_path, {"model": {}}) as checkpoints:
             checkpoints.save(1, {"x": jnp.ones(2)}, {})
     with (
         Checkpoints(tmp_path, {"model": {}}) as checkpoints,
-        pytest.raises(ValueError, match=f"format {written}.*{cure}"),
+        pytest.raises(ValueError, match=f"format {version}.*{cure}"),
     ):
         checkpoints.restore({"x": jnp.ones(2)})

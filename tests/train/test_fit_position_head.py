@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.data.loader import Example, batch_of
+from scjax.data.loader import TrainingExample, batch_of
 from scjax.models.denoiser.position_head import AHEAD, UNIT, PositionHead
 from scjax.nn.functional import functional
 from scjax.scene import Crop, unpadded
 from scjax.scene.per_type import PerType
-from scjax.train import fit_position_head as anchors
+from scjax.train.fit_position_head import FitOptions, fit_position_heads, position_targets
 from tests.factories.examples import example_scene
 
 SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
@@ -20,12 +20,12 @@ SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
 def _batch(seed):
     crops = list(Crop)
     scenes = [unpadded(example_scene(seed + k, crop=crops[k % 3]).to_numpy()) for k in range(12)]
-    return batch_of([Example(scene=scene) for scene in scenes], (6, 8))
+    return batch_of([TrainingExample(scene=scene) for scene in scenes], (6, 8))
 
 
-def test_points_lie_about_the_middle_of_the_window():
+def test_position_targets_are_relative_to_the_window_center():
     scene = _batch(0).scene
-    found = anchors.points_of(scene)
+    found = position_targets(scene)
     for kind, mask in (("agents", scene.agent_mask), ("lanes", scene.lane_mask)):
         assert np.abs(found[kind][mask][:, 0]).max() * UNIT < 32
     ahead = UNIT * (found["agents"][:, :, 1] - found["agents"][:, :, 0])
@@ -34,22 +34,22 @@ def test_points_lie_about_the_middle_of_the_window():
     np.testing.assert_allclose(along, scene.lanes[:, :, -1, :2] - scene.lanes[:, :, 0, :2], atol=1e-4)
 
 
-def test_points_are_learned_from_latents(capsys, monkeypatch):
-    monkeypatch.setattr(anchors, "_STEPS", 1000)
-    monkeypatch.setattr(anchors, "_BATCHES", 80)
+def test_fit_position_heads_reads_points_off_latents(capsys):
     rng = np.random.default_rng(0)
     mixing = {"agents": np.linalg.qr(rng.normal(size=(4, 4)))[0], "lanes": np.linalg.qr(rng.normal(size=(10, 10)))[0]}
 
     def latents_of(scene):
-        points = jax.tree.map(lambda x: x.reshape(*x.shape[:2], -1), anchors.points_of(scene))
+        points = jax.tree.map(lambda x: x.reshape(*x.shape[:2], -1), position_targets(scene))
         bent = {kind: np.sinh(points[kind] / 2) @ mixing[kind] for kind in points}
         return PerType(**{kind: value.astype(np.float32) for kind, value in bent.items()})
 
-    found = anchors.fit_anchors((_batch(12 * k) for k in itertools.count()), latents_of, jax.random.key(0))
+    found = fit_position_heads(
+        (_batch(12 * k) for k in itertools.count()), latents_of, jax.random.key(0), FitOptions(batches=80, steps=1000)
+    )
     assert "median" in capsys.readouterr().out
     unseen = _batch(10_000).scene
-    latents, wanted = latents_of(unseen), anchors.points_of(unseen)
+    latents, targets = latents_of(unseen), position_targets(unseen)
     for kind, mask in (("agents", unseen.agent_mask), ("lanes", unseen.lane_mask)):
-        network = functional(lambda draws, kind=kind: PositionHead(*SIZES[kind], draws=draws))
+        network = functional(lambda init, kind=kind: PositionHead(*SIZES[kind], init=init))
         read = network.apply(found[kind], jnp.asarray(getattr(latents, kind)))
-        assert np.median(np.linalg.norm(read - wanted[kind], axis=-1)[mask]) * UNIT < 1.0
+        assert np.median(np.linalg.norm(read - targets[kind], axis=-1)[mask]) * UNIT < 1.0

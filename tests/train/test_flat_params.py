@@ -1,16 +1,16 @@
-"""Vectors of parameters: nothing lost, groups by what is done to them, and an optimiser's step as by arrays."""
+"""Groups of parameters, flat or as arrays: nothing is lost, and optimizers do to them what they do to arrays."""
 
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 
-from scjax.nn.functional import flatten
-from scjax.train.flat_params import KEPT, FlatParams, trained
+from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
+from scjax.train.param_groups import FROZEN, trained
+from scjax.train.tree_params import TreeParams
+from tests.factories.optimizer_steps import assert_same_steps
 
 
 @pytest.fixture(scope="module")
@@ -23,42 +23,36 @@ def params():
             "gate": draw(5)}  # fmt: skip
 
 
-@pytest.mark.parametrize("kept", [frozenset(), frozenset({("table",), ("layers", 1, "kernel")})])
-def test_unpacking_what_was_packed_gives_it_back(params, kept):
-    packing = FlatParams.of(jax.eval_shape(lambda: params), kept)
-    vectors = packing.pack(params)
+@pytest.mark.parametrize("frozen", [frozenset(), frozenset({("table",), ("layers", 1, "kernel")})])
+def test_flat_params_groups_have_the_right_sizes(params, frozen):
+    vectors = FlatParams.of(jax.eval_shape(lambda: params), frozen).pack(params)
     assert {name: len(vector) for name, vector in vectors.items()} == (
-        {"kernel": 6, "rest": 7, "kept": 13} if kept else {"kernel": 14, "rest": 12}
+        {"kernel": 6, "rest": 7, "frozen": 13} if frozen else {"kernel": 14, "rest": 12}
     )
-    assert KEPT not in trained(vectors)
-    for back in (packing.unpack(vectors), packing.unpack(jax.device_get(vectors))):
-        assert jax.tree.structure(back) == jax.tree.structure(params)
-        jax.tree.map(np.testing.assert_array_equal, back, params)
+    assert FROZEN not in trained(vectors)
 
 
-def test_an_optimiser_does_to_vectors_what_it_does_to_arrays(params):
-    """Clipped together, weight decay on kernels alone."""
+@pytest.mark.parametrize("layout", [FlatParams, TreeParams])
+@pytest.mark.parametrize("frozen", [frozenset(), frozenset({("table",), ("layers", 1, "kernel")})])
+def test_unpack_inverts_pack(params, frozen, layout):
+    groups = layout.of(jax.eval_shape(lambda: params), frozen)
+    packed = groups.pack(params)
+    for unpacked in (groups.unpack(packed), groups.unpack(jax.device_get(packed))):
+        assert jax.tree.structure(unpacked) == jax.tree.structure(params)
+        jax.tree.map(np.testing.assert_array_equal, unpacked, params)
+
+
+@pytest.mark.parametrize("layout", [FlatParams, TreeParams])
+def test_join_kernels_inverts_split_kernels(params, layout):
+    groups = layout.of(params)
+    kernels = groups.pack(params)["kernel"]
+    split = groups.split_kernels(kernels)
+    assert [kernel.shape for kernel in split] == groups.kernel_shapes == [(3, 2), (2, 4)]
+    jax.tree.map(np.testing.assert_array_equal, groups.join_kernels(split), kernels)
+
+
+@pytest.mark.parametrize("layout", [FlatParams, TreeParams])
+def test_adamw_on_groups_is_adamw_on_arrays(params, layout):
+    """Clipped by one norm, weight decay on kernels alone."""
     optimizer = adamw(learning_rate=0.1, steps=10, warmup=1, weight_decay=0.3, clip=0.5)
-    assert_same_steps(params, optimizer, optimizer, rtol=1e-6, atol=1e-7)
-
-
-def assert_same_steps(params, of_arrays, of_vectors, **tolerances):
-    """Four steps of one optimiser on arrays and of another on their vectors end at the same parameters."""
-    packing = FlatParams.of(params)
-    arrays, vectors = params, packing.pack(params)
-    states = of_arrays.init(arrays), of_vectors.init(vectors)
-    for step in range(4):
-        known = gradients(params, step)
-        updates, first = of_arrays.update(known, states[0], arrays)
-        packed, second = of_vectors.update(packing.pack(known), states[1], vectors)
-        arrays, vectors, states = (
-            optax.apply_updates(arrays, updates), optax.apply_updates(vectors, packed), (first, second)
-        )  # fmt: skip
-    for path, value in flatten(packing.unpack(vectors)).items():
-        np.testing.assert_allclose(value, flatten(arrays)[path], **tolerances)
-        assert not np.allclose(value, flatten(params)[path])
-
-
-def gradients(params, step):
-    """What stands in for the gradients of a step."""
-    return jax.tree.map(lambda x: jnp.sin(3 * x + step), params)
+    assert_same_steps(params, layout.of(params), optimizer, optimizer, rtol=1e-6, atol=1e-7)

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import scjax
-from experiments.train import train
 from scjax.camera.raycast import CLASSES, GRID, render
-from scjax.data.loader import PipelineConfig, training_batches, validation_scenes
+from scjax.data.loader import LoaderConfig, training_batches, validation_scenes
 from scjax.generate.conditions import Condition
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Crop, unpadded, validate
+from scjax.train.loop import train
+from scjax.train.objectives import make_objective
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import make_records, tiny_model
 
@@ -39,8 +40,8 @@ def configured(folder, crops=(1.0, 0.0, 1.0)):
     return config
 
 
-def test_batches_carry_what_is_seen_from_their_jittered_windows(folder):
-    config = PipelineConfig(batch_size=4, buckets=((61, 100),), seed=5)
+def test_batches_carry_images_of_their_jittered_windows(folder):
+    config = LoaderConfig(batch_size=4, buckets=((61, 100),), seed=5)
     batches = training_batches(folder / "records", ours(), config, images=True)
     present = 0
     for _ in range(4):
@@ -68,7 +69,7 @@ def trained(folder):
     return scjax.load(folder / "two" / "model")
 
 
-def test_a_resumed_run_ends_as_an_undisturbed_one(folder, trained):
+def test_train_on_images_resumes_bit_identical(folder, trained):
     shutil.copytree(folder / "two", folder / "one")  # as it was after its first step
     for later in ("checkpoints/step_2", "model"):
         shutil.rmtree(folder / "one" / later)
@@ -76,7 +77,7 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(folder, trained):
     chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser.params, trained.denoiser.params)
 
 
-def test_the_model_is_sampled_with_an_image(folder, trained):
+def test_image_model_samples_with_an_image(folder, trained):
     assert trained.denoiser.config.condition == ImageCondition(len(CLASSES), GRID, patch=1)
     assert trained.notes["images"] == "scjax.camera.raycast"
     scene = validation_scenes(folder / "records", trained.codec, crop=Crop.FORWARD)[0]
@@ -87,10 +88,14 @@ def test_the_model_is_sampled_with_an_image(folder, trained):
     assert made.crop.tolist() == [Crop.FORWARD] and np.isfinite(made.lanes).all()
 
 
-def test_mistakes_are_told(folder):
-    with pytest.raises(ValueError, match="the forward one, the last, never occurs"):
-        train(configured(folder, crops=(1.0, 1.0, 0.0)), folder / "never")
+def test_training_batches_with_images_need_the_forward_crop(folder):
+    config = LoaderConfig(crops=(1.0, 1.0, 0.0))
+    with pytest.raises(ValueError, match="images show the forward window, but crops"):
+        training_batches(folder / "records", ours(), config, images=True)
+
+
+def test_denoiser_objective_rejects_an_unknown_condition(folder):
     config = configured(folder)
     config.condition = "picture"
     with pytest.raises(ValueError, match='"none", "text" or "image"'):
-        train(config, folder / "kind")
+        make_objective(config)

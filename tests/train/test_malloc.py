@@ -10,19 +10,19 @@ import sys
 
 import pytest
 
-from scjax.train import malloc as memory
+from scjax.train import malloc
 
 needs_glibc = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc can keep memory")
 
 FAULTS = """
 import concurrent.futures, pathlib, resource, sys
 import numpy as np
-from scjax.train import malloc as memory
+from scjax.train import malloc
 
 if sys.argv[1] == "64 MB":
-    memory._GIGANTIC = pathlib.Path("/none")  # as where Linux knows no pages of 1 GB
-if sys.argv[1] != "plain":
-    assert memory.keep_memory()
+    assert malloc.keep_memory(gigantic=False)  # as where Linux has no pages of 1 GB
+elif sys.argv[1] != "plain":
+    assert malloc.keep_memory()
 
 def faults(size):
     before = 0
@@ -38,7 +38,7 @@ with concurrent.futures.ThreadPoolExecutor(1) as other:
     print(faults(80 << 20), other.submit(faults, 40 << 20).result(), other.submit(faults, 80 << 20).result())
 """
 
-TOLD = """
+REPORT = """
 import os, subprocess, sys
 from scjax.train.malloc import keep_memory
 print(keep_memory(), sys.argv[1:], sys.stdin.read(), flush=True)
@@ -50,40 +50,54 @@ def run(code: str, *arguments: str, tunables: str | None = None) -> str:
     environment = {name: value for name, value in os.environ.items() if name != "GLIBC_TUNABLES"}
     if tunables is not None:
         environment["GLIBC_TUNABLES"] = tunables
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], env=environment, input="told", capture_output=True, text=True,
+    process = subprocess.run(
+        [sys.executable, "-c", code, *arguments], env=environment, input="stdin", capture_output=True, text=True,
         check=True,
     )  # fmt: skip
-    return done.stdout
+    return process.stdout
 
 
 @needs_glibc
 @pytest.mark.parametrize("heaps", ["4 GB", "64 MB"])
-def test_blocks_that_were_freed_are_not_asked_for_again(heaps):
+def test_keep_memory_reuses_freed_blocks(heaps):
     """In a heap of another thread neither, but for what it does not hold, which comes in huge pages if any."""
     main, other, beyond = map(int, run(FAULTS, heaps).split())
     assert main == other == 0
     huge = pathlib.Path("/sys/kernel/mm/transparent_hugepage/enabled")
-    if heaps == "4 GB" and memory._GIGANTIC.exists():
+    if heaps == "4 GB" and malloc._GIGANTIC.exists():
         assert beyond == 0
     elif huge.exists() and "[never]" not in huge.read_text():
         assert beyond <= 41  # 40 pages of 2 MB, and one that is cut
 
 
 @needs_glibc
-def test_they_are_asked_for_again_without_it():
+def test_without_keep_memory_freed_blocks_are_given_back():
     assert all(int(faults) > 10 for faults in run(FAULTS, "plain").split())  # NumPy asks for huge pages itself
 
 
 @needs_glibc
-def test_it_is_the_same_command_and_what_it_starts_is_as_ever():
-    assert run(TOLD, "--steps", "a b").split("\n")[:2] == ["True ['--steps', 'a b'] told", "None"]
+def test_keep_memory_runs_the_same_command():
+    assert run(REPORT, "--steps", "a b").split("\n")[:2] == ["True ['--steps', 'a b'] stdin", "None"]
 
 
-def test_the_tunables_of_a_user_are_left_alone():
-    assert run(TOLD, tunables="").split("\n")[0] == "False [] told"
+def test_keep_memory_leaves_tunables_of_the_user():
+    assert run(REPORT, tunables="").split("\n")[0] == "False [] stdin"
 
 
-def test_without_glibc_nothing_happens(monkeypatch):
+def test_keep_memory_does_nothing_without_glibc(monkeypatch):
     monkeypatch.setattr(platform, "libc_ver", lambda: ("", ""))
-    assert not memory.keep_memory()
+    assert not malloc.keep_memory()
+
+
+@needs_glibc
+@pytest.mark.parametrize(
+    ("arguments", "environment", "kept"),
+    [([], None, True), (["--no-keep-memory"], None, False), ([], "0", False), (["--keep-memory"], "0", True)],
+)
+def test_keep_memory_is_an_option(arguments, environment, kept, monkeypatch):
+    monkeypatch.setattr(malloc, "keep_memory", lambda: True)
+    monkeypatch.delenv("SCJAX_KEEP_MEMORY", raising=False)
+    if environment is not None:
+        monkeypatch.setenv("SCJAX_KEEP_MEMORY", environment)
+    assert malloc.keep_memory_by_option(["--workdir=x", *arguments]) == kept
+    assert malloc.without_memory_option(["--workdir=x", *arguments]) == ["--workdir=x"]

@@ -14,7 +14,8 @@ from scjax.nn.functional import flatten
 from scjax.train.flat_params import FlatParams
 from scjax.train.muon import muon, stacked, unstacked
 from scjax.train.optimizer import clip_by_global_norm, learning_rates
-from tests.train.test_flat_params import assert_same_steps, gradients
+from scjax.train.tree_params import TreeParams
+from tests.factories.optimizer_steps import assert_same_steps, made_up_gradients
 
 _SCHEDULE = {"steps": 10, "warmup": 1}
 
@@ -31,7 +32,8 @@ def params():
     return {"layers": {0: layer(1, 8, 8), 1: layer(2, 8, 16), 2: layer(3, 8, 8)}, "table": table}
 
 
-def test_an_update_of_vectors_is_that_of_arrays(params):
+@pytest.mark.parametrize("layout", [FlatParams, TreeParams])
+def test_muon_on_groups_is_muon_on_arrays(params, layout):
     dimensions = jax.tree_util.tree_map_with_path(
         lambda path, _: MuonDimensionNumbers(0, 1) if path[-1].key == "kernel" else None, params
     )
@@ -40,18 +42,19 @@ def test_an_update_of_vectors_is_that_of_arrays(params):
         clip_by_global_norm(0.5),
         optax_muon(rates, weight_decay=0.3, consistent_rms=0.2, muon_weight_dimension_numbers=dimensions),
     )
-    ours = muon(FlatParams.of(params), learning_rate=0.1, weight_decay=0.3, clip=0.5, **_SCHEDULE)
-    assert_same_steps(params, plain, ours, rtol=1e-4, atol=1e-5)
+    groups = layout.of(params)
+    ours = muon(groups, learning_rate=0.1, weight_decay=0.3, clip=0.5, **_SCHEDULE)
+    assert_same_steps(params, groups, plain, ours, rtol=1e-4, atol=1e-5)
 
 
-def test_a_kernel_moves_by_much_the_same_in_every_direction(params):
+def test_muon_update_has_even_singular_values(params):
     """Singular values of an update lie around 0.2 sqrt(larger side) times the rate, though the gradient's do not."""
-    packing = FlatParams.of(params)
-    optimizer = muon(packing, learning_rate=0.1, weight_decay=0.0, clip=None, steps=10, warmup=0)
-    vectors = packing.pack(params)
-    slopes = gradients(params, 0)
-    updates, _ = optimizer.update(packing.pack(slopes), optimizer.init(vectors), vectors)
-    for path, update in flatten(packing.unpack(updates)).items():
+    groups = FlatParams.of(params)
+    optimizer = muon(groups, learning_rate=0.1, weight_decay=0.0, clip=None, steps=10, warmup=0)
+    vectors = groups.pack(params)
+    slopes = made_up_gradients(params, 0)
+    updates, _ = optimizer.update(groups.pack(slopes), optimizer.init(vectors), vectors)
+    for path, update in flatten(groups.unpack(updates)).items():
         if path[-1] == "kernel":
             known = np.linalg.svd(flatten(slopes)[path], compute_uv=False)
             found = np.linalg.svd(update, compute_uv=False) / (0.1 * 0.2 * np.sqrt(max(update.shape)))
@@ -59,10 +62,10 @@ def test_a_kernel_moves_by_much_the_same_in_every_direction(params):
             assert 0.5 < found.min() < found.max() < 1.5
 
 
-def test_kernels_of_one_shape_lie_in_one_stack():
-    shapes = [(2, 3), (4, 1), (2, 3)]
-    vector = jnp.arange(16.0)
-    stacks = stacked(vector, shapes)
+def test_kernels_of_one_shape_form_one_stack():
+    kernels = [jnp.arange(6.0).reshape(2, 3), jnp.arange(4.0).reshape(4, 1), jnp.arange(10.0, 16.0).reshape(2, 3)]
+    stacks = stacked(kernels)
     assert [stack.shape for stack in stacks] == [(2, 2, 3), (1, 4, 1)]
-    np.testing.assert_array_equal(stacks[0][1], vector[10:].reshape(2, 3))
-    np.testing.assert_array_equal(unstacked(stacks, shapes), vector)
+    np.testing.assert_array_equal(stacks[0][1], kernels[2])
+    for kernel, other in zip(unstacked(stacks, [kernel.shape for kernel in kernels]), kernels, strict=True):
+        np.testing.assert_array_equal(kernel, other)

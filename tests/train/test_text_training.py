@@ -19,7 +19,6 @@ from experiments.studies.collision_x_counts import COLUMNS
 from experiments.studies.collision_x_counts import markdown as markdown_two_by_two
 from experiments.studies.collision_x_counts import measure as two_by_two
 from experiments.studies.prompt_adherence import held_back_prompts, markdown, measure
-from experiments.train import train
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
@@ -31,7 +30,9 @@ from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
 from scjax.nn.functional import flatten
 from scjax.synthetic.source import Worlds
-from scjax.train.objectives.denoiser import validation_examples
+from scjax.train.loop import train
+from scjax.train.objectives import make_objective
+from scjax.train.objectives.validation_examples import validation_examples
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import tiny_model
 from tests.generate.test_prompts import Words
@@ -51,11 +52,11 @@ def folder(tmp_path_factory):
     return folder
 
 
-def configured(stage: str, folder):
-    config = get_config(stage)
+def configured(objective: str, folder):
+    config = get_config(objective)
     config.records = str(folder / "records")
     config.steps, config.evaluate_every, config.picture_every, config.checkpoint_every = 3, 3, 0, 3
-    if stage == "denoiser":
+    if objective == "denoiser":
         config.autoencoder, config.model.relative_geometry = str(folder / "autoencoder"), True
     return config
 
@@ -63,7 +64,7 @@ def configured(stage: str, folder):
 @pytest.fixture(scope="module")
 def text_model(folder):
     config = configured("denoiser", folder)
-    config.condition, config.start, config.freeze = "text", str(folder / "base" / "model"), True
+    config.condition, config.init_from, config.freeze = "text", str(folder / "base" / "model"), True
     config.loss.collision, config.loss.connections, config.loss.lateral_offsets = 0.1, 0.3, 0.1
     config.cross_attention, config.cross_attention_options.windowed.window = "windowed", 4
     train(config, folder / "text")
@@ -71,16 +72,16 @@ def text_model(folder):
 
 
 @pytest.mark.parametrize("condition", ["none", "text", "image"])
-def test_held_back_scenes_are_cut_to_the_largest_bucket(folder, condition):
-    config = configured("denoiser", folder)
-    config.condition, config.batch.buckets = condition, ((2, 3), (4, 6))
-    examples = validation_examples(config, presets.scjax())
+def test_validation_examples_are_cut_to_the_bucket(folder, condition):
+    examples = validation_examples(
+        str(folder / "records"), presets.scjax(), condition=condition, bucket=(4, 6), text_slots=96
+    )
     sizes = [(example.scene.agent_mask.shape[-1], example.scene.lane_mask.shape[-1]) for example in examples]
     assert max(agents for agents, _ in sizes) == 4 and max(lanes for _, lanes in sizes) == 6
     assert len(batch_of(examples, (4, 6)).scene.crop) == len(examples)
 
 
-def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
+def test_freeze_keeps_the_base_parameters(folder, text_model):
     base = flatten(scjax.load(folder / "base" / "model").denoiser.params)
     text = flatten(text_model.denoiser.params)
     assert all(np.array_equal(text[path], value) for path, value in base.items())
@@ -91,7 +92,7 @@ def test_frozen_parameters_stay_and_the_others_learn(folder, text_model):
 
 @pytest.fixture(scope="module")
 def prompt_model(folder, text_model):
-    config = configured("count_predictor", folder)
+    config = configured("counts", folder)
     config.denoiser = str(folder / "text" / "model")
     train(config, folder / "prompt")
     return scjax.load(folder / "prompt" / "model")
@@ -219,21 +220,37 @@ def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp
     assert not (tmp_path / "a").exists()
 
 
-def test_mistakes_are_told(folder):
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"freeze": True}, r"name its folder in config\.init_from"),
+        ({"condition": "smell"}, 'choose "none", "text" or "image"'),
+        ({"cross_attention": "windowd"}, "did you mean 'windowed'"),
+    ],
+)
+def test_denoiser_objective_rejects_bad_options(folder, fields, message):
     config = configured("denoiser", folder)
-    config.freeze = True
-    with pytest.raises(ValueError, match=r"name its folder in config\.start"):
-        train(config, folder / "no start")
-    config.freeze, config.condition = False, "smell"
-    with pytest.raises(ValueError, match='choose "none", "text" or "image"'):
-        train(config, folder / "smell")
-    config.condition, config.cross_attention = "none", "windowd"
-    with pytest.raises(ValueError, match="did you mean 'windowed'"):
-        train(config, folder / "windowd")
-    config.cross_attention, config.start = "full", str(folder / "autoencoder")
+    config.update(fields)
+    with pytest.raises(ValueError, match=message):
+        make_objective(config)
+
+
+def test_denoiser_objective_needs_a_base_with_a_denoiser(folder):
+    config = configured("denoiser", folder)
+    config.init_from = str(folder / "autoencoder")
     with pytest.raises(ValueError, match="holds no denoiser"):
-        train(config, folder / "no denoiser")
-    config = configured("count_predictor", folder)
+        make_objective(config)
+
+
+def test_count_objective_needs_a_text_model(folder):
+    config = configured("counts", folder)
     config.denoiser = str(folder / "base" / "model")
     with pytest.raises(ValueError, match="was trained on no text"):
-        train(config, folder / "no text")
+        make_objective(config)
+
+
+def test_make_objective_names_the_known_objectives(folder):
+    config = configured("counts", folder)
+    config.objective = "speech"
+    with pytest.raises(ValueError, match="choose one of autoencoder, denoiser, counts"):
+        make_objective(config)

@@ -1,4 +1,4 @@
-"""Training as users meet it: both stages end to end, resumed after every kind of interruption, faults told plainly."""
+"""Training as users run it: end to end, resumed after every kind of interruption, with plain errors."""
 
 import json
 import os
@@ -14,9 +14,8 @@ import jax
 import pytest
 
 import scjax
-from experiments import sample
-from experiments.train import train
-from scjax.scene.io import load_npz
+from scjax.train.launch import config_path, main, parse_arguments
+from scjax.train.loop import train
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import make_records
 
@@ -48,9 +47,9 @@ def undisturbed_denoiser(undisturbed, records, tmp_path_factory):
     return folder
 
 
-def start(workdir, records, *flags, stage="autoencoder", limit=None) -> subprocess.Popen:
+def start(workdir, records, *flags, objective="autoencoder", limit=None) -> subprocess.Popen:
     """``python -m experiments.train`` of the smallest stage in a process of its own."""
-    config = f"tests/factories/small_runs.py:{stage}"
+    config = f"tests/factories/small_runs.py:{objective}"
     command = [sys.executable, "-m", "experiments.train", f"--config={config}", f"--workdir={workdir}"]
     if limit:  # no file may grow beyond so many KiB
         command = ["bash", "-c", f'ulimit -f {limit}; exec "$@"', "-", *command]
@@ -80,7 +79,7 @@ def send(number: signal.Signals, once: Path) -> None:
     os.kill(os.getpid(), number)
 
 
-def test_a_run_leaves_metrics_pictures_and_a_model(undisturbed):
+def test_train_writes_metrics_pictures_and_a_model(undisturbed):
     lines = [json.loads(line) for line in (undisturbed / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines if line["scope"] == "train"] == [3, 6, 9]
     assert {"loss", "gradient_norm", "scenes_per_second"} <= lines[0].keys()
@@ -89,8 +88,8 @@ def test_a_run_leaves_metrics_pictures_and_a_model(undisturbed):
     assert scjax.load(undisturbed / "model").autoencoder.params
 
 
-def test_killed_at_any_moment_it_ends_bit_identical(undisturbed, undisturbed_denoiser, records, tmp_path, capsys):
-    process = start(tmp_path, records, f"--config.autoencoder={undisturbed}/model", stage="denoiser")
+def test_train_resumes_bit_identical_after_sigkill(undisturbed, undisturbed_denoiser, records, tmp_path, capsys):
+    process = start(tmp_path, records, f"--config.autoencoder={undisturbed}/model", objective="denoiser")
     wait_for(tmp_path / "checkpoints" / "step_3", process)
     process.send_signal(signal.SIGKILL)
     process.communicate()
@@ -101,7 +100,7 @@ def test_killed_at_any_moment_it_ends_bit_identical(undisturbed, undisturbed_den
     assert weights(tmp_path) == weights(undisturbed_denoiser)
 
 
-def test_after_a_full_disk_and_a_sigterm_the_same_command_continues(undisturbed, records, tmp_path, capsys):
+def test_train_continues_after_a_full_disk_and_sigterm(undisturbed, records, tmp_path, capsys):
     shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)  # as it was after step 6
     for later in ("checkpoints/step_9", "model"):
         shutil.rmtree(tmp_path / later)
@@ -116,24 +115,24 @@ def test_after_a_full_disk_and_a_sigterm_the_same_command_continues(undisturbed,
     config.records = str(records)
     threading.Thread(target=lambda: send(signal.SIGTERM, tmp_path / "metrics.jsonl")).start()
     train(config, tmp_path)
-    told = capsys.readouterr().err
-    assert "at step 6" in told and "the same command continues" in told and not (tmp_path / "model").exists()
+    text = capsys.readouterr().err
+    assert "at step 6" in text and "the same command continues" in text and not (tmp_path / "model").exists()
     train(config, tmp_path)
     assert weights(tmp_path) == weights(undisturbed)
 
 
-def test_a_loss_that_is_not_finite_stops_the_run(undisturbed, records, tmp_path):
+def test_train_stops_at_a_loss_that_is_not_finite(undisturbed, records, tmp_path):
     config = get_config("autoencoder")
     model = scjax.load(undisturbed / "model")
     coder = model.autoencoder
     vast = jax.tree.map(lambda leaf: 1e30 * leaf, coder.params)
-    config.records, config.start = str(records), str(tmp_path / "vast")
-    scjax.save(model.with_component("autoencoder", coder.config, vast), config.start)
+    config.records, config.init_from = str(records), str(tmp_path / "vast")
+    scjax.save(model.with_component("autoencoder", coder.config, vast), config.init_from)
     with pytest.raises(FloatingPointError, match=r"loss of step \d+ is not finite.*(last good|no) checkpoint"):
         train(config, tmp_path / "run")
 
 
-def test_another_model_in_the_same_folder_is_refused(undisturbed, records):
+def test_train_refuses_another_model_in_the_folder(undisturbed, records):
     config = get_config("autoencoder")
     config.records = str(records)
     config.model.lane_ff = 16
@@ -148,26 +147,54 @@ def test_another_model_in_the_same_folder_is_refused(undisturbed, records):
         ("--config.steps=many", "steps"),
         ("--config.records=/nowhere", "manifest.json"),
         ("--config.batch.batch_size=0", "batch_size"),
+        ("--config.optimiser.kind=muon", "config.optimiser.kind is now called config.optimizer.kind"),
     ],
 )
-def test_mistakes_on_the_command_line(records, tmp_path, flag, message):
-    process = start(tmp_path, records, flag)
-    text = process.communicate()[0]
-    assert process.returncode != 0
-    assert message in text and "Traceback" not in text, text
+def test_train_command_rejects_mistakes(records, tmp_path, flag, message, capsys):
+    config = "--config=tests/factories/small_runs.py:autoencoder"
+    code = main([config, f"--workdir={tmp_path}", f"--config.records={records}", flag], "scjax train")
+    text = capsys.readouterr().err
+    assert code in (1, 2) and text.startswith("scjax train: ")
+    assert message in text and text.count("\n") == 1, text
     assert not (tmp_path / "checkpoints").exists()
 
 
-def test_denoiser_on_the_autoencoder_then_samples(undisturbed_denoiser, tmp_path):
-    model = undisturbed_denoiser / "model"
-    sample.main([f"--model={model}", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
-    scenes = load_npz(tmp_path / "samples" / "scenes.npz")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--workdir=x"], "give --config"),
+        (["--config=denoiser:tiny"], "give --workdir"),
+        (["--config=denoyser", "--workdir=x"], "choose autoencoder, counts, denoiser"),
+        (["--config=denoiser:huge", "--workdir=x"], "unknown variant 'huge'"),
+        (["--config=denoiser", "--workdir=x", "extra"], "unknown argument 'extra'"),
+    ],
+)
+def test_parse_arguments_names_what_is_wrong(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        parse_arguments(arguments, "scjax train")
+
+
+@pytest.mark.parametrize("name", ["autoencoder", "denoiser", "counts", "counter"])
+@pytest.mark.parametrize("form", ["{}:tiny", "experiments/configs/{}.py:tiny"])
+def test_parse_arguments_finds_packaged_configs_and_files(name, form, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    config, workdir, distributed = parse_arguments(
+        [f"--config={form.format(name)}", "--workdir=runs/x", "--config.batch.batch_size=3"], "scjax train"
+    )
+    assert config.objective == ("counts" if name == "counter" else name)
+    assert (config.batch.batch_size, workdir, distributed) == (3, Path("runs/x"), False)
+
+
+def test_config_path_keeps_the_variant():
+    assert config_path("denoiser:small").endswith("scjax/train/configs/denoiser.py:small")
+
+
+def test_denoiser_run_leaves_a_model_that_samples(undisturbed_denoiser):
+    model = scjax.load(undisturbed_denoiser / "model")
+    scenes = scjax.sample(jax.random.key(0), model=model, n=2, steps=3)
     assert scenes.batch_shape == (2,)
-    assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
-    with pytest.raises(SystemExit, match="unknown"):
-        sample.main([f"--model={model}", f"--out={tmp_path}/x", "--domain", "mars"])
 
 
-def test_models_of_chosen_steps_are_kept(undisturbed):
+def test_train_exports_models_of_chosen_steps(undisturbed):
     assert scjax.load(undisturbed / "model-3").notes["steps"] == 3
     assert scjax.load(undisturbed / "model").notes["steps"] == 9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -13,9 +14,8 @@ from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.nn.functional import flatten
 from scjax.synthetic.source import Worlds
-from scjax.train.flat_params import FlatParams
-from scjax.train.objectives.autoencoder import build as autoencoder_stage
-from scjax.train.warm_start import SHIPPED, denoiser_base, model_at, started
+from scjax.train.objectives import make_objective
+from scjax.train.warm_start import SHIPPED, denoiser_base, load_init_model, warm_start
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import tiny_model
 
@@ -27,7 +27,7 @@ def base():
     return model.with_component("denoiser", model.denoiser.config, params)
 
 
-def test_domains_keep_their_rows_and_new_ones_begin_as_not_told(base):
+def test_denoiser_base_keeps_rows_of_known_domains(base):
     rows = np.asarray(base.denoiser.params["labels"])  # domain within layout, then the null row
     same = denoiser_base(base, base.autoencoder.params, ["here", "there"])
     assert all(np.array_equal(value, flatten(base.denoiser.params)[path]) for path, value in flatten(same).items())
@@ -36,32 +36,30 @@ def test_domains_keep_their_rows_and_new_ones_begin_as_not_told(base):
     np.testing.assert_array_equal(denoiser_base(base, base.autoencoder.params, [])["labels"], rows[[6, 6, 6, 6]])
 
 
-def test_what_reads_latents_is_left_out_on_another_autoencoder(base):
+def test_denoiser_base_drops_position_heads_of_another_autoencoder(base):
     other = jax.tree.map(lambda x: x + 1, base.autoencoder.params)
     assert "position_heads" in denoiser_base(base, base.autoencoder.params, base.domains)
     assert "position_heads" not in denoiser_base(base, other, base.domains)
     assert "position_heads" in base.denoiser.params
 
 
-def test_a_base_of_another_stage_or_size_is_refused(base):
+def test_warm_start_rejects_other_networks_and_sizes(base):
     with pytest.raises(ValueError, match="no denoiser"):
         denoiser_base(base.without("denoiser"), base.autoencoder.params, [])
-    with pytest.raises(ValueError, match=r"config\.start: its parameter labels \(7, .*does not fit"):
-        started({"labels": np.zeros((7, 1))}, {"labels": base.denoiser.params["labels"]})
+    with pytest.raises(ValueError, match=r"config\.init_from: its parameter labels \(7, .*does not fit"):
+        warm_start({"labels": np.zeros((7, 1))}, {"labels": base.denoiser.params["labels"]})
 
 
-def test_an_autoencoder_may_begin_with_another(tmp_path):
+def test_autoencoder_starts_from_another(tmp_path):
     build_records(Worlds(2, 3), tmp_path / "records", BuildOptions(split_percent=50.0))
     start = tiny_model()
     scjax.save(start.without("denoiser"), tmp_path / "start")
     config = get_config("autoencoder")
-    config.records, config.start = str(tmp_path / "records"), str(tmp_path / "start")
+    config.records, config.init_from = str(tmp_path / "records"), str(tmp_path / "start")
     config.model.update(dataclasses.asdict(start.autoencoder.config))
-    state = autoencoder_stage(config).init(jax.random.key(5))
-    expected = FlatParams.of(start.autoencoder.params).pack(start.autoencoder.params)
-    for vectors in (state.params, state.ema):
-        jax.tree.map(np.testing.assert_array_equal, vectors, expected)
+    params = make_objective(config).init(jax.random.key(5))
+    chex.assert_trees_all_equal(jax.device_get(params), start.autoencoder.params)
 
 
-def test_the_model_that_ships_has_a_name():
-    assert model_at(SHIPPED).domains == scjax.load().domains
+def test_load_init_model_knows_the_shipped_model():
+    assert load_init_model(SHIPPED).domains == scjax.load().domains

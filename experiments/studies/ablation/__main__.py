@@ -22,16 +22,21 @@ import sys
 from pathlib import Path
 
 from absl import app, flags, logging
+from ml_collections import config_flags
 
-from experiments.studies.ablation.run import ablate  # the trainer, imported with it, defines --config and --workdir
+from experiments.studies.ablation.run import ablate
 from scjax.nn.startup import start_jax
+
+_CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
+_WORKDIR = flags.DEFINE_string("workdir", None, "Folder of runs, samples and the report.")
+flags.mark_flags_as_required(["config", "workdir"])
 
 
 def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
     start_jax()
     try:
-        report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir))
+        report = ablate(_CONFIG.value, Path(_WORKDIR.value))
     except (ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"experiments.studies.ablation: {error}")
     except KeyboardInterrupt:

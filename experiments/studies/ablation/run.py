@@ -20,12 +20,12 @@ from experiments.studies.ablation.entries import ENTRIES, PADDED_SLOTS, Entry, c
 from experiments.studies.ablation.judge import Sampler, sampled, values_of
 from experiments.studies.ablation.report import write
 from experiments.studies.ablation.requests import Requests, padded, requests_of
-from experiments.train import train
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash
 from scjax.metrics.measure import measure
 from scjax.models.flops import denoiser_forward
 from scjax.scene.files import write_text
+from scjax.train.loop import train
 
 FORMAT = 3  # of a run's result; to be raised when what it holds changes
 CROPS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
@@ -128,7 +128,7 @@ def _base(config: Any, workdir: Path) -> str | None:
 def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> ConfigDict:
     """What ``experiments.train`` does for one run; between mechanisms only the mechanism differs."""
     training = _copy(config)
-    training.start, training.condition, training.cross_attention = base, kind, entry.cross_attention
+    training.init_from, training.condition, training.cross_attention = base, kind, entry.cross_attention
     training.seed = training.batch.seed = seed
     training.batch.crops = CROPS[kind]
     options = entry.options_of(kind)
@@ -160,7 +160,7 @@ def _row(
 ) -> dict[str, Any] | None:
     """A run's result, made now or before; None if a signal stopped it."""
     training = run_config(config, base, ENTRIES[name], kind, seed)
-    told = content_hash(json.dumps({**json.loads(training.to_json()), "start": known}, sort_keys=True))[:8]
+    told = content_hash(json.dumps({**json.loads(training.to_json()), "init_from": known}, sort_keys=True))[:8]
     folder = workdir / "runs" / f"{kind}-{name}-{seed}-{told}"
     path = folder / f"result-{content_hash(str(FORMAT), requests.fingerprint, str(sampler))[:8]}.json"
     if path.exists():

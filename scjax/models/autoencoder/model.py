@@ -12,6 +12,7 @@ from scjax.models.autoencoder.decoder import SceneDecoder
 from scjax.models.autoencoder.encoder import SceneEncoder
 from scjax.models.autoencoder.outputs import Decoded, Posterior, shift_noise
 from scjax.models.codec import NormalizedScene
+from scjax.nn import random
 from scjax.nn.functional import Functional, functional
 from scjax.nn.init import ParamInit
 from scjax.scene.per_type import PerType
@@ -53,10 +54,13 @@ def autoencoder(config: AutoencoderConfig) -> Functional:
 
 
 def noise_like(key: jax.Array, tokens: NormalizedScene, config: AutoencoderConfig) -> PerType:
-    """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent], one key per type."""
+    """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent].
+
+    ``key`` is one key for the batch, or one per scene [B].
+    """
     agents = (*tokens.agent_mask.shape, config.agent_latent)
     lanes = (*tokens.lane_mask.shape, config.lane_latent)
     return PerType(
-        agents=jax.random.normal(jax.random.fold_in(key, 0), agents, tokens.agents.dtype),
-        lanes=jax.random.normal(jax.random.fold_in(key, 1), lanes, tokens.lanes.dtype),
+        agents=random.normal(random.fold_in(key, 0), agents, tokens.agents.dtype),
+        lanes=random.normal(random.fold_in(key, 1), lanes, tokens.lanes.dtype),
     )

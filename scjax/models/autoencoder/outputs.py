@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from scjax.nn import random
 from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
@@ -42,9 +43,9 @@ class Decoded:
 
 
 def reparameterize(key: jax.Array, posterior: Posterior) -> PerType:
-    """A sample mean + exp(logvar / 2) noise. Agents and lanes have separate random keys."""
-    keys = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
-    noise = jax.tree.map(lambda k, x: jax.random.normal(k, x.shape, x.dtype), keys, posterior.mean)
+    """A sample mean + exp(logvar / 2) noise, from one key for the batch or one per scene [B]."""
+    keys = PerType(agents=random.fold_in(key, 0), lanes=random.fold_in(key, 1))
+    noise = jax.tree.map(lambda k, x: random.normal(k, x.shape, x.dtype), keys, posterior.mean)
     return shift_noise(posterior, noise)
 
 

@@ -34,11 +34,12 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     batch_size, steps, learning_rate = VARIANTS[variant]
     official = variant == "official"
     config = ml_collections.ConfigDict()
-    config.stage = "autoencoder"
+    config.objective = "autoencoder"
     config.records = "runs/records"  # folder made by python -m scjax.data build
     config.codec = "official_nuplan" if official else "scjax"
-    config.start = ""  # model folder of an autoencoder to begin with; "shipped": the package's
+    config.init_from = ""  # model folder of an autoencoder to begin with; "shipped": the package's
     config.seed = 0
+    config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps
     config.model = dataclasses.asdict(AutoencoderConfig.preset(variant))
     config.batch = {

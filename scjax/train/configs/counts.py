@@ -17,10 +17,11 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         raise ValueError(f"unknown variant {variant!r} of counter.py: choose one of {', '.join(VARIANTS)}")
     batch_size, steps = VARIANTS[variant]
     config = ml_collections.ConfigDict()
-    config.stage = "count_predictor"
+    config.objective = "counts"
     config.records = "runs/records"  # captioned and embedded
     config.denoiser = "runs/text/model"  # model folder that the network is added to
     config.seed = 0
+    config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps
     config.model = {"width": 128, "queries": 4, "heads": 4}
     config.batch = {

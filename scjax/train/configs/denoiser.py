@@ -30,7 +30,7 @@ def size_fields(model: DenoiserConfig) -> dict:
 
 
 def cross_attention_options() -> dict[str, dict]:
-    """The default options of every conditioning mechanism that has any; only those of ``config.cross_attention`` are used."""
+    """The default options of every conditioning mechanism that has any; ``config.cross_attention`` chooses."""
     options = {name: dataclasses.asdict(kind()) for name, kind in OPTIONS.items()}
     return {name: fields for name, fields in options.items() if fields}
 
@@ -42,22 +42,23 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     batch_size, steps, learning_rate, ema_decay = VARIANTS[variant]
     official = variant == "official"
     config = ml_collections.ConfigDict()
-    config.stage = "denoiser"
+    config.objective = "denoiser"
     config.records = "runs/records"  # folder made by python -m scjax.data build
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
     config.condition = "none"
     # Model folder of a denoiser to begin with, e.g. the unconditional base of a text model; "shipped": the package's.
-    config.start = ""
+    config.init_from = ""
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
+    config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps
     config.model = size_fields(DenoiserConfig.preset(variant))
     config.cross_attention = (
         "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
     )
-    config.cross_attention_options = cross_attention_options()  # --config.control_options.windowed.window=16
+    config.cross_attention_options = cross_attention_options()  # --config.cross_attention_options.windowed.window=16
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots
@@ -90,6 +91,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "connections": 0.0,
         "lateral_offsets": 0.0,
     }
+    # Only with config.model.relative_geometry: how long the position heads are fitted.
+    config.position_head_fit = {"batches": 80, "steps": 4000}
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)
     config.picture_every = max(steps // 5, 1)  # 0: never, as above

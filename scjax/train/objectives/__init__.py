@@ -1,0 +1,23 @@
+"""What can be trained: name of ``config.objective`` -> its class, made by ``from_config``."""
+
+from scjax.train.objectives.autoencoder import AutoencoderObjective
+from scjax.train.objectives.base import Objective
+from scjax.train.objectives.counts import CountObjective
+from scjax.train.objectives.denoiser import DenoiserObjective
+
+OBJECTIVES = {
+    "autoencoder": AutoencoderObjective,
+    "denoiser": DenoiserObjective,
+    "counts": CountObjective,
+}
+
+
+def make_objective(config) -> Objective:
+    """The objective that ``config`` describes; reads its records and models.
+
+    Raises:
+      ValueError: unknown ``config.objective``, or an option or file that does not fit.
+    """
+    if config.objective not in OBJECTIVES:
+        raise ValueError(f"config.objective is {config.objective!r}: choose one of {', '.join(OBJECTIVES)}")
+    return OBJECTIVES[config.objective].from_config(config)

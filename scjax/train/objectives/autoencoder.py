@@ -1,91 +1,146 @@
-"""Stage 1: the vectorized autoencoder, trained to reproduce scenes."""
+"""The vectorized autoencoder, trained to reproduce scenes (official-spec §2)."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+from typing import Any, ClassVar, cast
+
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from scjax.data.build import load_manifest
-from scjax.data.loader import training_batches, validation_scenes
+from scjax.data.loader import LoaderConfig, TrainingExample, training_batches, validation_scenes
 from scjax.generate.model import Component, Model
 from scjax.generate.sample import reconstruct
 from scjax.metrics.reconstruction import reconstruction
 from scjax.models import codec as presets
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.loss import LossWeights, loss
+from scjax.models.autoencoder.loss import LossWeights
+from scjax.models.autoencoder.loss import loss as autoencoder_loss
 from scjax.models.autoencoder.model import autoencoder, noise_like
 from scjax.models.autoencoder.outputs import reparameterize
+from scjax.models.codec import SceneCodec
 from scjax.models.latents import LatentStatistics, statistics
+from scjax.nn.functional import Functional, Params, Path
+from scjax.nn.random import row_keys
+from scjax.scene import Scene
 from scjax.scene.per_type import PerType
-from scjax.train.flat_params import FlatParams
-from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, make_optimizer, pipeline_config, training_step
-from scjax.train.warm_start import model_at, started
+from scjax.train.objectives.base import PicturePath, Terms, every_nth
+from scjax.train.warm_start import load_init_model, warm_start
 from scjax.viz import grid
 
 _STATISTICS_BATCHES = 50
-_PICTURED = 6
+_PICTURES = 6
 
 
-def build(config) -> Stage:
-    """The stage's functions from its resolved config."""
-    codec = presets.PRESETS[config.codec]()
-    model = AutoencoderConfig(**config.model.to_dict())
-    network = autoencoder(model)
-    options = config.loss.to_dict()
-    weights = LossWeights(**options.pop("weights"))
-    packing = FlatParams.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimizer = make_optimizer(config, packing)
-    manifest = load_manifest(config.records)
-    validation = validation_scenes(config.records, codec)
-    base = model_at(config.start).autoencoder.params if config.start else {}
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class AutoencoderObjective:
+    """See ``Objective``.
 
-    def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), packing, optimizer)
+    Attributes:
+      records: record folder; domains, records_hash: from its manifest; validation: its held-back scenes.
+      model: sizes of the network.
+      weights, loss_options: of ``models.autoencoder.loss.loss``.
+      loader: the stream that the latent statistics are taken from.
+      init_params: parameters to begin with; empty: fresh ones.
+    """
 
-    def objective(params, batch, key):
-        tokens = codec.normalize(batch.scene)
-        posterior, decoded = network.apply(params, tokens, noise_like(key, tokens, model), method="reconstruct")
-        return loss(decoded, posterior, tokens, weights, **options)
+    records: str
+    domains: tuple[str, ...]
+    records_hash: str
+    validation: list[Scene]
+    codec: SceneCodec
+    model: AutoencoderConfig
+    weights: LossWeights
+    loss_options: dict[str, Any]
+    loader: LoaderConfig
+    init_params: Params
 
-    def as_model(state: TrainState, latents: LatentStatistics | None = None, notes: dict | None = None) -> Model:
-        return Model(
-            components={"autoencoder": Component(model, packing.unpack(jax.device_get(state.ema)))},
-            codec=codec,
-            latents=latents or LatentStatistics.identity(),
+    texts: ClassVar[None] = None
+    images: ClassVar[bool] = False
+    frozen: ClassVar[frozenset[Path]] = frozenset()
+
+    @classmethod
+    def from_config(cls, config) -> AutoencoderObjective:
+        """The objective of a training config; reads records and the model of ``config.init_from``."""
+        codec = presets.PRESETS[config.codec]()
+        manifest = load_manifest(config.records)
+        options = config.loss.to_dict()
+        return cls(
+            records=config.records,
             domains=tuple(manifest["domains"]),
-            notes=notes or {},
+            records_hash=manifest["hash"],
+            validation=validation_scenes(config.records, codec),
+            codec=codec,
+            model=AutoencoderConfig(**config.model.to_dict()),
+            weights=LossWeights(**options.pop("weights")),
+            loss_options=options,
+            loader=LoaderConfig.from_json(config.batch.to_dict(), seed=1),
+            init_params=load_init_model(config.init_from).autoencoder.params if config.init_from else {},
         )
 
-    def evaluate(state: TrainState) -> dict[str, float]:
-        decoded = reconstruct(as_model(state), validation)
-        return reconstruction(zip(validation, decoded, strict=True))
+    @property
+    def network(self) -> Functional:
+        """The autoencoder as pure functions."""
+        return autoencoder(self.model)
 
-    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
-        chosen = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
-        decoded = reconstruct(as_model(state), chosen)
-        titles = [f"{kind} {i}" for i in range(len(chosen)) for kind in ("recorded", "decoded")]
-        pairs = [scene for pair in zip(chosen, decoded, strict=True) for scene in pair]
-        grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "reconstruction"))
+    def init(self, key: Array) -> Params:
+        """Fresh parameters, or those of ``config.init_from``."""
+        return warm_start(self.network.init(key), self.init_params)
 
-    def export(state: TrainState, resolved: dict) -> Model:
-        params = packing.unpack(jax.device_get(state.ema))
+    def prepare(self, params: Params) -> Params:
+        """Nothing is fitted beforehand."""
+        return params
+
+    def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
+        """The reconstruction loss with latents drawn from the posterior."""
+        tokens = self.codec.normalize(batch.scene)
+        noise = noise_like(keys, tokens, self.model)
+        posterior, decoded = self.network.apply(params, tokens, noise, method="reconstruct")
+        return cast(Any, autoencoder_loss(decoded, posterior, tokens, self.weights, **self.loss_options))
+
+    def evaluate(self, params: Params) -> dict[str, float]:
+        """Reconstruction errors of the validation scenes."""
+        decoded = reconstruct(self._model(params), self.validation)
+        return reconstruction(zip(self.validation, decoded, strict=True))
+
+    def draw_pictures(self, params: Params, path_of: PicturePath) -> None:
+        """Recorded scenes beside decoded ones."""
+        scenes = every_nth(self.validation, _PICTURES)
+        decoded = reconstruct(self._model(params), scenes)
+        titles = [f"{name} {i}" for i in range(len(scenes)) for name in ("recorded", "decoded")]
+        pairs = [scene for pair in zip(scenes, decoded, strict=True) for scene in pair]
+        grid(pairs, columns=4, titles=titles, path=path_of("reconstruction"))
+
+    def export(self, params: Params, notes: dict[str, Any]) -> Model:
+        """The autoencoder with the statistics of its latents on training batches."""
+        batches = training_batches(self.records, self.codec, self.loader)
+        latents, masks = [], []
+        for _ in range(_STATISTICS_BATCHES):
+            batch = next(batches)
+            keys = row_keys(jax.random.key(1), np.asarray(batch.index))
+            latents.append(jax.device_get(self._draw_latents(params, batch.scene, keys)))
+            masks.append(PerType(agents=np.asarray(batch.scene.agent_mask), lanes=np.asarray(batch.scene.lane_mask)))
+        notes = {"objective": "autoencoder", "records": self.records_hash, **notes}
+        return dataclasses.replace(self._model(params), latents=statistics(latents, masks), notes=notes)
+
+    def _model(self, params: Params) -> Model:
+        return Model(
+            components={"autoencoder": Component(self.model, params)},
+            codec=self.codec,
+            latents=LatentStatistics.identity(),
+            domains=self.domains,
+        )
+
+    @functools.cached_property
+    def _draw_latents(self):
+        """(parameters, scenes, keys) -> latents drawn from the posterior."""
 
         @jax.jit
-        def sampled(params, scene, key):
-            return reparameterize(key, network.apply(params, codec.normalize(scene), method="encode"))
+        def draw(params: Params, scene: Scene, keys: Array) -> PerType:
+            tokens = self.codec.normalize(scene)
+            return reparameterize(keys, self.network.apply(params, tokens, method="encode"))
 
-        stream = training_batches(config.records, codec, pipeline_config(resolved["batch"], seed=1))
-        latents, masks = [], []
-        for i in range(_STATISTICS_BATCHES):
-            scene = next(stream).scene
-            draw = sampled(params, scene, jax.random.fold_in(jax.random.key(1), i))
-            latents.append(jax.tree.map(np.asarray, draw))
-            masks.append(PerType(agents=np.asarray(scene.agent_mask), lanes=np.asarray(scene.lane_mask)))
-        notes = {"stage": "autoencoder", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
-        return as_model(state, statistics(latents, masks), notes)
-
-    step = training_step(
-        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
-    )
-    return Stage(codec, init, step, evaluate, pictures, export)
+        return draw

@@ -1,73 +1,119 @@
-"""Stage 3: the network that tells counts from a prompt (f_count), trained on the captions of the records."""
+"""The network that predicts lane and agent counts from a prompt (f_count), trained on the captions of the records."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array
 
 from scjax.data.caption_features import TextStore
-from scjax.data.loader import Example, batch_of, validation_scenes
+from scjax.data.loader import Bucket, TrainingExample, validation_scenes
 from scjax.generate.model import Model, load_model
+from scjax.models.codec import SceneCodec
 from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
-from scjax.train.flat_params import FlatParams
-from scjax.train.objectives.denoiser import with_captions
-from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, make_optimizer, training_step
+from scjax.nn import random
+from scjax.nn.functional import Functional, Params, Path
+from scjax.train.objectives.base import PicturePath, Terms, mean_terms
+from scjax.train.objectives.validation_examples import first_captions
 
 
-def build(config) -> Stage:
-    """The stage's functions from its resolved config; the trained network joins the model of ``config.denoiser``."""
-    base = load_model(config.denoiser)
-    texts = TextStore(config.records, "train")
-    if base.text_encoder != texts.encoder:
-        raise ValueError(
-            f"config.denoiser: {config.denoiser} was trained on {base.text_encoder or 'no text'}, the captions of "
-            f"{config.records} are embedded by {texts.encoder}: give the text-conditioned model of these records"
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class CountObjective:
+    """See ``Objective``.
+
+    Attributes:
+      base: the model of ``config.denoiser``, which the trained network joins.
+      texts: captions of the training split; validation: held-back scenes with a caption each.
+      model: sizes of the network.
+      domain_dropout: share of examples whose domain is hidden.
+      batch_size, bucket: of validation batches.
+    """
+
+    base: Model
+    texts: TextStore
+    validation: list[TrainingExample]
+    model: CountPredictorConfig
+    domain_dropout: float
+    batch_size: int
+    bucket: Bucket
+
+    images: ClassVar[bool] = False
+    frozen: ClassVar[frozenset[Path]] = frozenset()
+
+    @classmethod
+    def from_config(cls, config) -> CountObjective:
+        """The objective of a training config; reads records and the model of ``config.denoiser``.
+
+        Raises:
+          ValueError: that model reads other texts than the records have.
+        """
+        base = load_model(config.denoiser)
+        texts = TextStore(config.records, "train")
+        if base.text_encoder != texts.encoder:
+            raise ValueError(
+                f"config.denoiser: {config.denoiser} was trained on {base.text_encoder or 'no text'}, the captions of "
+                f"{config.records} are embedded by {texts.encoder}: give the text-conditioned model of these records"
+            )
+        bucket = tuple(config.batch.buckets[-1])
+        scenes = validation_scenes(config.records, base.codec, bucket=bucket)
+        return cls(
+            base=base,
+            texts=texts,
+            validation=first_captions(config.records, scenes, config.batch.text_slots),
+            model=CountPredictorConfig(text_width=texts.width, domains=len(base.domains), **config.model.to_dict()),
+            domain_dropout=config.domain_dropout,
+            batch_size=config.batch.batch_size,
+            bucket=bucket,
         )
-    domains = len(base.domains)
-    model = CountPredictorConfig(text_width=texts.width, domains=domains, **config.model.to_dict())
-    network = count_predictor(model)
-    packing = FlatParams.of(jax.eval_shape(network.init, jax.random.key(0)))
-    optimizer = make_optimizer(config, packing)
-    bucket = tuple(config.batch.buckets[-1])
-    validation = with_captions(config, validation_scenes(config.records, base.codec, bucket=bucket))
 
-    def init(key: jax.Array) -> TrainState:
-        return initial(network.init(key), packing, optimizer)
+    @property
+    def codec(self) -> SceneCodec:
+        """That of the model."""
+        return self.base.codec
 
-    def objective(params, example: Example, key):
-        told = jax.random.bernoulli(key, 1 - config.domain_dropout, example.scene.domain.shape)
-        domain = jnp.where(told, example.scene.domain, domains)
-        text = TextFeatures(tokens=example.tokens.astype(jnp.float32), mask=example.token_mask)
-        tables = network.apply(params, text, domain)
-        lanes = jnp.minimum(example.scene.lane_mask.sum(-1), model.max_lanes)
-        agents = jnp.minimum(example.scene.agent_mask.sum(-1), model.max_agents)
+    @property
+    def network(self) -> Functional:
+        """The count predictor as pure functions."""
+        return count_predictor(self.model)
+
+    def init(self, key: Array) -> Params:
+        """Fresh parameters."""
+        return self.network.init(key)
+
+    def prepare(self, params: Params) -> Params:
+        """Nothing is fitted beforehand."""
+        return params
+
+    def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
+        """-log P of the true counts given the caption and, in a share of examples, the domain."""
+        is_known = random.bernoulli(keys, 1 - self.domain_dropout, batch.scene.domain.shape)
+        domain = jnp.where(is_known, batch.scene.domain, self.model.domains)
+        text = TextFeatures(tokens=jnp.asarray(batch.tokens, jnp.float32), mask=jnp.asarray(batch.token_mask))
+        tables = self.network.apply(params, text, domain)
+        lanes = jnp.minimum(batch.scene.lane_mask.sum(-1), self.model.max_lanes)
+        agents = jnp.minimum(batch.scene.agent_mask.sum(-1), self.model.max_agents)
         return count_loss(tables, lanes, agents)
 
-    @jax.jit
-    def held_back(params, example, key):
-        return objective(params, example, key)[1]
+    def evaluate(self, params: Params) -> dict[str, float]:
+        """Loss terms of the validation captions."""
+        return mean_terms(
+            self._terms, params, self.validation, batch_size=self.batch_size, bucket=self.bucket, key=jax.random.key(2)
+        )
 
-    def evaluate(state: TrainState) -> dict[str, float]:
-        size, found, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
-        for start in range(0, len(validation) - len(validation) % size or len(validation), size):
-            batch = batch_of(validation[start : start + size], bucket)
-            found.append(jax.device_get(held_back(params, batch, jax.random.key(start))))
-        return {name: float(np.mean([terms[name] for terms in found])) for name in found[0]}
+    def draw_pictures(self, params: Params, path_of: PicturePath) -> None:
+        """Counts have no pictures."""
 
-    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
-        """Counts are no pictures."""
+    def export(self, params: Params, notes: dict[str, Any]) -> Model:
+        """The base model with the trained network."""
+        model = self.base.with_component("count_predictor", self.model, params)
+        return dataclasses.replace(model, notes={**self.base.notes, "count_predictor": notes})
 
-    def export(state: TrainState, resolved: dict) -> Model:
-        notes = {**base.notes, "count_predictor": {"steps": int(state.step), "config": resolved}}
-        params = packing.unpack(jax.device_get(state.ema))
-        return dataclasses.replace(base.with_component("count_predictor", model, params), notes=notes)
-
-    step = training_step(
-        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
-    )
-    return Stage(base.codec, init, step, evaluate, pictures, export, texts)
+    @functools.cached_property
+    def _terms(self) -> Callable[[Params, TrainingExample, Array], Terms]:
+        return jax.jit(lambda params, batch, keys: self.loss(params, batch, keys)[1])

@@ -1,24 +1,25 @@
-"""Stage 2: the latent denoiser, trained on a frozen autoencoder that encodes every batch anew."""
+"""The latent denoiser, trained on a frozen autoencoder that encodes every batch anew (official-spec §4-6)."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from scjax.camera.raycast import CLASSES, GRID
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
-from scjax.data.loader import Example, batch_of, captioned, pictured, training_batches, validation_scenes
-from scjax.diffusion.energies.collision import collision_energy, collision_weight
+from scjax.data.loader import LoaderConfig, TrainingExample, training_batches
 from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.relation_loss import connection_error, lateral_offset_error, relation_weight
+from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
-from scjax.generate.compiled import decode
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load_model
 from scjax.generate.sample import sample_many
@@ -29,151 +30,250 @@ from scjax.models.counts.prior import count_table
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.cross_attention import CrossAttentionOptions, from_name
-from scjax.nn.functional import Params, flatten, unflatten
+from scjax.nn import random
+from scjax.nn.cross_attention import from_name
+from scjax.nn.functional import Functional, Params, Path, flatten, unflatten
 from scjax.scene import Crop, Scene
 from scjax.scene.per_type import PerType
-from scjax.train.fit_position_head import fit_anchors
-from scjax.train.flat_params import FlatParams
-from scjax.train.reporter import Reporter
-from scjax.train.step import Stage, TrainState, initial, make_optimizer, pipeline_config, training_step
-from scjax.train.warm_start import denoiser_base, model_at, started
+from scjax.train.fit_position_head import FitOptions, fit_position_heads
+from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
+from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
+from scjax.train.objectives.validation_examples import validation_examples
+from scjax.train.warm_start import denoiser_base, load_init_model, warm_start
 from scjax.viz import grid
 
-_PICTURED = 8
-_VALIDATION_DRAWS = 4  # times and noises a validation scene
+CONDITIONS = ("none", "text", "image")
+_HEADS = "position_heads"  # parameters that are fitted to the autoencoder, not trained
+_PICTURES = 8
+_VALIDATION_REPEATS = 4  # times and noises per validation scene
 
 
-def build(config) -> Stage:
-    """The stage's functions from its resolved config."""
-    frozen = load_model(config.autoencoder)
-    codec, coder = frozen.codec, autoencoder(frozen.autoencoder.config)
-    manifest = load_manifest(config.records)
-    fields = config.model.to_dict()
-    texts, images = _texts(config), config.condition == "image"
-    fields |= {
-        "condition": ImageCondition(len(CLASSES), GRID, patch=1) if images else texts and TextCondition(texts.width),
-        "cross_attention": _control(config),
-        "lane_latent": frozen.autoencoder.config.lane_latent,
-        "agent_latent": frozen.autoencoder.config.agent_latent,
-        "domains": max(len(manifest["domains"]), 1),
-    }
-    model = DenoiserConfig(**fields)
-    network = denoiser(model)
-    base = _base(config, frozen.autoencoder.params, manifest["domains"])
-    shapes = jax.eval_shape(network.init, jax.random.key(0))
-    kept = frozenset(flatten(base)) if config.freeze else frozenset()
-    if model.relative_geometry:  # what reads the autoencoder's latents is fitted once
-        kept |= {path for path in flatten(shapes) if path[0] == "position_heads"}
-    packing = FlatParams.of(shapes, kept)
-    optimizer = make_optimizer(config, packing)
-    schedule = cosine_schedule()
-    loss = config.loss
-    timestep_sampling = TimestepSampling(distribution=loss.times, continuous=loss.continuous_times)
-    validation = validation_examples(config, codec)
-    bucket = config.batch.buckets[-1]
-    # Closed over, not differentiated and not in the state: the frozen part is no part of a checkpoint.
-    coder_params = jax.tree.map(jnp.asarray, frozen.autoencoder.params)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DenoiserLossOptions:
+    """Options of ``diffusion.loss.training_loss`` that do not depend on the data.
 
-    def init(key: jax.Array) -> TrainState:
-        return initial(started(network.init(key), base), packing, optimizer)
+    Attributes:
+      timesteps: distribution of the noise levels.
+      label_dropout, condition_dropout: share of scenes without a label and without a condition.
+      known_lanes_share: share of scenes all of whose lanes are known.
+      count_known: whether known tokens count in the loss means.
+    """
 
-    @jax.jit
-    def means(scene) -> PerType:
-        return frozen.latents.normalize(coder.apply(coder_params, codec.normalize(scene), method="encode").mean)
+    timesteps: TimestepSampling
+    label_dropout: float
+    condition_dropout: float
+    known_lanes_share: float
+    count_known: bool
 
-    def prepare(state: TrainState) -> TrainState:
-        if not model.relative_geometry or "position_heads" in base:
-            return state
-        batches = training_batches(config.records, codec, pipeline_config(config.batch.to_dict()))
-        fitted = fit_anchors(batches, means, jax.random.fold_in(jax.random.key(config.seed), 2))
-        params, ema = (
-            packing.unpack(jax.device_get(x)) | {"position_heads": fitted} for x in (state.params, state.ema)
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class DenoiserObjective:
+    """See ``Objective``.
+
+    Attributes:
+      base: the model of ``config.autoencoder``, whose autoencoder is frozen.
+      records: record folder; manifest: its description; validation: its held-back scenes.
+      model: sizes of the network.
+      loader: the training stream.
+      texts, images: what batches carry besides scenes.
+      init_params: parameters to begin with; freeze: whether these are frozen.
+      options, penalties: of the loss.
+      fit_options, seed: of the position heads.
+    """
+
+    base: Model
+    records: str
+    manifest: dict[str, Any]
+    validation: list[TrainingExample]
+    model: DenoiserConfig
+    loader: LoaderConfig
+    texts: TextStore | None
+    images: bool
+    init_params: Params
+    freeze: bool
+    options: DenoiserLossOptions
+    penalties: PenaltyWeights
+    fit_options: FitOptions
+    seed: int
+
+    @classmethod
+    def from_config(cls, config) -> DenoiserObjective:
+        """The objective of a training config; reads records, captions and models.
+
+        Raises:
+          ValueError: unknown condition or mechanism, or ``freeze`` without ``init_from``.
+        """
+        if config.condition not in CONDITIONS:
+            raise ValueError(f'config.condition is {config.condition!r}: choose "none", "text" or "image"')
+        if config.freeze and not config.init_from:
+            raise ValueError(
+                "config.freeze freezes the parameters of a base model: name its folder in config.init_from"
+            )
+        base, manifest = load_model(config.autoencoder), load_manifest(config.records)
+        texts = TextStore(config.records, "train") if config.condition == "text" else None
+        loader = LoaderConfig.from_json(config.batch.to_dict())
+        model = _network_config(config, base, manifest, texts)
+        init_params = {}
+        if config.init_from:
+            init_model = load_init_model(config.init_from)
+            init_params = denoiser_base(init_model, base.autoencoder.params, manifest["domains"])
+        loss = config.loss
+        return cls(
+            base=base,
+            records=config.records,
+            manifest=manifest,
+            validation=validation_examples(
+                config.records,
+                base.codec,
+                condition=config.condition,
+                bucket=loader.buckets[-1],
+                text_slots=loader.text_slots,
+            ),
+            model=model,
+            loader=loader,
+            texts=texts,
+            images=config.condition == "image",
+            init_params=init_params,
+            freeze=config.freeze,
+            options=DenoiserLossOptions(
+                timesteps=TimestepSampling(distribution=loss.times, continuous=loss.continuous_times),
+                label_dropout=loss.label_dropout,
+                condition_dropout=loss.condition_dropout,
+                known_lanes_share=loss.known_lanes_share,
+                count_known=loss.count_known,
+            ),
+            penalties=PenaltyWeights(loss.collision, loss.connections, loss.lateral_offsets),
+            fit_options=FitOptions(**config.position_head_fit.to_dict()),
+            seed=config.seed,
         )
-        return state.replace(params=packing.pack(params), ema=packing.pack(ema))
 
-    def latent_batch(batch: Example, key: jax.Array) -> LatentBatch:
-        tokens = codec.normalize(batch.scene)
-        posterior = coder.apply(coder_params, tokens, method="encode")
-        latents = reparameterize(jax.random.fold_in(key, 0), posterior)
-        masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        all_lanes = jax.random.bernoulli(jax.random.fold_in(key, 1), loss.known_lanes_share, tokens.crop.shape)
-        known = PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | (all_lanes[:, None] & tokens.lane_mask))
-        return LatentBatch(
-            latents=frozen.latents.normalize(latents), masks=masks, known=known,
-            label=model.domains * tokens.crop + tokens.domain,
-            condition=condition_features(batch),
-        )  # fmt: skip
+    @property
+    def codec(self) -> SceneCodec:
+        """That of the autoencoder."""
+        return self.base.codec
 
-    def penalty_of(masks: PerType, scene):
-        def penalty(estimate: PerType, level):
-            latents = frozen.latents.denormalize(estimate)
-            made = decode(coder, coder_params, codec, latents, masks, scene.crop, scene.domain)
-            total = jnp.zeros(len(scene.crop))
-            if loss.collision:
-                total += (
-                    loss.collision
-                    * collision_weight(level)
-                    * collision_energy(made.replace(agent_types=scene.agent_types))
-                )
-            if loss.connections:
-                total += loss.connections * relation_weight(level) * connection_error(made, scene)
-            if loss.lateral_offsets:
-                total += loss.lateral_offsets * relation_weight(level) * lateral_offset_error(made, scene)
-            return total
+    @property
+    def network(self) -> Functional:
+        """The denoiser as pure functions."""
+        return denoiser(self.model)
 
-        return penalty if loss.collision or loss.connections or loss.lateral_offsets else None
+    @functools.cached_property
+    def frozen(self) -> frozenset[Path]:
+        """Position heads, and with ``config.freeze`` all parameters of the base model."""
+        frozen = frozenset(flatten(self.init_params)) if self.freeze else frozenset()
+        shapes = jax.eval_shape(self.network.init, jax.random.key(0))
+        return frozen | {path for path in flatten(shapes) if path[0] == _HEADS}
 
-    def objective(params, example: Example, key):
-        batch, key = latent_batch(example, jax.random.fold_in(key, 0)), jax.random.fold_in(key, 1)
+    def init(self, key: Array) -> Params:
+        """Fresh parameters, and those of ``config.init_from`` where it has any."""
+        return warm_start(self.network.init(key), self.init_params)
+
+    def prepare(self, params: Params) -> Params:
+        """Fits the position heads to the autoencoder, unless the base model brought them."""
+        if not self.model.relative_geometry or _HEADS in self.init_params:
+            return params
+        batches = training_batches(self.records, self.codec, self.loader)
+        key = jax.random.fold_in(jax.random.key(self.seed), 2)
+        return params | {_HEADS: fit_position_heads(batches, self._mean_latents, key, self.fit_options)}
+
+    def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
+        """The denoising loss at random noise levels, with random dropouts and known lanes."""
+        latent_batch = self._latent_batch(batch, random.fold_in(keys, 0))
+
+        def penalty(estimate: PerType, level: NoiseLevel) -> Array:
+            return decoded_penalty(
+                self.penalties, self.base, self._autoencoder_params, estimate, level, latent_batch.masks, batch.scene
+            )
+
         return training_loss(
-            network, held(params, kept), schedule, batch, key, null_label=model.null_label,
-            prediction=model.prediction, timestep_sampling=timestep_sampling, label_dropout=loss.label_dropout,
-            condition_dropout=loss.condition_dropout, count_known=loss.count_known,
-            penalty=penalty_of(batch.masks, example.scene),
-        )  # fmt: skip
+            self.network,
+            stop_gradients(params, self.frozen),
+            cosine_schedule(),
+            latent_batch,
+            random.fold_in(keys, 1),
+            null_label=self.model.null_label,
+            prediction=self.model.prediction,
+            timestep_sampling=self.options.timesteps,
+            label_dropout=self.options.label_dropout,
+            condition_dropout=self.options.condition_dropout,
+            count_known=self.options.count_known,
+            penalty=penalty if self.penalties else None,
+        )
 
-    def as_model(state: TrainState, notes: dict | None = None) -> Model:
+    def evaluate(self, params: Params) -> dict[str, float]:
+        """Loss terms of the validation scenes."""
+        return mean_terms(
+            self._terms,
+            params,
+            self.validation,
+            batch_size=self.loader.batch_size,
+            bucket=self.loader.buckets[-1],
+            key=jax.random.key(2),
+            repeats=_VALIDATION_REPEATS,
+        )
+
+    def draw_pictures(self, params: Params, path_of: PicturePath) -> None:
+        """Recorded scenes beside scenes sampled with their counts and condition."""
+        examples = every_nth(self.validation, _PICTURES)
+        conditions = [condition_of(example) for example in examples]
+        sampled = sample_many(jax.random.key(3), conditions, model=self._model(params))
+        titles = [f"{name} {i}" for i in range(len(examples)) for name in ("recorded", "sampled")]
+        pairs = [scene for example, other in zip(examples, sampled, strict=True) for scene in (example.scene, other)]
+        grid(pairs, columns=4, titles=titles, path=path_of("samples"))
+
+    def export(self, params: Params, notes: dict[str, Any]) -> Model:
+        """The autoencoder's model with the trained denoiser."""
+        notes = {"objective": "denoiser", "records": self.manifest["hash"], **notes}
+        notes |= {"images": "scjax.camera.raycast"} if self.images else {}
+        return dataclasses.replace(self._model(params), notes={**notes, "autoencoder": self.base.notes})
+
+    def _model(self, params: Params) -> Model:
         return dataclasses.replace(
-            frozen.with_component("denoiser", model, packing.unpack(jax.device_get(state.ema))),
-            domains=tuple(manifest["domains"]), counts=_counts(manifest, model),
-            text_encoder="" if texts is None else texts.encoder, notes=notes or {},
-        )  # fmt: skip
+            self.base.with_component("denoiser", self.model, params),
+            domains=tuple(self.manifest["domains"]),
+            counts=_count_table(self.manifest, self.model),
+            text_encoder="" if self.texts is None else self.texts.encoder,
+        )
 
-    @jax.jit
-    def validation_loss(params, example, key):
-        return objective(params, example, key)[1]
+    def _latent_batch(self, batch: TrainingExample, keys: Array) -> LatentBatch:
+        tokens = self.codec.normalize(batch.scene)
+        posterior = autoencoder(self.base.autoencoder.config).apply(self._autoencoder_params, tokens, method="encode")
+        latents = reparameterize(random.fold_in(keys, 0), posterior)
+        share, scenes = self.options.known_lanes_share, tokens.crop.shape
+        all_lanes = random.bernoulli(random.fold_in(keys, 1), share, scenes)[:, None] & tokens.lane_mask
+        return LatentBatch(
+            latents=self.base.latents.normalize(latents),
+            masks=PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask),
+            known=PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | all_lanes),
+            label=jnp.asarray(self.model.domains * tokens.crop + tokens.domain),
+            condition=condition_features(batch),
+        )
 
-    def evaluate(state: TrainState) -> dict[str, float]:
-        size, totals, params = config.batch.batch_size, [], packing.unpack(jax.device_get(state.ema))
-        for draw in range(_VALIDATION_DRAWS):
-            for start in range(0, len(validation) - len(validation) % size or len(validation), size):
-                examples = batch_of(validation[start : start + size], bucket)
-                key = jax.random.fold_in(jax.random.key(2), draw * len(validation) + start)
-                totals.append(jax.device_get(validation_loss(params, examples, key)))
-        return {name: float(np.mean([terms[name] for terms in totals])) for name in totals[0]}
+    @functools.cached_property
+    def _autoencoder_params(self) -> Params:
+        """Constants of the loss: neither differentiated nor part of checkpoints."""
+        with jax.ensure_compile_time_eval():  # arrays, also where a trace asks first
+            return jax.tree.map(jnp.asarray, self.base.autoencoder.params)
 
-    def pictures(state: TrainState, step: int, reporter: Reporter) -> None:
-        chosen = validation[:: max(len(validation) // _PICTURED, 1)][:_PICTURED]
-        real, conditions = [example.scene for example in chosen], [_like(example) for example in chosen]
-        made = sample_many(jax.random.key(3), conditions, model=as_model(state))
-        titles = [f"{kind} {i}" for i in range(len(real)) for kind in ("recorded", "sampled")]
-        pairs = [scene for pair in zip(real, made, strict=True) for scene in pair]
-        grid(pairs, columns=4, titles=titles, path=reporter.picture_path(step, "samples"))
+    @functools.cached_property
+    def _mean_latents(self) -> Callable[[Scene], PerType]:
+        """Scenes -> normalized means of their latents."""
 
-    def export(state: TrainState, resolved: dict) -> Model:
-        notes = {"stage": "denoiser", "steps": int(state.step), "records": manifest["hash"], "config": resolved}
-        notes |= {"images": "scjax.camera.raycast"} if images else {}
-        return as_model(state, {**notes, "autoencoder": frozen.notes})
+        @jax.jit
+        def encode(scene: Scene) -> PerType:
+            network = autoencoder(self.base.autoencoder.config)
+            posterior = network.apply(self._autoencoder_params, self.codec.normalize(scene), method="encode")
+            return self.base.latents.normalize(posterior.mean)
 
-    step = training_step(
-        objective, packing, optimizer, ema_decay=config.ema_decay, seed=config.seed, batch_size=config.batch.batch_size
-    )
-    return Stage(codec, init, step, evaluate, pictures, export, texts, images, prepare)
+        return encode
+
+    @functools.cached_property
+    def _terms(self) -> Callable[[Params, TrainingExample, Array], Terms]:
+        return jax.jit(lambda params, batch, keys: self.loss(params, batch, keys)[1])
 
 
-def condition_features(batch: Example) -> ConditionFeatures | None:
-    """What the network reads of a batch besides its scenes; None where that is nothing."""
+def condition_features(batch: TrainingExample) -> ConditionFeatures | None:
+    """What the network reads besides scenes; None: nothing."""
     if batch.tokens is not None and batch.token_mask is not None:
         return TextFeatures(tokens=jnp.asarray(batch.tokens, jnp.float32), mask=batch.token_mask)
     if batch.image is not None and batch.depth is not None:
@@ -181,69 +281,50 @@ def condition_features(batch: Example) -> ConditionFeatures | None:
     return None
 
 
-def held(params: Params, kept: frozenset) -> Params:
-    """``params`` whose leaves at paths in ``kept`` get no gradient, which spares its computation."""
-    leaves = flatten(params)
-    return unflatten({path: jax.lax.stop_gradient(leaf) if path in kept else leaf for path, leaf in leaves.items()})
-
-
-def _base(config, autoencoder: Params, domains: Sequence[str]) -> Params:
-    """Parameters to begin with; nothing without ``config.start``."""
-    if config.start:
-        return denoiser_base(model_at(config.start), autoencoder, domains)
-    if config.freeze:
-        raise ValueError("config.freeze keeps the parameters of a base as they are: name its folder in config.start")
-    return {}
-
-
-def _control(config) -> CrossAttentionOptions:
-    """The conditioning mechanism that the config names, with its options."""
-    options = config.cross_attention_options
-    return from_name(
-        config.cross_attention,
-        **(options[config.cross_attention].to_dict() if config.cross_attention in options else {}),
-    )
-
-
-def _texts(config) -> TextStore | None:
-    if config.condition not in ("none", "text", "image"):
-        raise ValueError(f'config.condition is {config.condition!r}: choose "none", "text" or "image"')
-    return TextStore(config.records, "train") if config.condition == "text" else None
-
-
-def validation_examples(config, codec: SceneCodec) -> list[Example]:
-    """Held-back scenes of ``config.records``, cut to the largest bucket as training scenes are: centred ones, with
-    the first caption of each, or those ahead, with what stands in for their images."""
-    crop = Crop.FORWARD if config.condition == "image" else Crop.CENTERED
-    scenes = validation_scenes(config.records, codec, crop=crop, bucket=tuple(config.batch.buckets[-1]))
-    if config.condition == "text":
-        return with_captions(config, scenes)
-    return [pictured(scene) if config.condition == "image" else Example(scene=scene) for scene in scenes]
-
-
-def with_captions(config, scenes: Sequence[Scene]) -> list[Example]:
-    """The held-back scenes of ``config.records``, in record order, each with the first of its captions."""
-    store = TextStore(config.records, "val")
-    return [
-        captioned(scene, store.features(int(store.texts_of(row)[0])), config.batch.text_slots)
-        for row, scene in enumerate(scenes)
-    ]
-
-
-def _like(example: Example) -> Condition:
-    """Counts, domain, layout and caption or image of a scene."""
+def condition_of(example: TrainingExample) -> Condition:
+    """Counts, domain, crop and caption or image of a scene."""
     scene = example.scene
     tokens = None
     if example.tokens is not None and example.token_mask is not None:
         tokens = np.asarray(example.tokens[example.token_mask], np.float32)
     return Condition(
-        num_lanes=int(scene.num_lanes), num_agents=int(scene.num_agents), domain=int(scene.domain),
-        crop=Crop(int(scene.crop)), tokens=tokens, image=example.image, depth=example.depth,
-    )  # fmt: skip
+        num_lanes=int(scene.num_lanes),
+        num_agents=int(scene.num_agents),
+        domain=int(scene.domain),
+        crop=Crop(int(scene.crop)),
+        tokens=tokens,
+        image=example.image,
+        depth=example.depth,
+    )
 
 
-def _counts(manifest: dict, model: DenoiserConfig) -> np.ndarray:
-    """The joint table of the training split, centred tiles standing in for the other layouts."""
-    counted = manifest["counts"]
-    rows = ((domain, Crop.CENTERED, lanes, agents) for domain, lanes, agents, n in counted for _ in range(n))
+def stop_gradients(params: Params, frozen: frozenset[Path]) -> Params:
+    """``params`` whose leaves at paths in ``frozen`` get no gradient, so that none is computed."""
+    leaves = flatten(params)
+    return unflatten({path: jax.lax.stop_gradient(leaf) if path in frozen else leaf for path, leaf in leaves.items()})
+
+
+def _network_config(config, base: Model, manifest: dict[str, Any], texts: TextStore | None) -> DenoiserConfig:
+    """The sizes of ``config.model``, with the mechanism of ``config.cross_attention``, for these data and latents."""
+    name, options = config.cross_attention, config.cross_attention_options
+    condition = None if texts is None else TextCondition(texts.width)
+    if config.condition == "image":
+        condition = ImageCondition(len(CLASSES), GRID, patch=1)
+    fields = config.model.to_dict() | {
+        "condition": condition,
+        "cross_attention": from_name(name, **(options[name].to_dict() if name in options else {})),
+        "lane_latent": base.autoencoder.config.lane_latent,
+        "agent_latent": base.autoencoder.config.agent_latent,
+        "domains": max(len(manifest["domains"]), 1),
+    }
+    return DenoiserConfig(**fields)
+
+
+def _count_table(manifest: dict[str, Any], model: DenoiserConfig) -> np.ndarray:
+    """The joint table of the training split; centered tiles serve for the other crops."""
+    rows = (
+        (domain, Crop.CENTERED, lanes, agents)
+        for domain, lanes, agents, number in manifest["counts"]
+        for _ in range(number)
+    )
     return count_table(rows, model.domains, max_lanes=model.max_lanes, max_agents=model.max_agents)

@@ -1,0 +1,17 @@
+"""scjax train: trains an autoencoder, a denoiser or counts."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command(context_settings={"ignore_unknown_options": True, "help_option_names": []}, add_help_option=False)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def train(arguments: tuple[str, ...]) -> int:
+    """Trains a network on records; `scjax train --help` has the options and configs."""
+    from scjax.train.malloc import keep_memory_by_option
+
+    keep_memory_by_option(arguments)
+    from scjax.train.launch import main
+
+    return main(arguments or ("--help",), "scjax train")

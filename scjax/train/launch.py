@@ -1,0 +1,131 @@
+"""Trains one network: the command behind ``scjax train`` and ``python -m experiments.train``.
+
+    PROGRAM --config=CONFIG[:VARIANT] --workdir=FOLDER [--config.FIELD=VALUE ...]
+
+CONFIG is autoencoder, denoiser or counts (scjax/train/configs), or the path of a Python file like these. VARIANT is
+tiny, small, base or official. Train an autoencoder, then a denoiser on its model; for prompts, a denoiser with
+--config.condition=text and then counts. The docstring of each config has its command, time and expected numbers.
+
+Any field is changed on the command line: --config.batch.batch_size=32. The same command in the same FOLDER continues
+at the very next batch; Ctrl-C and SIGTERM save first. At the end FOLDER/model is the model for scjax.load.
+
+  --no-keep-memory   give freed memory back to the system (slower on CPUs; see scjax/train/malloc.py)
+  --distributed      one process of several, which JAX finds in the environment (jax.distributed.initialize)
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import jax
+from absl import flags, logging
+from ml_collections import config_flags
+
+from scjax.nn.startup import start_jax
+from scjax.train.configs.renamed import check_renamed, dotted_fields
+from scjax.train.loop import train
+from scjax.train.malloc import without_memory_option
+
+_CONFIGS = Path(__file__).parent / "configs"
+_ALIASES = {"counter": "counts"}
+
+
+def main(arguments: Sequence[str], program: str) -> int:
+    """Trains as the arguments say; errors that a user can cause are one line on stderr.
+
+    Returns:
+      The exit code: 0 done or stopped by a signal, 1 refused, 2 wrong usage.
+    """
+    arguments = without_memory_option(arguments)
+    if {"-h", "--help", "--helpfull"} & set(arguments):
+        print((__doc__ or "").replace("PROGRAM", program))
+        return 0
+    try:
+        config, workdir, distributed = parse_arguments(arguments, program)
+    except (AttributeError, KeyError, TypeError, ValueError, OSError, flags.Error) as error:
+        print(f"{program}: {_first_line(error)}", file=sys.stderr)
+        return 2
+    # orbax reports every file that it touches, and logs errors with a traceback before it raises them.
+    logging.set_verbosity(logging.FATAL)
+    if distributed:
+        jax.distributed.initialize()
+    start_jax()
+    try:
+        train(config, workdir)
+    except (ValueError, FloatingPointError) as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        # Writing to an open file fails without its name.
+        where = f" (in {workdir})" if error.filename is None else ""
+        print(f"{program}: {error}{where}", file=sys.stderr, flush=True)
+        # The threads of a checkpoint that could not be written would print their traces after this line.
+        os._exit(1)
+    return 0
+
+
+def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, bool]:
+    """(config, workdir, whether --distributed is given).
+
+    Raises:
+      ValueError, AttributeError, KeyError, TypeError, flags.Error: a flag or field is unknown, renamed, missing or of
+        another type; the message names the nearest one.
+    """
+    arguments = _with_config_path(arguments)
+    check_renamed(match[1] for match in map(_FIELD.match, arguments) if match)
+    flags.FLAGS.mark_as_parsed()  # libraries read flags of their own
+    values = flags.FlagValues()
+    config_flags.DEFINE_config_file(
+        "config", None, "Config and variant.", flag_values=values, lock_config=True, sys_argv=[program, *arguments]
+    )
+    flags.DEFINE_string("workdir", None, "Folder of the run.", flag_values=values)
+    flags.DEFINE_bool("distributed", False, "One process of several.", flag_values=values)
+    rest = values([program, *arguments])[1:]
+    if rest:
+        raise ValueError(f"unknown argument {rest[0]!r}: fields are given as --config.FIELD=VALUE")
+    config, workdir = values["config"].value, values["workdir"].value
+    for name, value in (("config", config), ("workdir", workdir)):
+        if value is None:
+            raise ValueError(f"give --{name}=..., see --help")
+    check_renamed(dotted_fields(cast(Any, config).to_dict()))
+    return config, Path(str(workdir)), bool(values["distributed"].value)
+
+
+_FIELD = re.compile(r"--?(?:no)?config\.([\w.]+)")
+
+
+def _with_config_path(arguments: Sequence[str]) -> list[str]:
+    """The arguments with the file of a packaged config in place of its name."""
+    result = list(arguments)
+    for place, argument in enumerate(result):
+        if argument in ("--config", "-config") and place + 1 < len(result):
+            result[place : place + 2] = [f"--config={config_path(result[place + 1])}"]
+        elif match := re.match(r"--?config=(.*)", argument):
+            result[place] = f"--config={config_path(match[1])}"
+    return result
+
+
+def config_path(config: str) -> str:
+    """``NAME[:VARIANT]`` of a packaged config -> its file and variant; paths stay as they are.
+
+    Raises:
+      ValueError: neither a packaged config nor a file.
+    """
+    name, colon, variant = config.partition(":")
+    packaged = _CONFIGS / f"{_ALIASES.get(name, name)}.py"
+    if packaged.is_file() and "/" not in name:
+        return f"{packaged}{colon}{variant}"
+    if not Path(name).is_file():
+        names = sorted(path.stem for path in _CONFIGS.glob("*.py") if path.stem not in ("__init__", "renamed"))
+        raise ValueError(f"--config={config}: no such file, and no config of that name: choose {', '.join(names)}")
+    return config
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error.args[0] if error.args else error)
+    return text.strip().splitlines()[0] if text.strip() else type(error).__name__
