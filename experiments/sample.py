@@ -29,11 +29,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("samples"), help="output folder (default: samples)")
     parser.add_argument("-n", type=int, default=16, help="number of scenes (default: 16)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (default: 0)")
-    parser.add_argument("--lanes", type=int, help="lanes a scene; drawn from the data's table by default")
-    parser.add_argument("--agents", type=int, help="agents a scene, ego included; drawn by default")
+    parser.add_argument("--lanes", type=int, help="lanes per scene; drawn from the data's table by default")
+    parser.add_argument("--agents", type=int, help="agents per scene, ego included; drawn by default")
     parser.add_argument("--domain", help="data set or city, one of the model's; drawn by default")
     parser.add_argument(
-        "--layout", choices=[kind.name.lower() for kind in Crop], default="centered", help="window (default: centred)"
+        "--crop", choices=[crop.name.lower() for crop in Crop], default="centered", help="window (default: centered)"
     )
     parser.add_argument("--known", type=Path, help="npz with one scene whose lanes and agents are kept")
     parser.add_argument("--sampler", choices=SAMPLERS, help="default: ddpm, of a rectified flow heun")

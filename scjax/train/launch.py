@@ -48,7 +48,7 @@ def main(arguments: Sequence[str], program: str) -> int:
     try:
         config, workdir, distributed = parse_arguments(arguments, program)
     except (AttributeError, KeyError, TypeError, ValueError, OSError, flags.Error) as error:
-        print(f"{program}: {_first_line(error)}", file=sys.stderr)
+        print(f"{program}: {_one_line(error)}", file=sys.stderr)
         return 2
     # orbax reports every file that it touches, and logs errors with a traceback before it raises them.
     logging.set_verbosity(logging.FATAL)
@@ -126,6 +126,9 @@ def config_path(config: str) -> str:
     return config
 
 
-def _first_line(error: Exception) -> str:
-    text = str(error.args[0] if error.args else error)
-    return text.strip().splitlines()[0] if text.strip() else type(error).__name__
+def _one_line(error: Exception) -> str:
+    """The message of an error without line breaks; of a config file's error its last line, without the traceback."""
+    text = str(error.args[0] if error.args else error).strip()
+    if "Traceback (most recent call last)" in text:
+        text = text.splitlines()[-1].partition(": ")[2]
+    return " ".join(text.split()) or type(error).__name__

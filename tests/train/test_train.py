@@ -14,6 +14,8 @@ import jax
 import pytest
 
 import scjax
+from experiments import sample
+from scjax.scene.io import load_npz
 from scjax.train.launch import config_path, main, parse_arguments
 from scjax.train.loop import train
 from tests.factories.small_runs import get_config
@@ -167,11 +169,13 @@ def test_train_command_rejects_mistakes(records, tmp_path, flag, message, capsys
         (["--config=denoyser", "--workdir=x"], "choose autoencoder, counts, denoiser"),
         (["--config=denoiser:huge", "--workdir=x"], "unknown variant 'huge'"),
         (["--config=denoiser", "--workdir=x", "extra"], "unknown argument 'extra'"),
+        (["--config=denoiser", "--workdir=x", "--config.optimzer.kind=muon"], 'Did you mean "optimizer"'),
     ],
 )
-def test_parse_arguments_names_what_is_wrong(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        parse_arguments(arguments, "scjax train")
+def test_train_command_names_wrong_usage(arguments, message, capsys):
+    assert main(arguments, "scjax train") == 2
+    text = capsys.readouterr().err
+    assert text.startswith("scjax train: ") and message in text and text.count("\n") == 1
 
 
 @pytest.mark.parametrize("name", ["autoencoder", "denoiser", "counts", "counter"])
@@ -189,10 +193,17 @@ def test_config_path_keeps_the_variant():
     assert config_path("denoiser:small").endswith("scjax/train/configs/denoiser.py:small")
 
 
-def test_denoiser_run_leaves_a_model_that_samples(undisturbed_denoiser):
-    model = scjax.load(undisturbed_denoiser / "model")
-    scenes = scjax.sample(jax.random.key(0), model=model, n=2, steps=3)
+def test_sample_command_writes_scenes_of_a_trained_denoiser(undisturbed_denoiser, tmp_path):
+    model = undisturbed_denoiser / "model"
+    sample.main([f"--model={model}", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
+    scenes = load_npz(tmp_path / "samples" / "scenes.npz")
     assert scenes.batch_shape == (2,)
+    assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
+
+
+def test_sample_command_rejects_an_unknown_domain(undisturbed_denoiser, tmp_path):
+    with pytest.raises(SystemExit, match="unknown"):
+        sample.main([f"--model={undisturbed_denoiser / 'model'}", f"--out={tmp_path}/x", "--domain", "mars"])
 
 
 def test_train_exports_models_of_chosen_steps(undisturbed):

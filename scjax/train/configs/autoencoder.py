@@ -1,12 +1,14 @@
-"""Stage 1, the vectorized autoencoder (official-spec §2).
+"""The vectorized autoencoder (official-spec §2).
 
     python -m scjax.data build SCENES runs/records
-    python -m experiments.train --config=scjax/train/configs/autoencoder.py:small --workdir=runs/autoencoder \
-        --config.records=runs/records
+    scjax train --config=autoencoder:small --workdir=runs/autoencoder --config.records=runs/records
 
 tiny: minutes on two cores, for tests and the README. small: an hour on two cores. base, official: GPUs; ``official``
 is the released architecture and recipe on its own types (official-spec §2.6).
-Expected numbers of recorded runs: experiments/results/.
+
+Expected of small on 276 recorded scenes, from the shipped autoencoder, 5,000 steps of 16 with Muon, two cores of an
+AMD EPYC with AVX2, 43 minutes without compiling: lane points 0.151 m, agent centers 0.228 m, headings 0.29 degrees on
+held-back tiles (experiments/results/real_small).
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     official = variant == "official"
     config = ml_collections.ConfigDict()
     config.objective = "autoencoder"
-    config.records = "runs/records"  # folder made by python -m scjax.data build
+    config.records = "runs/records"  # folder written by python -m scjax.data build
     config.codec = "official_nuplan" if official else "scjax"
-    config.init_from = ""  # model folder of an autoencoder to begin with; "shipped": the package's
+    config.init_from = ""  # model folder of an autoencoder to start from; "shipped": the package's
     config.seed = 0
     config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps

@@ -1,7 +1,10 @@
-"""Stage 3, counts from a prompt (f_count), on captioned and embedded records; some minutes on two cores.
+"""Lane and agent counts from a prompt (f_count), on captioned and embedded records.
 
-    python -m experiments.train --config=scjax/train/configs/counts.py:small --workdir=runs/counter \
-        --config.records=runs/records --config.denoiser=runs/text/model
+    scjax train --config=counts:small --workdir=runs/counts --config.records=runs/records \
+        --config.denoiser=runs/text/model
+
+Expected on the synthetic world, 3,000 steps, four minutes on two cores: mean absolute error 3.37 lanes and 2.58 agents,
+-log P of the true pair 4.64 on 766 held-back captions (experiments/results/shipped/training.md).
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ VARIANTS = {"tiny": (32, 300), "small": (64, 4000)}  # batch, steps
 def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
     if variant not in VARIANTS:
-        raise ValueError(f"unknown variant {variant!r} of counter.py: choose one of {', '.join(VARIANTS)}")
+        raise ValueError(f"unknown variant {variant!r} of counts.py: choose one of {', '.join(VARIANTS)}")
     batch_size, steps = VARIANTS[variant]
     config = ml_collections.ConfigDict()
     config.objective = "counts"

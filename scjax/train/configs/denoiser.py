@@ -1,9 +1,14 @@
-"""Stage 2, the latent denoiser (official-spec §4-6) on a trained autoencoder.
+"""The latent denoiser (official-spec §4-6) on a trained autoencoder.
 
-    python -m experiments.train --config=scjax/train/configs/denoiser.py:small --workdir=runs/denoiser \
-        --config.records=runs/records --config.autoencoder=runs/autoencoder/model
+    scjax train --config=denoiser:small --workdir=runs/denoiser --config.records=runs/records \
+        --config.autoencoder=runs/autoencoder/model
 
-Variants as in autoencoder.py. Expected numbers of recorded runs: experiments/results/.
+Variants as in autoencoder.py.
+
+Expected of small on 276 recorded scenes, 8,200 steps of 32, two cores of an AMD EPYC with AVX2, sampled at true counts
+in 32 steps with 32 rounds of energy guidance: mean connection gap 0.24 m, 94 % of vehicles within 1.5 m of a lane, no
+overlapping vehicles (experiments/results/real_small). On captions of the synthetic world, 13,000 steps from an earlier
+model: 94 minutes on two cores with AVX-512, 95 scenes/s (experiments/results/shipped/training.md).
 """
 
 from __future__ import annotations
@@ -43,12 +48,12 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     official = variant == "official"
     config = ml_collections.ConfigDict()
     config.objective = "denoiser"
-    config.records = "runs/records"  # folder made by python -m scjax.data build
+    config.records = "runs/records"  # folder written by python -m scjax.data build
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
     config.condition = "none"
-    # Model folder of a denoiser to begin with, e.g. the unconditional base of a text model; "shipped": the package's.
+    # Model folder of a denoiser to start from, e.g. the unconditional base of a text model; "shipped": the package's.
     config.init_from = ""
     config.freeze = False  # whether the parameters that it gives stay as they are
     config.seed = 0
