@@ -99,7 +99,7 @@ class Log:
     def __getitem__(self, steps) -> Log:
         """Some of the steps, in order: ``log[3:9]``, ``log[::5]``."""
         if not isinstance(steps, slice):
-            raise TypeError(f"a log is sliced in time, as in log[3:9], not indexed by {steps!r}: write log[{steps!r}:]")
+            raise TypeError(f"a log is sliced in time, not indexed by {steps!r}: write log[3:4] for step 3, log[3:9] for more")
         return self.select_steps(np.arange(self.num_steps)[steps])
 
     def select_steps(self, steps: np.ndarray | list[int]) -> Log:
@@ -132,7 +132,7 @@ def validate_log(log: Log) -> Log:
     """``log`` itself, if every invariant of the type holds.
 
     Raises:
-      ValueError: that names the first field at fault, what is wrong and how to mend it.
+      ValueError: naming the first field at fault, what is wrong and how to mend it.
     """
     _check_shapes(log)
     if not log.num_steps:
