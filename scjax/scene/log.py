@@ -99,7 +99,7 @@ class Log:
     def __getitem__(self, steps) -> Log:
         """Some of the steps, in order: ``log[3:9]``, ``log[::5]``."""
         if not isinstance(steps, slice):
-            raise TypeError(f"a log is sliced in time, not indexed by {steps!r}: write log[3:4] for step 3, log[3:9] for more")
+            raise TypeError(f"a log is sliced in time, not indexed by {steps!r}: write log[3:4] for step 3")
         return self.select_steps(np.arange(self.num_steps)[steps])
 
     def select_steps(self, steps: np.ndarray | list[int]) -> Log:
