@@ -1,7 +1,7 @@
 """Weights of the official autoencoder (a PyTorch state dict as NumPy arrays) <-> our parameters.
 
-official-spec §2; the keys are listed in §7.1 of the parity set's README. Two kinds of official parameters are never
-used by its forward pass and have no counterpart here: the second pre-norm of the lane-to-agent and query attention,
+official-spec §2; §7.1 of the parity set's README lists the keys. The official forward pass never uses two groups of
+parameters, which have no counterpart here: the second pre-norm of the lane-to-agent and query attention,
 and the edge update of the last encoder block.
 """
 
@@ -35,7 +35,7 @@ _BLOCKS = {"encoder": "encoder.encoder_transformer_blocks", "decoder": "decoder.
 
 
 def from_official(state: Mapping[str, np.ndarray], config: AutoencoderConfig) -> dict[str, Any]:
-    """Our parameters from an official state dict.
+    """Parameters of ``autoencoder(config)`` from an official state dict.
 
     Raises:
       ValueError: listing every unexpected, missing and misshapen entry.
@@ -45,12 +45,12 @@ def from_official(state: Mapping[str, np.ndarray], config: AutoencoderConfig) ->
 
 
 def to_official(params: Any, config: AutoencoderConfig) -> dict[str, np.ndarray]:
-    """The official keys of our parameters (or of their gradients); never-used ones and aliases are absent."""
+    """Official state dict of parameters (or gradients), without never-used entries and aliases."""
     return export(params, autoencoder_rules(config))
 
 
 def autoencoder_rules(config: AutoencoderConfig) -> _Rules:
-    """Official key -> (path of our parameter, layout change)."""
+    """Official key -> (path in our parameters, layout change)."""
     rules: _Rules = {"encoder.Q": (("encoder", "query"), SAME)}
     mlps = {
         "encoder.lane_mlp": ("lane_in", 2, False), "encoder.agent_mlp": ("agent_in", 2, False),
@@ -111,7 +111,7 @@ def unused_sizes(config: AutoencoderConfig) -> dict[str, int]:
 
 
 def _blocks(config: AutoencoderConfig) -> list[tuple[str, int, str]]:
-    """(half, index, official key) of every factorised block."""
+    """(half, index, official key) of every factorized block."""
     counts = {"encoder": config.encoder_blocks, "decoder": config.decoder_blocks}
     return [(half, i, f"{_BLOCKS[half]}.{i}") for half, count in counts.items() for i in range(count)]
 

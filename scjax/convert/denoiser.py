@@ -33,16 +33,17 @@ _CROSS_NORMS = {
 def convert_denoiser(state: Mapping[str, np.ndarray], config: DenoiserConfig) -> Params:
     """Parameters from an official state dict, whose keys carry the prefix ``model.``.
 
-    The given-token vectors of ``config.known_embedding``, which the release does not have, must be off.
+    ``config.known_embedding`` must be off, since the release has no such vectors.
 
     Raises:
       ValueError: listing what is unexpected, missing or misshapen.
     """
     if config.known_embedding:
-        raise ValueError("official weights have no given-token vectors: set known_embedding=False (they start at zero)")
+        raise ValueError("official weights have no known-token vectors: set known_embedding=False (they start at zero)")
     if config.condition is not None and not isinstance(config.cross_attention, CrossGlobalOptions):
         raise ValueError(
-            f"official weights are of cross-global attention: set cross_attention=CrossGlobalOptions(), not {config.cross_attention}"
+            "official weights use cross-global attention: set cross_attention=CrossGlobalOptions(), not "
+            f"{config.cross_attention}"
         )
     network = denoiser(config)
     expected = jax.eval_shape(network.init, jax.random.key(0))

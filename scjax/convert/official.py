@@ -1,4 +1,4 @@
-"""A checkpoint of the official release -> parts of a ``Model``: sizes are read off the shapes, keys mapped strictly."""
+"""Checkpoints of the official release -> networks of a ``Model``: sizes follow from shapes, keys are mapped strictly."""
 
 from __future__ import annotations
 
@@ -35,14 +35,16 @@ _MARKER_KEYS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.lin
 def convert_checkpoint(
     path: str | Path, *, into: Model | None = None, heads: Mapping[Any, tuple[int, int]] | None = None
 ) -> Model:
-    """The networks found in ``path``, as a model, or added to the model ``into``.
+    """The networks in the checkpoint ``path`` as a model, or added to the model ``into``.
 
     Args:
       path: safetensors file, or a PyTorch file (a state dict, or a Lightning checkpoint that holds one).
-      heads: (lane heads, agent heads) of "autoencoder" and "denoiser", which no shape tells; the release's by default.
+      into: model to complete; None: a new model with the release's nuPlan codec and latent statistics.
+      heads: (lane heads, agent heads) of "autoencoder" and "denoiser", which do not follow from shapes; default: the
+        release's.
 
     Raises:
-      ValueError: unreadable file, no known network in it, or entries that are unexpected, missing or misshapen.
+      ValueError: the file is unreadable or holds no known network, or entries are unexpected, missing or misshapen.
     """
     state, components = read_state(path), {}
     for name, marker in _MARKER_KEYS.items():
@@ -93,7 +95,7 @@ def read_state(path: str | Path) -> State:
 
 
 def _subtree(state: State, marker: str) -> State | None:
-    """Entries beside the anchor, without the prefix that wrappers put before it; None without an anchor."""
+    """Entries of the network with the key ``marker``, without a wrapper's prefix; None without such a key."""
     prefixes = sorted((key[: -len(marker)] for key in state if key.endswith(marker)), key=len)
     if not prefixes:
         return None
@@ -114,7 +116,7 @@ def _belongs_elsewhere(key: str, marker: str) -> bool:
 
 
 def _blocks(state: State, pattern: str) -> int:
-    """How many numbers the pattern's group takes."""
+    """How many different numbers match the pattern's group."""
     return len({match[1] for key in state if (match := re.match(pattern, key))})
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from einops import rearrange
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cpu.backend import attention_parts
@@ -15,13 +16,12 @@ from scjax.nn.cpu.backend import attention_parts
 
 def split_heads(x: Float[Array, "b t hd"], heads: int) -> Float[Array, "b h t d"]:
     """Splits the width into consecutive chunks, one per head."""
-    return x.reshape(*x.shape[:-1], heads, -1).swapaxes(-2, -3)
+    return rearrange(x, "... t (h d) -> ... h t d", h=heads)
 
 
 def merge_heads(x: Float[Array, "b h t d"]) -> Float[Array, "b t hd"]:
     """Inverse of ``split_heads``."""
-    x = x.swapaxes(-2, -3)
-    return x.reshape(*x.shape[:-2], -1)
+    return rearrange(x, "... h t d -> ... t (h d)")
 
 
 def weights(logits: Float[Array, "*b k"], mask: Bool[Array, "*#b #k"]) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Arrays in safetensors files of bounded size, each with its hash: what a model folder is made of."""
+"""Arrays in safetensors files of bounded size, each with its hash: the weights of a model folder."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def write_arrays(
     """Writes ``weights.safetensors``, or ``weights-1.safetensors``, ...; returns file name -> sha256.
 
     Args:
-      dtype: floating-point arrays are stored in it ("float16" halves a folder); None: as they are.
-      exact: names of arrays that are stored as they are all the same.
-      largest: megabytes of a file at most; None: one file.
+      dtype: type of stored floating-point arrays ("float16" halves a folder); None: unchanged.
+      exact: names of arrays that keep their type.
+      largest: size limit of a file [MB]; None: one file.
 
     Raises:
-      ValueError: an array alone is larger than that.
+      ValueError: a single array exceeds ``largest``.
     """
-    # safetensors writes an array's memory as it lies, whatever its strides: a transposed one would come back garbled.
+    # safetensors writes raw memory and ignores strides: a transposed array would be read back garbled.
     stored = {}
     for name, value in arrays.items():
         converts = np.issubdtype(value.dtype, np.floating) and name not in exact
@@ -44,19 +44,19 @@ def write_arrays(
     hashes = {}
     for number, part in enumerate(parts, 1):
         name = "weights.safetensors" if len(parts) == 1 else f"weights-{number}.safetensors"
-        (folder / name).write_bytes(safetensors.numpy.save(part))  # save_file would shut all but the owner out
+        (folder / name).write_bytes(safetensors.numpy.save(part))  # save_file makes files readable by their owner only
         hashes[name] = _sha256(folder / name)
     return hashes
 
 
 def read_arrays(folder: Path, files: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """All arrays, float32 where they are stored in less.
+    """All arrays; float16 is converted to float32.
 
     Args:
-      files: file name -> sha256, or "" where it is not known.
+      files: file name -> sha256, or "" if unknown.
 
     Raises:
-      ValueError: naming a file that is missing, damaged or not the one that was written.
+      ValueError: a file is missing or damaged, or its hash differs.
     """
     arrays: dict[str, np.ndarray] = {}
     for name, digest in files.items():

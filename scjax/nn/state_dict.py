@@ -47,7 +47,7 @@ def convert(
     aliases, leaves = dict(aliases or {}), flatten(expected)
     uncovered = leaves.keys() - {path for path, _ in rules.values()}
     if uncovered:
-        raise ValueError(f"no rule gives the parameters {_listed('/'.join(map(str, path)) for path in uncovered)}")
+        raise ValueError(f"no rule covers the parameters {_listed('/'.join(map(str, path)) for path in uncovered)}")
 
     problems, params = [], {}
     unexpected = state.keys() - rules.keys() - set(ignored) - aliases.keys()
@@ -64,7 +64,7 @@ def convert(
         value = np.asarray(state[key])
         shape = transform.backward(np.broadcast_to(np.zeros((), value.dtype), leaves[path].shape)).shape
         if value.shape != shape:
-            problems.append(f"misshapen: {key} is {value.shape}, this network wants {shape}")
+            problems.append(f"misshapen: {key} is {value.shape}, this network needs {shape}")
         else:
             params[path] = jnp.asarray(transform.forward(value), leaves[path].dtype)
     for alias in sorted(aliases.keys() & state.keys()):

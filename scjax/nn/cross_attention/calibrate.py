@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from einops import rearrange
 from jaxtyping import Array, Bool, Float
 
 from scjax.nn.cross_attention.base import active_rows
@@ -77,8 +78,8 @@ def _centroids(
 
     def run(params: Params) -> Array:
         keys = module.apply(params, module.apply(params, context, mask, method="project"), method="real_keys")
-        together = keys.swapaxes(0, 1).reshape(1, keys.shape[1], -1, keys.shape[3])
-        return kmeans(together, mask.reshape(1, -1), params["centroids"].shape[1], iterations)[0]
+        all_keys = rearrange(keys, "s h m d -> 1 h (s m) d")
+        return kmeans(all_keys, mask.reshape(1, -1), params["centroids"].shape[1], iterations)[0]
 
     return jax.jit(run)(params)
 
