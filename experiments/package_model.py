@@ -22,7 +22,7 @@ import scjax
 from experiments.studies.arguments import parser_of
 from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.encoders.text import Encoder, load_text_encoder
+from scjax.encoders import TextEncoder, load_text_encoder
 from scjax.generate.model import COMPONENTS, DEFAULT_MODEL, Model
 from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
@@ -40,7 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
-    parser.add_argument("--counter", help="model folder whose counts are taken (default: the model's own)")
+    parser.add_argument(
+        "--counter", dest="count_predictor", help="model folder whose counts are taken (default: the model's own)"
+    )
     parser.add_argument("--sharpness", type=float, help="of the counts that are drawn (default: the counter's)")
     parser.add_argument("--steps", type=int, help="of the denoiser in all its trainings (default: of the last)")
     parser.add_argument(
@@ -82,7 +84,7 @@ def counted(model: Model, other: Model) -> Model:
     return dataclasses.replace(model, components=components, notes=notes)
 
 
-def ship(model: Model, out: Path, encoder: Encoder | None = None) -> dict[str, float]:
+def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[str, float]:
     """Writes the folder and returns file name -> megabytes.
 
     Args:

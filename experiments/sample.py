@@ -60,9 +60,14 @@ def run(args: argparse.Namespace) -> scjax.Scene:
     model = scjax.load(args.model)
     start = time.perf_counter()
     scenes = scjax.sample(
-        jax.random.key(args.seed), condition, model=model, n=args.n, sampler=args.sampler, steps=args.steps,
+        jax.random.key(args.seed),
+        condition,
+        model=model,
+        num_scenes=args.n,
+        num_steps=args.steps,
         guidance=args.guidance,
-    )  # fmt: skip
+        sampler=args.sampler,
+    )
     print(f"sampled in {time.perf_counter() - start:.1f} s, compilation included", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
     save_npz(scenes, args.out / "scenes.npz")

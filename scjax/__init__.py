@@ -1,34 +1,66 @@
 """scjax: text- and image-controlled generation of vectorized driving scenes, in JAX.
 
-model = scjax.load("runs/denoiser/model")
-scenes = scjax.sample(jax.random.key(0), scjax.Condition(num_agents=12), model=model, n=4)
-scjax.viz.grid(scenes, path="scenes.png")
+    import jax
+    import scjax
+
+    condition = scjax.Condition(prompt="a T-intersection with several vehicles", num_agents=12)
+    scenes = scjax.sample(jax.random.key(0), condition, num_scenes=4)
+    scjax.viz.grid(scenes, path="scenes.png")
+
+Scenes:     Scene, AgentType, Signal, Link, Crop, validate, repair
+Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
+Models:     Model, load, save
+Generation: sample, reconstruct
+Pictures:   viz (imports matplotlib when it is first used)
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from scjax.diffusion import samplers
+from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
-from scjax.generate.conditions import Condition
+from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
 from scjax.generate.model import load_model as load
 from scjax.generate.model import save_model as save
-from scjax.generate.sample import reconstruct, sample, sample_many
+from scjax.generate.reconstruct import reconstruct
+from scjax.generate.sample import sample_scenes as sample
 from scjax.scene import AgentType, Crop, Link, Scene, Signal, validate
+from scjax.scene.per_type import PerType
 from scjax.scene.repair import repair
+
+if TYPE_CHECKING:
+    from scjax import viz
 
 __version__ = "0.1.0"
 __all__ = [
     "AgentType",
     "Condition",
     "Crop",
+    "EnergyGuidance",
     "Guidance",
     "Link",
     "Model",
+    "PerType",
     "Scene",
     "Signal",
+    "Stream",
     "load",
     "reconstruct",
     "repair",
     "sample",
-    "sample_many",
+    "samplers",
     "save",
     "validate",
-]  # fmt: skip
+    "viz",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Imports ``scjax.viz``, and with it matplotlib, when it is first used."""
+    if name == "viz":
+        return importlib.import_module("scjax.viz")
+    raise AttributeError(f"module 'scjax' has no attribute {name!r}")

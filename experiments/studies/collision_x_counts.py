@@ -47,7 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("--without", required=True, metavar="DIR", help="model folder, trained without the penalty")
     add("--with", required=True, dest="penalised", metavar="DIR", help="model folder, trained with it")
-    add("--counter", metavar="DIR", help="model folder whose counts are taken (default: the model's own)")
+    add(
+        "--counter",
+        dest="count_predictor",
+        metavar="DIR",
+        help="model folder whose counts are taken (default: the model's own)",
+    )
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=200, help="prompts (default %(default)s)")
     add("--guidance", type=float, default=4.0, help="weight (default %(default)s)")
@@ -95,7 +100,7 @@ def measure(
             for energy_guidance in (False, True):
                 title = f"{penalty} penalty, counts of the {name}{', steered' if energy_guidance else ''}"
                 made = sampled(
-                    told, title, seed, model=chosen, guidance=guidance, steps=steps, energy_guidance=energy_guidance
+                    told, title, seed, model=chosen, guidance=guidance, num_steps=steps, energy_guidance=energy_guidance
                 )
                 table[title] = _values(prompts, made, seed)
     return table

@@ -26,9 +26,9 @@ import scjax
 from experiments.studies.arguments import parser_of
 from experiments.studies.prompt_adherence import a_prompt, held_back
 from scjax.data import records
+from scjax.generate.conditions import Stream
 from scjax.generate.encode import text_features
 from scjax.models.counts.predictor import count_predictor
-from scjax.models.denoiser.config import TextCondition
 from scjax.nn.startup import start_jax
 from scjax.scene.files import write_text
 from scjax.viz.grid import save_figure
@@ -80,12 +80,12 @@ def measure(
         "lanes": np.minimum([int(scene.num_lanes) for scene in scenes], config.max_lanes),
         "agents": np.minimum([int(scene.num_agents) for scene in scenes], config.max_agents),
     }
-    program, reads = jax.jit(count_predictor(config).apply), TextCondition(config.text_width)
+    program = jax.jit(count_predictor(config).apply)
     parts = []
     for start in range(0, len(tokens), _AT_ONCE):
         part = tokens[start : start + _AT_ONCE]
         part += [part[0]] * (_AT_ONCE - len(part))
-        features = text_features([(one, None) for one in part], max(map(len, tokens)), reads)
+        features = text_features([Stream(one) for one in part], max(map(len, tokens)), config.text_width)
         parts.append(np.asarray(program(model.count_predictor.params, features, jnp.full(_AT_ONCE, config.domains))))
     tables = np.concatenate(parts)[: len(tokens)].astype(np.float64)
     told = {"lanes": np.exp(tables).sum(2), "agents": np.exp(tables).sum(1)}

@@ -24,8 +24,7 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.arguments import parser_of
-from scjax.generate.best_of import make as candidates
-from scjax.generate.prompts import encode_prompts, prompt_warnings
+from scjax.generate.best_of import prompt_warnings
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check, parse_prompt
 from scjax.nn.startup import start_jax
@@ -65,21 +64,19 @@ def make(args: argparse.Namespace) -> None:
     lines: list[str] = []
     totals: dict[str, list[bool]] = defaultdict(list)
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
+        condition = scjax.Condition(prompt=prompt)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            plain = scjax.Condition(prompt=prompt)
-            (condition,) = encode_prompts([plain], model)
-        key = jax.random.fold_in(jax.random.key(args.seed), number)
-        scenes = candidates(
-            key,
-            [prompt] * args.samples,
-            [condition] * args.samples,
-            model=model,
-            pick=args.pick,
-            raw=args.pick == 1,
-            steps=args.steps,
-            guidance=args.guidance,
-        )
+            scenes = scjax.sample(
+                jax.random.fold_in(jax.random.key(args.seed), number),
+                [condition],
+                model=model,
+                num_scenes=args.samples,
+                num_steps=args.steps,
+                guidance=args.guidance,
+                best_of=args.pick,
+                repair=args.pick > 1,
+            )
         name = f"prompt-{number:02d}.png"
         grid(scenes, columns=args.samples, path=args.out / name, dpi=60)
         lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]
@@ -97,7 +94,7 @@ def make(args: argparse.Namespace) -> None:
                 f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
                 f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
             )
-        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *prompt_warnings(plain))]
+        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *prompt_warnings(condition))]
         if args.numbers_only and doubtful:
             doubtful = ["warned about, in words that quote it"]
         lines += [*(f"- {one}" for one in doubtful), ""]

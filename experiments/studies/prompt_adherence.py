@@ -33,8 +33,8 @@ from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
+from scjax.encoders.text import clean_text
 from scjax.evaluate.retrieval import tf_idf
-from scjax.generate.best_of import make
 from scjax.language.agreement import label_agreement
 from scjax.language.captioner import STYLES
 from scjax.language.facts import Facts, extract_facts
@@ -132,7 +132,7 @@ def measure(
             seed,
             model=model,
             sampler=sampler,
-            steps=steps,
+            num_steps=steps,
             guidance=weight,
             energy_guidance=energy_guidance,
         )
@@ -144,15 +144,15 @@ def measure(
         made = []
         for start in tqdm(range(0, len(told), _CALL), title, disable=None):
             part = slice(start, start + _CALL)
-            made += make(
+            made += scjax.sample(
                 jax.random.fold_in(jax.random.key(seed), start),
-                prompts[part],
-                told[part],
-                model=model,
-                pick=candidates,
-                sampler=sampler,
-                steps=steps,
+                [scjax.Condition(prompt=prompt) for prompt in prompts[part]],
+                model=dataclasses.replace(model, prompts={**model.prompts, **_features(prompts[part], told[part])}),
+                num_steps=steps,
                 guidance=weights[0],
+                sampler=sampler,
+                best_of=candidates,
+                repair=True,
             )
         table[title], sound[title] = scores(zip(asked, map(extract_facts, made), strict=True)), realism(made)
     table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
@@ -207,7 +207,7 @@ def held_back_prompts(
         events.update(asked.events)
         left -= 1
         scene = model.codec.select(records.sample_scene(records.decode_record(tiles[row])))
-        told = scjax.Condition(tokens=tokens)
+        told = scjax.Condition(streams={"text": scjax.Stream(tokens)})
         yield Prompted(text, asked, told, scene, captions[row].facts)
     if each is not None and not events:
         raise ValueError(
@@ -216,12 +216,18 @@ def held_back_prompts(
 
 
 def sampled(conditions: Sequence[scjax.Condition], title: str, seed: int, **options: Any) -> list[Scene]:
-    """A scene a condition, some at a time under a progress bar; ``options`` are those of ``scjax.sample_many``."""
+    """A scene a condition, some at a time under a progress bar; ``options`` are those of ``scjax.sample``."""
     made = []
     for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
         key = jax.random.fold_in(jax.random.key(seed), start)
-        made += scjax.sample_many(key, conditions[start : start + _CALL], **options)
+        made += scjax.sample(key, conditions[start : start + _CALL], **options)
     return made
+
+
+def _features(prompts: Sequence[str], conditions: Sequence[scjax.Condition]) -> dict[str, np.ndarray]:
+    """Text -> token features, as a model stores those of its own prompts."""
+    tokens = (np.asarray(condition.streams["text"].tokens) for condition in conditions)
+    return {clean_text(prompt): features for prompt, features in zip(prompts, tokens, strict=True)}
 
 
 def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:

@@ -36,8 +36,8 @@ from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.requests import counts_request
 from scjax.evaluate.sources import RecordScenes
+from scjax.generate.batching import padded_size
 from scjax.generate.encode import padded_length
-from scjax.generate.sample import bucket_of
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.cluster_sums import ClusterSums, bootstrap_intervals
@@ -181,7 +181,8 @@ def requests_of(model: scjax.Model, folder: str, samples: int, seed: int) -> Req
         prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
         asked, told = [parse_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
         conditions = [
-            dataclasses.replace(cond, tokens=tokens) for cond, (_, tokens) in zip(conditions, prompts, strict=True)
+            dataclasses.replace(cond, streams={"text": scjax.Stream(tokens)})
+            for cond, (_, tokens) in zip(conditions, prompts, strict=True)
         ]
     fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), told)
     return Requests(references, [places[row] for row in rows], conditions, asked, fingerprint)
@@ -193,17 +194,17 @@ def measured(
     """Metrics of a setting with intervals and draws of locations, and its seconds a scene without compilation."""
     how: dict[str, Any] = setting._asdict()
     config = dataclasses.replace(model.denoiser.config, compute=how.pop("compute"))
-    again = how.pop("again")
+    again, how["num_steps"] = how.pop("again"), how.pop("steps")
     model = model.with_component("denoiser", config, model.denoiser.params)
     programs = {  # what decides which program makes a scene: its bucket and the slots of its text
         (
-            bucket_of(cond.num_agents or 1, cond.num_lanes or 1),
-            padded_length(0 if cond.tokens is None else len(cond.tokens)),
+            padded_size(cond.num_agents or 1, cond.num_lanes or 1),
+            padded_length(len(cond.streams["text"].tokens) if "text" in cond.streams else 0),
         ): cond
         for cond in requests.conditions
     }
     for cond in programs.values():  # two scenes are padded to a whole group
-        scjax.sample_many(jax.random.key(0), [cond] * 2, model=model, **how)
+        scjax.sample(jax.random.key(0), [cond] * 2, model=model, **how)
     scenes, seconds = [], 0.0
     for start in range(0, len(requests.conditions), CALL):
         part = requests.conditions[start : start + CALL]
@@ -211,7 +212,7 @@ def measured(
         key = jax.random.fold_in(jax.random.key(seed), start)
         key = jax.random.fold_in(key, again) if again else key
         begin = time.perf_counter()
-        made = scjax.sample_many(key, part, model=model, **how)
+        made = scjax.sample(key, part, model=model, **how)
         seconds += time.perf_counter() - begin
         scenes += made[: len(requests.conditions) - start]
         bar.update(len(scenes) - start)

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import click
 
-from scjax.cli.output import CANDIDATES, FORMATS, PICK_HELP, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.options import (
+    GenerationCommand,
+    best_of_option,
+    json_option,
+    model_option,
+    out_option,
+    repair_option,
+    seed_option,
+)
+from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, DEFAULT_SAMPLER
 from scjax.diffusion.samplers import DEFAULT_STEPS, SAMPLERS
 
@@ -16,98 +24,116 @@ _DEFAULT_STEPS = ", ".join(
 )
 
 
-@click.command()
+@click.command(cls=GenerationCommand)
 @click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
-@click.option("-n", "number", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes a prompt.")
+@click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
+@best_of_option
+@repair_option
 @click.option(
-    "--seed", default=0, show_default=True, help="Another seed, other scenes; the same seed, the same scenes."
+    "--num-steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
 )
-@click.option("--sampler", type=click.Choice(list(SAMPLERS)), help="How noise becomes a scene; euler and heun are for "
-              f"rectified flows. [default: {DEFAULT_SAMPLER['velocity']}; rectified flow: {DEFAULT_SAMPLER['flow']}]")  # fmt: skip
 @click.option(
-    "--steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
+    "--guidance",
+    type=float,
+    help="Guidance scale: higher follows the prompt more closely, 1 is no guidance. "
+    f"[default: {DEFAULT_GUIDANCE_SCALE:g}]",
 )
-@click.option("--guidance", type=float, help="How closely the prompt is followed; 1 is not at all pushed. "
-              f"[default: {DEFAULT_GUIDANCE_SCALE:g}]")  # fmt: skip
-@click.option("--temperature", type=click.FloatRange(0, min_open=True), help="Scale of the noise; lower is tidier and "
-              "less varied. [default: the model's]")  # fmt: skip
-@click.option("--energy-guidance/--no-energy-guidance", "energy_guidance", default=None, help="Lead what is sampled to closed joints, boxes that "
-              "do not overlap, and vehicles on lanes. "
-              "[default: the model's]")  # fmt: skip
 @click.option(
-    "--agents", type=click.IntRange(1), help="Agents in the scene, the ego included. [default: as the prompt asks]"
+    "--sampler",
+    type=click.Choice(list(SAMPLERS)),
+    help="Sampler; euler and heun are for rectified flows. "
+    f"[default: {DEFAULT_SAMPLER['velocity']}; rectified flow: {DEFAULT_SAMPLER['flow']}]",
 )
-@click.option("--lanes", type=click.IntRange(1), help="Lanes in the scene. [default: as the prompt asks]")
-@click.option("--negative", help="What the scene shall not show.")
-@click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn]")
-@click.option("--pick", default=CANDIDATES, show_default=True, type=click.IntRange(1, 100), help=PICK_HELP)
-@click.option("--raw", is_flag=True, help="Scenes exactly as sampled: no lane smoothed, no joint closed, no box moved.")
-@click.option("--out", "folder", default=".", show_default=True, metavar="DIR", help="Folder for the files.")
-@click.option("--format", "formats", multiple=True, default=("png",), show_default=True, type=click.Choice(FORMATS),
-              help="May be given several times.")  # fmt: skip
-@click.option("--model", "model_folder", metavar="DIR", help="A model folder instead of the one that ships.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON on stdout.")
+@click.option(
+    "--temperature",
+    type=click.FloatRange(0, min_open=True),
+    help="Scale of the noise: lower gives cleaner and less varied scenes. [default: the model's]",
+)
+@click.option(
+    "--energy-guidance/--no-energy-guidance",
+    default=None,
+    help="While sampling, take gradient steps towards closed lane connections, boxes that do not overlap and vehicles "
+    "on lanes. [default: the model's]",
+)
+@click.option(
+    "--agents", type=click.IntRange(1), help="Number of agents, the ego included. [default: drawn from the prompt]"
+)
+@click.option("--lanes", type=click.IntRange(1), help="Number of lanes. [default: drawn from the prompt]")
+@click.option("--negative", metavar="PROMPT", help="Text that the scenes should not show.")
+@click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn from the model's data]")
+@seed_option
+@out_option
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    default=("png",),
+    show_default=True,
+    type=click.Choice(FORMATS),
+    help="File format; repeat the option for several.",
+)
+@model_option
+@json_option
 def generate(
-    prompts, number, seed, sampler, steps, guidance, temperature, energy_guidance, agents, lanes, negative, domain, pick,
-    raw, folder, formats, model_folder, as_json,
+    prompts, num_scenes, best_of, repair, num_steps, guidance, sampler, temperature, energy_guidance, agents, lanes,
+    negative, domain, seed, folder, formats, model_folder, as_json,
 ) -> None:  # fmt: skip
     """Generates scenes for every PROMPT and writes them to files.
 
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
-    scjax generate "a roundabout" --pick 32
+    scjax generate "a roundabout" --best-of 32
 
-    Candidates are tidied as by scjax.scene.repair unless --raw, and the best of several is kept (--pick). Numbers
-    that are given (--agents, --lanes) win over what a prompt says. Free text needs the text encoder, which is fetched
-    once; see SCJAX_TEXT_ENCODER in the README for machines without a network.
+    Every scene is the best of several candidates (--best-of), each repaired after sampling (--no-repair leaves them as
+    sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts that do not ship with the model
+    need the text encoder, which is downloaded once; without a network, set SCJAX_TEXT_ENCODER (see the README).
     """
     out = writable_folder(folder)
     clock = Clock()
     with clock.part("start"):
         import jax
 
-        import scjax
-        from scjax.generate.best_of import make
-        from scjax.generate.prompts import prompt_warnings
+        from scjax.generate.best_of import prompt_warnings
+        from scjax.generate.conditions import Condition
+        from scjax.generate.model import load_model
+        from scjax.generate.sample import sample_scenes
         from scjax.language.facts import extract_facts
         from scjax.nn.startup import start_jax
 
         start_jax()
-        model = scjax.load(model_folder)
-        conditions = [
-            scjax.Condition(
-                prompt=prompt, negative_prompt=negative, num_agents=agents, num_lanes=lanes, domain=domain
-            )
-            for prompt in prompts
-        ]  # fmt: skip
-    for condition in conditions:
-        for warning in prompt_warnings(condition):
-            say(f"scjax: warning: {warning}")
-    with clock.part("text"):
-        from scjax.generate.prompts import encode_prompts
-
-        told = encode_prompts(conditions, model)
+        model = load_model(model_folder)
+    conditions = [
+        Condition(prompt=prompt, negative_prompt=negative, num_agents=agents, num_lanes=lanes, domain=domain)
+        for prompt in prompts
+    ]
+    for warning in (warning for condition in conditions for warning in prompt_warnings(condition)):
+        say(f"scjax: warning: {warning}")
     with clock.part("scenes"):
-        repeated = [(prompt, one) for prompt, one in zip(prompts, told, strict=True) for _ in range(number)]
-        scenes = make(
-            jax.random.key(seed), [prompt for prompt, _ in repeated], [one for _, one in repeated], model=model,
-            pick=pick, raw=raw, sampler=sampler, steps=steps, guidance=guidance, temperature=temperature,
+        scenes = sample_scenes(
+            jax.random.key(seed), conditions, model=model, num_scenes=num_scenes, num_steps=num_steps,
+            guidance=guidance, sampler=sampler, best_of=best_of, repair=repair, temperature=temperature,
             energy_guidance=energy_guidance,
         )  # fmt: skip
-    made = []
+    results = []
     with clock.part("files"):
-        for k, scene in enumerate(scenes):
-            prompt = prompts[k // number]
-            name = f"{slug(prompt)}-{seed}-{k % number}"
-            files = write_scene(scene, out, name, formats, title=None)
-            facts = extract_facts(scene).to_json()
-            made.append({"prompt": prompt, "seed": seed, "number": k % number, "files": [str(path) for path in files],
-                         "lanes": int(scene.num_lanes), "agents": int(scene.num_agents), "facts": facts})  # fmt: skip
+        for i, scene in enumerate(scenes):
+            prompt, number = prompts[i // num_scenes], i % num_scenes
+            files = write_scene(scene, out, f"{slug(prompt)}-{seed}-{number}", formats)
+            results.append(
+                {
+                    "prompt": prompt,
+                    "seed": seed,
+                    "number": number,
+                    "files": [str(path) for path in files],
+                    "lanes": int(scene.num_lanes),
+                    "agents": int(scene.num_agents),
+                    "facts": extract_facts(scene).to_json(),
+                }
+            )
     if as_json:
-        click.echo(json.dumps({"scenes": made, "seconds": clock.parts}, indent=1))
+        click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:
-        for one in made:
-            for path in one["files"]:
-                click.echo(str(Path(path)))
-    say(f"{len(scenes)} scenes: {clock.told()}", quiet=as_json)
+        for result in results:
+            click.echo("\n".join(result["files"]))
+    say(f"{len(scenes)} scenes: {clock.summary()}", quiet=as_json)

@@ -1,27 +1,33 @@
-"""scjax caption, plot and info: a look at files and at the model."""
+"""scjax caption, plot and info: show what files and models hold."""
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
+from scjax.cli.options import json_option, model_option
+from scjax.scene import Scene, unpadded
+from scjax.scene import io as scene_io
 
-def read_scenes(path: str | Path) -> list:
-    """All scenes of an npz or JSON file that scjax wrote.
+READERS: dict[str, Callable[[str | Path], Scene]] = {".npz": scene_io.load_npz, ".json": scene_io.load_json}
+"""File ending -> function that reads a scene or a batch."""
+
+
+def read_scenes(path: str | Path) -> list[Scene]:
+    """All scenes of an npz or JSON file that scjax wrote, without padding.
 
     Raises:
-      ValueError: naming the file and what is wrong with it.
+      ValueError: names the file and what is wrong with it.
     """
-    from scjax.scene import io as scene_io
-    from scjax.scene import unpadded
-
     path = Path(path)
-    if path.suffix not in (".npz", ".json"):
-        raise ValueError(f"{path}: scenes are read from .npz and .json files, as scjax generate writes them")
+    if path.suffix not in READERS:
+        raise ValueError(f"{path}: scenes are read from {' and '.join(READERS)} files, as scjax generate writes them")
     try:
-        scene = scene_io.load_npz(path) if path.suffix == ".npz" else scene_io.load_json(path)
+        scene = READERS[path.suffix](path)
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -33,31 +39,36 @@ def read_scenes(path: str | Path) -> list:
 
 @click.command()
 @click.argument("file")
-@click.option("--style", type=click.Choice(["short", "heads", "long"]), default="long", show_default=True,
-              help="One or two sentences; ROAD & CONTROL and AGENTS; a paragraph.")  # fmt: skip
-@click.option("--seed", default=0, show_default=True, help="Of the words.")
-@click.option("--json", "as_json", is_flag=True, help="Print facts and text as JSON.")
+@click.option(
+    "--style",
+    type=click.Choice(["short", "heads", "long"]),
+    default="long",
+    show_default=True,
+    help="short: one or two sentences; heads: ROAD & CONTROL and AGENTS; long: a paragraph.",
+)
+@click.option("--seed", default=0, show_default=True, help="Random seed of the choice of words.")
+@click.option("--json", "as_json", is_flag=True, help="Print facts and captions as JSON.")
 def caption(file, style, seed, as_json) -> None:
-    """Says what the scenes in FILE (.npz or .json) show, by rule."""
+    """Describes the scenes in FILE (.npz or .json) in English, by rule."""
     from scjax.language.captioner import write_caption
     from scjax.language.facts import extract_facts
 
-    found = []
+    captions = []
     for scene in read_scenes(file):
         facts = extract_facts(scene)
-        found.append({"text": write_caption(facts, seed, style, drop=0.0), "facts": facts.to_json()})
+        captions.append({"text": write_caption(facts, seed, style, drop=0.0), "facts": facts.to_json()})
     if as_json:
-        click.echo(json.dumps(found, indent=1))
+        click.echo(json.dumps(captions, indent=1))
         return
-    for one in found:
+    for one in captions:
         click.echo(one["text"])
 
 
-@click.command()
+@click.command("plot")
 @click.argument("file")
 @click.option("--out", metavar="FILE", help="Picture to write. [default: FILE with the ending .png]")
-@click.option("--speeds", is_flag=True, help="Also draw how far everybody travels in one second.")
-def plot(file, out, speeds) -> None:
+@click.option("--speeds", is_flag=True, help="Also draw how far every agent moves in one second.")
+def plot_command(file, out, speeds) -> None:
     """Draws the scenes in FILE (.npz or .json) from above."""
     from scjax.viz.grid import grid
 
@@ -69,27 +80,27 @@ def plot(file, out, speeds) -> None:
 
 
 @click.command()
-@click.option("--model", "folder", metavar="DIR", help="A model folder instead of the one that ships.")
-@click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
-def info(folder, as_json) -> None:
-    """Tells what a model knows: its domains, sizes, text encoder and training."""
-    import scjax
+@model_option
+@json_option
+def info(model_folder, as_json) -> None:
+    """Shows the domains, sizes, text encoder and training of a model."""
+    from scjax.generate.model import load_model
     from scjax.nn.functional import count
 
-    model = scjax.load(folder)
+    model = load_model(model_folder)
     parts = {name: count(component.params) for name, component in model.components.items()}
     sizes = model.denoiser.config if "denoiser" in model.components else None
-    told = {
-        "scjax": scjax.__version__, "parameters": parts, "domains": list(model.domains),
+    properties = {
+        "scjax": importlib.metadata.version("scjax"), "parameters": parts, "domains": list(model.domains),
         "text encoder": model.text_encoder or None, "prompts that need no encoder": list(model.prompts),
         "most lanes": sizes.max_lanes if sizes else None,
         "most agents": sizes.max_agents if sizes else None,
         "steps of training": model.notes.get("steps"),
     }  # fmt: skip
     if as_json:
-        click.echo(json.dumps(told, indent=1))
+        click.echo(json.dumps(properties, indent=1))
         return
-    for name, value in told.items():
+    for name, value in properties.items():
         shown = ", ".join(f"{k} {v:,}" for k, v in value.items()) if isinstance(value, dict) else value
         shown = ("\n" + " " * 30).join(map(str, shown)) if isinstance(shown, list) else shown
         click.echo(f"{name:<30}{shown}")

@@ -1,4 +1,4 @@
-"""What the commands write: scenes in several formats, named by prompt, seed and number; and the time it took."""
+"""Files that the commands write, named by prompt, seed and number; and the time that a command took."""
 
 from __future__ import annotations
 
@@ -7,30 +7,44 @@ import os
 import re
 import time
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
 
 import click
-from matplotlib.figure import Figure
 
 from scjax.scene import Scene
+from scjax.scene import io as scene_io
 
-Format = Literal["png", "svg", "json", "npz"]
-FORMATS: tuple[Format, ...] = ("png", "svg", "json", "npz")
-CANDIDATES = 8  # a scene by default
-PICK_HELP = (
-    "Candidates a scene: the one that shows most of the prompt, then the one with the fewest faults, is kept. They are "
-    "made some at a time, and one without fault ends the search."
-)
-_LONGEST = 48  # characters of a file name's text
+_MAX_SLUG = 48  # characters
+
+
+def _write_picture(scene: Scene, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    from scjax.viz.bev import plot_scene
+    from scjax.viz.grid import save_figure
+
+    figure = plot_scene(scene).figure
+    assert isinstance(figure, Figure)  # a picture of its own, no part of another
+    save_figure(figure, path)
+
+
+WRITERS: dict[str, Callable[[Scene, Path], object]] = {
+    "png": _write_picture,
+    "svg": _write_picture,
+    "json": scene_io.save_json,
+    "npz": scene_io.save_npz,
+}
+"""File ending -> function that writes a scene. A new format is one more line."""
+
+FORMATS = tuple(WRITERS)
 
 
 def writable_folder(path: str | Path) -> Path:
-    """The folder, made if it is not there.
+    """The folder, created if it is missing.
 
     Raises:
-      ValueError: it cannot be made or written to; said before anything is computed.
+      ValueError: it cannot be created or written to. Commands check this before they compute anything.
     """
     folder = Path(path)
     try:
@@ -48,54 +62,44 @@ def writable_folder(path: str | Path) -> Path:
 def slug(text: str) -> str:
     """A short file name for a text in any language."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST].rstrip("-") or "scene"
+    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_MAX_SLUG].rstrip("-") or "scene"
 
 
-def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[Format], title: str | None) -> list[Path]:
+def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Writes one scene in every format; returns the files. Each appears whole or not at all."""
-    from scjax.scene import io as scene_io
-
-    written = []
-    for kind in formats:
-        path = folder / f"{name}.{kind}"
-        if kind == "npz":
-            scene_io.save_npz(scene, path)
-        elif kind == "json":
-            scene_io.save_json(scene, path)
-        else:
-            from scjax.viz.bev import plot_scene
-            from scjax.viz.grid import save_figure
-
-            figure = plot_scene(scene, title=title).figure
-            assert isinstance(figure, Figure)  # a picture of its own, no part of another
-            save_figure(figure, path)
-        written.append(path)
-    return written
+    paths = [folder / f"{name}.{ending}" for ending in formats]
+    for ending, path in zip(formats, paths, strict=True):
+        WRITERS[ending](scene, path)
+    return paths
 
 
 class Clock:
-    """Times parts of a command: with clock.part("sampling"): ..."""
+    """Times the parts of a command: ``with clock.part("sampling"): ...``"""
 
     def __init__(self) -> None:
         self.parts: dict[str, float] = {}
-        self._times: dict[str, int] = {}
+        self._calls: dict[str, int] = {}
 
     @contextlib.contextmanager
     def part(self, name: str) -> Iterator[None]:
-        """Adds what runs within it to the part ``name`` [s]."""
+        """Adds the time of its block to the part ``name`` [s]."""
         start = time.perf_counter()
         try:
             yield
         finally:
-            self.parts[name] = self.parts.get(name, 0.0) + time.perf_counter() - start
-            self._times[name] = self._times.get(name, 0) + 1
+            self.add(name, time.perf_counter() - start)
 
-    def told(self) -> str:
-        """All parts in one line; of those that ran several times the mean."""
-        shares = ((name, seconds, self._times[name]) for name, seconds in self.parts.items())
+    def add(self, name: str, seconds: float) -> None:
+        """Adds a time to the part ``name``."""
+        self.parts[name] = self.parts.get(name, 0.0) + seconds
+        self._calls[name] = self._calls.get(name, 0) + 1
+
+    def summary(self) -> str:
+        """All parts in one line; the mean of those that ran several times."""
+        parts = ((name, seconds, self._calls[name]) for name, seconds in self.parts.items())
         return ", ".join(
-            f"{name} {seconds:.1f} s" if times == 1 else f"{times} {name} {seconds / times:.1f} s each"
-            for name, seconds, times in shares
+            f"{name} {seconds:.1f} s" if calls == 1 else f"{calls} {name} {seconds / calls:.1f} s each"
+            for name, seconds, calls in parts
         )
 
 

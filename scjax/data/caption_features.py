@@ -17,7 +17,7 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from scjax.data.captions import captions_path, read_captions
-from scjax.encoders.text import Encoder
+from scjax.encoders.base import TextEncoder
 
 FORMAT = 1
 _BATCH_SIZE = 256  # texts
@@ -74,7 +74,7 @@ class TextStore:
 
 
 def embed_captions(
-    folder: str | Path, encoder: Encoder, *, splits: Sequence[str] = ("train", "val"), progress: bool = True
+    folder: str | Path, encoder: TextEncoder, *, splits: Sequence[str] = ("train", "val"), progress: bool = True
 ) -> dict[str, int]:
     """Encodes the captions of the splits that have any; returns the number of different texts of each.
 
@@ -106,7 +106,7 @@ def embed_captions(
 
 
 def _write(
-    folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: Encoder, progress: bool
+    folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: TextEncoder, progress: bool
 ) -> int:
     index, data = _paths(folder, split)
     temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in (index, data)]

@@ -11,13 +11,14 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
+from scjax.encoders.base import TextNetwork
 from scjax.nn.attention import attend
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
 _STD = 0.02
-UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias")  # keys of weights never needed
+_UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias")  # keys that tokens do not need
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,14 +36,14 @@ class BertConfig:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> BertConfig:
-        """From a ``config.json``.
+        """Sizes from the content of a ``config.json``.
 
         Raises:
-          ValueError: a variant that this network is not.
+          ValueError: a variant of BERT that this network is not.
         """
-        for name, wanted in (("hidden_act", "gelu"), ("position_embedding_type", "absolute")):
-            if content.get(name, wanted) != wanted:
-                raise ValueError(f"{name} is {content[name]!r}: only {wanted!r} is supported for BERT")
+        for name, supported in (("hidden_act", "gelu"), ("position_embedding_type", "absolute")):
+            if content.get(name, supported) != supported:
+                raise ValueError(f"{name} is {content[name]!r}: only {supported!r} is supported for BERT")
         return cls(**{field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content})
 
     @property
@@ -51,7 +52,7 @@ class BertConfig:
         return self.hidden_size
 
     @property
-    def longest(self) -> int:
+    def max_tokens(self) -> int:
         """Tokens that have a position."""
         return self.max_position_embeddings
 
@@ -72,8 +73,8 @@ class BertLayer(nnx.Module):
         self.heads = config.num_attention_heads
 
     def __call__(self, x: Float[Array, "b t d"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
-        read = attend(self.query(x), self.key(x), self.value(x), mask[:, None], self.heads)
-        x = self.norm(x + self.out(read))
+        attended = attend(self.query(x), self.key(x), self.value(x), mask[:, None], self.heads)
+        x = self.norm(x + self.out(attended))
         return self.out_norm(x + self.down(jax.nn.gelu(self.up(x), approximate=False)))
 
 
@@ -84,7 +85,7 @@ class Bert(nnx.Module):
         def table(rows: int) -> nnx.Param:
             return nnx.Param(init.normal((rows, config.hidden_size), _STD))
 
-        self.words, self.positions, self.kinds = (
+        self.words, self.positions, self.segments = (
             table(config.vocab_size), table(config.max_position_embeddings), table(config.type_vocab_size)
         )  # fmt: skip
         self.norm = LayerNorm(config.hidden_size, config.layer_norm_eps)
@@ -92,19 +93,19 @@ class Bert(nnx.Module):
 
     def __call__(self, ids: Int[Array, "b t"], mask: Bool[Array, "b t"]) -> Float[Array, "b t d"]:
         """Features of every token; padding (``mask`` False) never changes those of others."""
-        x = self.words[...][ids] + self.positions[...][None, : ids.shape[1]] + self.kinds[...][:1][None]
+        x = self.words[...][ids] + self.positions[...][None, : ids.shape[1]] + self.segments[...][:1][None]
         x = self.norm(x)
         for layer in self.layers:
             x = layer(x, mask)
         return jnp.where(mask[..., None], x, 0.0)
 
 
-def rules(config: BertConfig) -> Rules:
-    """Keys of a transformers state dict (without the prefix "bert.") -> parameters."""
-    found: dict[str, Any] = {
+def bert_weight_rules(config: BertConfig) -> Rules:
+    """Keys of a transformers state dict (without the prefix "bert.") -> parameters and layout changes."""
+    rules: dict[str, Any] = {
         "embeddings.word_embeddings.weight": (("words",), SAME),
         "embeddings.position_embeddings.weight": (("positions",), SAME),
-        "embeddings.token_type_embeddings.weight": (("kinds",), SAME),
+        "embeddings.token_type_embeddings.weight": (("segments",), SAME),
         **_norm("embeddings.LayerNorm", ("norm",)),
     }
     linears = {
@@ -114,12 +115,21 @@ def rules(config: BertConfig) -> Rules:
     for k in range(config.num_hidden_layers):
         start, path = f"encoder.layer.{k}", ("layers", k)
         for foreign, own in linears.items():
-            found[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
-            found[f"{start}.{foreign}.bias"] = ((*path, own, "bias"), SAME)
-        found |= _norm(f"{start}.attention.output.LayerNorm", (*path, "norm"))
-        found |= _norm(f"{start}.output.LayerNorm", (*path, "out_norm"))
-    return found
+            rules[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
+            rules[f"{start}.{foreign}.bias"] = ((*path, own, "bias"), SAME)
+        rules |= _norm(f"{start}.attention.output.LayerNorm", (*path, "norm"))
+        rules |= _norm(f"{start}.output.LayerNorm", (*path, "out_norm"))
+    return rules
 
 
 def _norm(foreign: str, path: tuple) -> dict[str, Any]:
     return {f"{foreign}.weight": ((*path, "scale"), SAME), f"{foreign}.bias": ((*path, "bias"), SAME)}
+
+
+NETWORK = TextNetwork(
+    read_config=BertConfig.from_json,
+    module=Bert,
+    weight_rules=bert_weight_rules,
+    is_unused=lambda name: name in _UNUSED,
+    prefix="bert.",
+)

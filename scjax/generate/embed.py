@@ -1,6 +1,6 @@
-"""Scenes as a trained autoencoder sees them: latents of lanes and agents, and what it knows of a lane before those.
+"""Embeddings of scenes by a trained autoencoder: latents of lanes and agents, and hidden states of lanes.
 
-Values mean nothing outside one autoencoder: never compare what two of them say.
+Values depend on the autoencoder: never compare embeddings of two of them.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from scjax.generate.batching import in_batches
 from scjax.generate.model import Model
-from scjax.generate.sample import GROUP, bucket_of
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import SceneCodec
@@ -24,7 +24,7 @@ from scjax.scene.per_type import PerType
 
 
 class Embedding(NamedTuple):
-    """One scene: posterior means of its lanes and agents, and the encoder's last state of its lanes."""
+    """One scene: posterior means of its lanes and agents, and the encoder's last hidden states of its lanes."""
 
     lanes: Float[np.ndarray, "lanes latent"]
     agents: Float[np.ndarray, "agents latent"]
@@ -32,27 +32,22 @@ class Embedding(NamedTuple):
 
 
 def embed(model: Model, scenes: Iterable[Scene]) -> list[Embedding]:
-    """Of single scenes without padding, in their order.
+    """Embeds single scenes, in their order, without padding.
 
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
     program = _program(model.codec, model.autoencoder.config)
-    chosen = [model.codec.select(scene.to_numpy()) for scene in scenes]
-    groups: dict[tuple[int, int], list[int]] = {}
-    for row, scene in enumerate(chosen):
-        groups.setdefault(bucket_of(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]), []).append(row)
-    found: dict[int, Embedding] = {}
-    for bucket, members in groups.items():
-        for start in range(0, len(members), GROUP):
-            part = members[start : start + GROUP]
-            batch = stack([chosen[row] for row in part + [part[0]] * (GROUP - len(part))], bucket)
-            arrays = jax.device_get(program(model.autoencoder.params, batch))
-            for place, row in enumerate(part):
-                lanes, agents = len(chosen[row].lane_mask), len(chosen[row].agent_mask)
-                counts = (lanes, agents, lanes)
-                found[row] = Embedding(*(x[place, :count] for x, count in zip(arrays, counts, strict=True)))
-    return [found[row] for row in range(len(chosen))]
+    scenes = [model.codec.select(scene.to_numpy()) for scene in scenes]
+    embeddings: dict[int, Embedding] = {}
+    for bucket, indices, rows in in_batches([(len(scene.agent_mask), len(scene.lane_mask)) for scene in scenes]):
+        batch = stack([scenes[i] for i in rows], bucket)
+        arrays = jax.device_get(program(model.autoencoder.params, batch))
+        for row, index in enumerate(indices):
+            lanes, agents = len(scenes[index].lane_mask), len(scenes[index].agent_mask)
+            counts = (lanes, agents, lanes)
+            embeddings[index] = Embedding(*(x[row, :count] for x, count in zip(arrays, counts, strict=True)))
+    return [embeddings[index] for index in range(len(scenes))]
 
 
 @functools.lru_cache(maxsize=8)
@@ -62,7 +57,7 @@ def _program(codec: SceneCodec, config: AutoencoderConfig) -> Callable:
 
     def run(params, scenes: Scene):
         tokens = codec.normalize(scenes)
-        # Nothing is decoded: what does not reach the result is not computed.
+        # The trace needs latents; XLA drops the decoder, whose output is not used.
         latents = PerType(
             agents=jnp.zeros((*tokens.agent_mask.shape, config.agent_latent)),
             lanes=jnp.zeros((*tokens.lane_mask.shape, config.lane_latent)),

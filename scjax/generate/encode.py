@@ -1,53 +1,110 @@
-"""What the requests of a batch tell the network of their conditions: features of texts, or of images and depths."""
+"""Conditions as inputs of the networks: prompts become token streams, and streams become batched features.
+
+This is the only place that knows which streams a network reads.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.generate.conditions import Condition
+from scjax.encoders.base import TextEncoder
+from scjax.encoders.text import clean_text, load_text_encoder
+from scjax.generate.conditions import Condition, Stream
+from scjax.generate.model import Model
 from scjax.models.denoiser.config import ConditionConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 
+Streams = Mapping[str, Stream]
+NetworkInputs = tuple[ConditionFeatures | None, TextFeatures | None]
+"""Features of the conditions, and of the negative prompts that guidance leads away from; None where there are none."""
 
-def check_readable(conditions: Sequence[Condition], reads: ConditionConfig) -> None:
-    """Raises ValueError where a condition holds what a network that ``reads`` this does not read, or of another
-    shape."""
-    kinds = {TextCondition: "texts", ImageCondition: "images"}
-    told = "is unconditional" if reads is None else f"reads {kinds[type(reads)]}"
-    for name, kind in (("tokens", TextCondition), ("negative_tokens", TextCondition), ("image", ImageCondition)):
-        if not isinstance(reads, kind) and any(getattr(cond, name) is not None for cond in conditions):
-            raise ValueError(f"Condition.{name} is given, but this model {told}: leave it out")
-    if not isinstance(reads, ImageCondition):
-        return
-    for shape in (np.shape(cond.image) for cond in conditions if cond.image is not None):
-        if shape != (reads.channels, *reads.grid):
+
+def encode_conditions(
+    conditions: Sequence[Condition], model: Model, encoder: TextEncoder | None = None
+) -> list[Streams]:
+    """The streams of every condition, those of its prompts included; each different text is encoded once.
+
+    Args:
+      encoder: the text encoder; by default the one that ``load_text_encoder`` finds. It is needed only for texts that
+        are not among ``model.prompts``.
+
+    Raises:
+      ValueError: the model cannot read a stream, the encoder is not the model's, or a prompt is empty.
+    """
+    texts = dict.fromkeys(clean_text(text) for condition in conditions for text in _prompts(condition).values())
+    features = _encode_texts(list(texts), model, encoder) if texts else {}
+    streams: list[Streams] = [
+        {
+            **condition.streams,
+            **{name: Stream(features[clean_text(text)]) for name, text in _prompts(condition).items()},
+        }
+        for condition in conditions
+    ]
+    check_readable(streams, model.denoiser.config.condition)
+    return streams
+
+
+def _prompts(condition: Condition) -> dict[str, str]:
+    """Stream name -> text."""
+    texts = {"text": condition.prompt, "negative_text": condition.negative_prompt}
+    return {name: text for name, text in texts.items() if text is not None}
+
+
+def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | None) -> dict[str, np.ndarray]:
+    """Text -> token features [tokens, width]: those stored in the model, else from the text encoder."""
+    if not model.text_encoder:
+        raise ValueError("a prompt is given, but this model was not trained on text: leave it out, or load another one")
+    missing = [text for text in texts if text not in model.prompts]
+    if not missing:
+        return dict(model.prompts)
+    encoder = encoder or load_text_encoder()
+    if encoder.name != model.text_encoder:
+        raise ValueError(
+            f"the text encoder is {encoder.name}, but this model was trained with {model.text_encoder}: "
+            "give the folder of that one by the variable SCJAX_TEXT_ENCODER"
+        )
+    for text in missing:
+        if encoder.is_cut(text):
+            warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
+    encoded = {text: tokens.features for text, tokens in zip(missing, encoder(missing), strict=True)}
+    return {**model.prompts, **encoded}
+
+
+def check_readable(streams: Sequence[Streams], condition: ConditionConfig) -> None:
+    """Checks that a network reads all these streams.
+
+    Args:
+      streams: the streams of every scene.
+      condition: what the network reads (``DenoiserConfig.condition``).
+
+    Raises:
+      ValueError: names the stream, what the network reads, and the cure.
+    """
+    reader = _READERS[type(condition)]
+    reads = f"reads {' and '.join(reader.names)}" if reader.names else "is unconditional"
+    for name in dict.fromkeys(name for row in streams for name in row):
+        if name not in reader.names:
             raise ValueError(
-                f"Condition.image is [channels, rows, columns] {shape}, the model takes "
-                f"{(reads.channels, *reads.grid)}: use the encoder and the size that it was trained with"
+                f"Condition.streams[{name!r}] is given, but this model {reads}: leave {name!r} out, or load a model "
+                "that reads it"
             )
-    sizes = sorted({np.shape(cond.depth) for cond in conditions if cond.depth is not None})
-    if len(sizes) > 1:
-        raise ValueError(f"Condition.depth of one call have the sizes {sizes}: bring them to one")
+    reader.check(streams, condition)
 
 
-def features_of(
-    conditions: Sequence[Condition], reads: ConditionConfig
-) -> tuple[ConditionFeatures | None, TextFeatures | None]:
-    """Features of the conditions, and of what guidance leads away from; None where there is nothing to read."""
-    if isinstance(reads, ImageCondition):
-        return _image_features(conditions, reads), None
-    if not isinstance(reads, TextCondition):
-        return None, None
-    texts = [(cond.tokens, cond.token_mask) for cond in conditions]
-    negative = [(cond.negative_tokens, None) for cond in conditions]
-    longest = max(0 if tokens is None else len(tokens) for tokens, _ in [*texts, *negative])
-    features = text_features(texts, longest, reads)
-    if all(tokens is None for tokens, _ in negative):
-        return features, None
-    return features, text_features(negative, longest, reads)
+def network_inputs(streams: Sequence[Streams], condition: ConditionConfig) -> NetworkInputs:
+    """The features of a batch of scenes, as the denoiser takes them.
+
+    Args:
+      streams: the streams of every scene, all readable (``check_readable``).
+      condition: what the network reads (``DenoiserConfig.condition``).
+    """
+    return _READERS[type(condition)].inputs(streams, condition)
 
 
 def padded_length(longest: int) -> int:
@@ -55,33 +112,72 @@ def padded_length(longest: int) -> int:
     return max(64, -(-longest // 64) * 64)
 
 
-def text_features(texts: Sequence[tuple], longest: int, reads: TextCondition) -> TextFeatures:
-    """(tokens, mask) of every scene, padded to ``padded_length``.
-
-    Raises:
-      ValueError: tokens of another width than the network reads.
-    """
-    lengths = [0 if tokens is None else len(tokens) for tokens, _ in texts]
+def text_features(texts: Sequence[Stream | None], longest: int, width: int) -> TextFeatures:
+    """Text streams as a batch, padded to ``padded_length(longest)`` slots; None is no token at all."""
     slots = padded_length(longest)
-    padded, valid = np.zeros((len(lengths), slots, reads.width), np.float32), np.zeros((len(lengths), slots), bool)
-    for row, ((tokens, mask), length) in enumerate(zip(texts, lengths, strict=True)):
-        if tokens is None:
-            continue
-        if np.shape(tokens)[1] != reads.width:
-            raise ValueError(f"Condition.tokens are {np.shape(tokens)[1]} wide, the model takes {reads.width}")
-        padded[row, :length] = tokens
-        valid[row, :length] = True if mask is None else mask
-    return TextFeatures(tokens=jnp.asarray(padded), mask=jnp.asarray(valid))
+    tokens, mask = np.zeros((len(texts), slots, width), np.float32), np.zeros((len(texts), slots), bool)
+    for row, text in enumerate(texts):
+        if text is not None:
+            tokens[row, : len(text.tokens)] = text.tokens
+            mask[row, : len(text.tokens)] = True if text.mask is None else text.mask
+    return TextFeatures(tokens=jnp.asarray(tokens), mask=jnp.asarray(mask))
 
 
-def _image_features(conditions: Sequence[Condition], reads: ImageCondition) -> ImageFeatures:
-    present = np.array([cond.image is not None for cond in conditions])
-    size = next((np.shape(cond.depth) for cond in conditions if cond.depth is not None), reads.grid)
-    none = np.zeros((reads.channels, *reads.grid), np.float32), np.zeros(size, np.float32)
-    images, depths = zip(
-        *((none if cond.image is None else (cond.image, cond.depth)) for cond in conditions), strict=True
+def _check_texts(streams: Sequence[Streams], condition: TextCondition) -> None:
+    for name, stream in (item for row in streams for item in row.items()):
+        if np.shape(stream.tokens)[1] != condition.width:
+            raise ValueError(
+                f"Condition.streams[{name!r}] has tokens of width {np.shape(stream.tokens)[1]}, the model takes "
+                f"{condition.width}: use the encoder that it was trained with"
+            )
+
+
+def _text_inputs(streams: Sequence[Streams], condition: TextCondition) -> NetworkInputs:
+    texts, negative = ([row.get(name) for row in streams] for name in ("text", "negative_text"))
+    longest = max((len(text.tokens) for text in (*texts, *negative) if text is not None), default=0)
+    features = text_features(texts, longest, condition.width)
+    if all(text is None for text in negative):
+        return features, None
+    return features, text_features(negative, longest, condition.width)
+
+
+def _check_images(streams: Sequence[Streams], condition: ImageCondition) -> None:
+    expected = (condition.channels, *condition.grid)
+    for shape in (row["image"].grid().shape for row in streams if "image" in row):
+        if shape != expected:
+            raise ValueError(
+                f"Condition.streams['image'] is [channels, rows, columns] {shape}, the model takes {expected}: use the "
+                "encoder and the size that it was trained with"
+            )
+    sizes = sorted({row["depth"].grid().shape[1:] for row in streams if "depth" in row})
+    if len(sizes) > 1:
+        raise ValueError(f"Condition.streams['depth'] of one call have the sizes {sizes}: bring them to one")
+
+
+def _image_inputs(streams: Sequence[Streams], condition: ImageCondition) -> NetworkInputs:
+    grids = [row["image"].grid() if "image" in row else None for row in streams]
+    depths = [row["depth"].grid()[0] if "depth" in row else None for row in streams]
+    size = next((depth.shape for depth in depths if depth is not None), condition.grid)
+    no_image, no_depth = np.zeros((condition.channels, *condition.grid), np.float32), np.zeros(size, np.float32)
+    features = ImageFeatures(
+        dino=jnp.asarray(np.stack([no_image if grid is None else grid for grid in grids]), jnp.float32),
+        depth=jnp.asarray(np.stack([no_depth if depth is None else depth for depth in depths]), jnp.float32),
+        present=jnp.asarray([grid is not None for grid in grids]),
     )
-    return ImageFeatures(
-        dino=jnp.asarray(np.stack(images), jnp.float32), depth=jnp.asarray(np.stack(depths), jnp.float32),
-        present=jnp.asarray(present),
-    )  # fmt: skip
+    return features, None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Reader:
+    """How one type of network reads streams: their names, a check of their shapes, and the translation."""
+
+    names: tuple[str, ...]
+    check: Callable[[Sequence[Streams], Any], None]
+    inputs: Callable[[Sequence[Streams], Any], NetworkInputs]
+
+
+_READERS: dict[type, _Reader] = {
+    type(None): _Reader((), lambda streams, condition: None, lambda streams, condition: (None, None)),
+    TextCondition: _Reader(("text", "negative_text"), _check_texts, _text_inputs),
+    ImageCondition: _Reader(("image", "depth"), _check_images, _image_inputs),
+}

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -15,14 +16,11 @@ import scjax
 from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
-from scjax.generate import best_of as scenes
-from scjax.generate.prompts import SceneScore, best
 from scjax.models.denoiser.config import TextCondition
-from scjax.scene import empty
 from scjax.scene.io import load_json, load_npz, save_npz
 from tests.factories.examples import example_batch
+from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
-from tests.generate.test_prompts import Words
 
 PROMPT = "a road with two cars"
 
@@ -30,8 +28,7 @@ PROMPT = "a road with two cars"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A model folder; the demo's prompts and one more need no encoder."""
-    texts = [PROMPT, "no cars", *DEMO]
-    features = {text: found.features for text, found in zip(texts, Words()(texts), strict=True)}
+    features = {text: Words.features(text) for text in (PROMPT, "no cars", *DEMO)}
     model = dataclasses.replace(
         tiny_model(TextCondition(Words.width)), text_encoder=Words.name, prompts=features, notes={"steps": 7}
     )  # fmt: skip
@@ -56,7 +53,7 @@ def run(monkeypatch, capsys, tmp_path):
 
 def test_generate_writes_what_it_names(run, folder, tmp_path):
     code, out, err = run(
-        "generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 3, "--lanes", 5, "-n", 2, "--seed", 4,
+        "generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 3, "--lanes", 5, "-n", 2, "--seed", 4,
         "--negative", "no cars", "--domain", "there", "--out", tmp_path / "made",
         *(word for kind in ("png", "svg", "json", "npz") for word in ("--format", kind)),
     )  # fmt: skip
@@ -68,18 +65,18 @@ def test_generate_writes_what_it_names(run, folder, tmp_path):
     np.testing.assert_allclose(load_json(tmp_path / "made" / f"{slug(PROMPT)}-4-0.json").lanes, one.lanes, atol=1e-5)
 
 
-def test_generate_in_json_is_for_machines(run, folder):
-    code, out, _ = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 3, "--lanes", 5, "--json")
+def test_generate_prints_json(run, folder):
+    code, out, _ = run("generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 3, "--lanes", 5, "--json")
     content = json.loads(out)
     assert code == 0 and content["scenes"][0]["agents"] == 3 and content["scenes"][0]["facts"]["traffic"]
-    assert set(content["seconds"]) == {"start", "text", "scenes", "files"}
+    assert set(content["seconds"]) == {"start", "scenes", "files"}
 
 
 def test_sampler_guidance_and_temperature_change_the_scene(run, folder, tmp_path):
     scenes = []
     for words in ((), ("--sampler", "dpm++"), ("--guidance", 1), ("--temperature", 0.5)):
         out = tmp_path / str(len(scenes))
-        options = ("--steps", 2, "--agents", 3, "--lanes", 5, "--format", "npz", "--out", out)
+        options = ("--num-steps", 2, "--agents", 3, "--lanes", 5, "--format", "npz", "--out", out)
         assert run("generate", PROMPT, "--model", folder, *options, *words)[0] == 0
         scenes.append(load_npz(out / f"{slug(PROMPT)}-0-0.npz"))
     assert not any(np.allclose(scenes[0].lanes, other.lanes, atol=1e-3) for other in scenes[1:])
@@ -87,77 +84,64 @@ def test_sampler_guidance_and_temperature_change_the_scene(run, folder, tmp_path
     assert "[default: ddpm; rectified flow: heun]" in help and "ddpm 25" in help and "dpm++" in help
 
 
-def test_scenes_are_tidied_unless_raw_and_the_best_candidate_is_kept(run, folder, tmp_path):
-    options = ("--model", folder, "--steps", 2, "--agents", 6, "--lanes", 5, "--format", "npz")
-    kept = {}
+def test_generate_repairs_and_takes_the_best_candidate(run, folder, tmp_path):
+    """By default; the library has the same scenes for the same options."""
+    options = ("--model", folder, "--num-steps", 2, "--agents", 6, "--lanes", 5, "--format", "npz")
+    scenes = {}
     for name, words in {
-        "raw": ["--raw", "--pick", 1],
-        "tidied": ["--pick", 1],
-        "three": ["--raw", "-n", 3, "--pick", 1],
-        "best": ["--raw", "--pick", 3],
+        "plain": ["--no-repair", "--best-of", 1],
+        "repaired": ["--best-of", 1],
+        "default": [],
+        "four": ["--best-of", 4, "--repair"],
     }.items():
         assert run("generate", PROMPT, *options, *words, "--out", tmp_path / name)[0] == 0
-        kept[name] = [load_npz(path) for path in sorted((tmp_path / name).iterdir())]
-    np.testing.assert_array_equal(kept["tidied"][0].lanes, scjax.repair(kept["raw"][0]).lanes)
-    assert not np.array_equal(kept["tidied"][0].lanes, kept["raw"][0].lanes)
-    np.testing.assert_array_equal(kept["best"][0].lanes, kept["three"][best(PROMPT, kept["three"])].lanes)
+        (path,) = (tmp_path / name).iterdir()
+        scenes[name] = load_npz(path)
+    np.testing.assert_array_equal(scenes["repaired"].lanes, scjax.repair(scenes["plain"]).lanes)
+    assert not np.array_equal(scenes["repaired"].lanes, scenes["plain"].lanes)
+    chex.assert_trees_all_equal(scenes["default"].to_dict(), scenes["four"].to_dict())
+    condition = scjax.Condition(prompt=PROMPT, num_agents=6, num_lanes=5)
+    (same,) = scjax.sample(
+        jax.random.key(0), [condition], model=scjax.load(folder), num_steps=2, best_of=4, repair=True
+    )
+    np.testing.assert_array_equal(scenes["default"].lanes, same.lanes)
 
 
 @pytest.mark.parametrize(
-    ("prompts", "lanes", "kept", "calls"),
+    ("old", "new"),
     [
-        (["aaa", "a"], [3, 2, 1, 2], [3, 1], [4]),  # both are shown at once
-        (["aaa", "aaaa"], [5, 2, 3, 4], [2, 4], [4]),  # the first one keeps the one with fewer faults
+        (["--steps", 2, "--pick", 2], ["--num-steps", 2, "--best-of", 2]),
+        (["--steps=2", "--raw"], ["--num-steps", 2, "--no-repair"]),
+        (["--steps", 2, "--steer"], ["--num-steps", 2, "--energy-guidance"]),
     ],
 )
-def test_best_of_keeps_the_candidate_that_shows_most(monkeypatch, folder, prompts, lanes, kept, calls):
-    """A prompt asks for a lane a letter; fewer lanes are fewer faults."""
-    left, asked = iter(lanes), []
-
-    def made(key, told, **options):
-        asked.append(len(told))
-        return [empty(1, next(left)) for _ in told]
-
-    monkeypatch.setattr(scenes, "sample_many", made)
-    monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
-    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: SceneScore(
-        int(len(scene.lanes) != len(prompt)), len(scene.lanes), 0.0
-    ))  # fmt: skip
-    found = scenes.make(jax.random.key(0), prompts, [scjax.Condition()] * 2, model=scjax.load(folder), pick=2, raw=True)
-    assert [len(scene.lanes) for scene in found] == kept and asked == calls and not list(left)
+def test_old_flags_work_with_a_warning(run, folder, tmp_path, old, new):
+    options = ("--model", folder, "--agents", 6, "--lanes", 5, "--format", "npz")
+    scenes = []
+    for name, words in (("old", old), ("new", new)):
+        code, out, err = run("generate", PROMPT, *options, *words, "--out", tmp_path / name)
+        assert code == 0
+        flags = [str(word).partition("=")[0] for word in words if str(word).startswith("--")]
+        for flag, current in zip(flags, [word for word in new if str(word).startswith("--")], strict=True):
+            assert (f"warning: {flag} is now {current}" in err) == (name == "old")
+        scenes.append(load_npz(out.strip()))
+    chex.assert_trees_all_equal(scenes[0].to_dict(), scenes[1].to_dict())
 
 
-@pytest.mark.parametrize(
-    ("faults", "kept", "calls"),
-    [
-        ([3, 0, 1, 2], 0, [4]),  # nothing is wrong with the second one
-        ([3, 2, 1, 2, 2, 3, 4, 5], 1, [4, 4]),  # all shown, but with faults
-        ([3, 2, 1, 2, 2, 0, 4, 5], 0, [4, 4]),
-    ],
-)
-def test_a_candidate_without_fault_ends_the_search(monkeypatch, folder, faults, kept, calls):
-    left, asked = iter(faults), []
-
-    def made(key, told, **options):
-        asked.append(len(told))
-        return [empty(1, 1 + next(left)) for _ in told]
-
-    monkeypatch.setattr(scenes, "sample_many", made)
-    monkeypatch.setattr(scenes, "with_counts", lambda key, told, model: told)
-    monkeypatch.setattr(scenes, "shortcomings", lambda prompt, scene: SceneScore(0, len(scene.lanes) - 1, 0.0))
-    model, told = scjax.load(folder), [scjax.Condition()]
-    (found,) = scenes.make(jax.random.key(0), ["a"], told, model=model, pick=8, raw=True)
-    assert len(found.lanes) - 1 == kept and asked == calls and not list(left)
+def test_old_flags_that_are_gone_name_their_successor(run):
+    for command in (("generate", PROMPT), ("demo",)):
+        code, _, err = run(*command, "--tries", 4)
+        assert code == 2 and "--best-of" in err
 
 
-def test_given_counts_win_with_a_warning(run, folder):
-    code, out, err = run("generate", PROMPT, "--model", folder, "--steps", 2, "--agents", 1, "--lanes", 5, "--json")
+def test_generate_warns_where_counts_overrule_the_prompt(run, folder):
+    code, out, err = run("generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 1, "--lanes", 5, "--json")
     assert code == 0 and "warning: the prompt speaks of 2 agents or more" in err
     assert json.loads(out)["scenes"][0]["agents"] == 1
 
 
 def test_demo_draws_all_prompts(run, folder):
-    code, out, err = run("demo", "--model", folder, "--steps", 2)
+    code, out, err = run("demo", "--model", folder, "--num-steps", 2)
     assert code == 0 and out.strip() == "scjax-demo-0.png" and "first scene" in err
     assert len([name for name in os.listdir() if name.endswith(".npz")]) == len(DEMO)
 
@@ -171,19 +155,19 @@ def test_caption_plot_and_info(run, folder, tmp_path):
     code, out, _ = run("plot", "scenes.npz", "--speeds")
     assert code == 0 and out.strip() == "scenes.png" and (tmp_path / "scenes.png").stat().st_size > 1000
     code, out, _ = run("info", "--model", folder, "--json")
-    told = json.loads(out)
-    assert code == 0 and told["domains"] == ["here", "there"] and told["text encoder"] == Words.name
+    content = json.loads(out)
+    assert code == 0 and content["domains"] == ["here", "there"] and content["text encoder"] == Words.name
     assert "there" in run("info", "--model", folder)[1]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "message"),
     [
         (["generate"], 2, "PROMPT"),
         (["generate", PROMPT, "--agents", "0"], 2, "agents"),
         (["generate", PROMPT, "--format", "gif"], 2, "gif"),
         (["generate", PROMPT, "--sampler", "plms"], 2, "plms"),
-        (["generate", PROMPT, "--steps", "1"], 2, "steps"),
+        (["generate", PROMPT, "--num-steps", "1"], 2, "steps"),
         (["generate", PROMPT, "--sampler", "heun", "--model", "MODEL"], 1, "choose one of ddpm, ddim, dpm++"),
         (["generate", "", "--model", "MODEL"], 1, "prompt is empty"),
         (["generate", "\udcff", "--model", "MODEL"], 1, "no text"),
@@ -199,13 +183,13 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         (["data", "build"], 2, ""),
     ],
 )
-def test_refusals(run, folder, tmp_path, arguments, code, said):
+def test_commands_refuse_bad_input(run, folder, tmp_path, arguments, code, message):
     (tmp_path / "broken.json").write_text("{")
-    found, _, err = run(*(str(folder) if word == "MODEL" else word for word in arguments))
-    assert (found, said in err) == (code, True), err
+    actual, _, err = run(*(str(folder) if word == "MODEL" else word for word in arguments))
+    assert (actual, message in err) == (code, True), err
 
 
-def test_damaged_weights_are_refused(run, folder, tmp_path):
+def test_info_refuses_damaged_weights(run, folder, tmp_path):
     copy = tmp_path / "copy"
     copy.mkdir()
     for path in folder.iterdir():
@@ -217,13 +201,13 @@ def test_damaged_weights_are_refused(run, folder, tmp_path):
     assert code == 1 and "sha256" in err
 
 
-def test_help_of_every_command(run):
+def test_every_command_has_help(run):
     for command in ((), ("demo",), ("generate",), ("caption",), ("plot",), ("info",), ("data",)):
         code, out, _ = run(*command, "--help")
         assert (code == 0 and "Usage" in out) or "usage" in out
 
 
-def test_slugs_are_file_names():
+def test_slug_is_a_file_name():
     assert slug("A busy four-way intersection, 5 cars!") == "a-busy-four-way-intersection-5-cars"
     assert slug("Straße über den Fluß") == "strae-uber-den-flu" and slug("交差点") == "scene"
     assert len(slug("word " * 100)) <= 48

@@ -11,7 +11,7 @@ from scjax.data.loader import LoaderConfig, training_batches
 from scjax.models.codec import scjax
 from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
-from tests.generate.test_prompts import Words
+from tests.factories.words import Words
 
 
 @pytest.fixture(scope="module")

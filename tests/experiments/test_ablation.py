@@ -35,8 +35,8 @@ from scjax.models.denoiser.config import ImageCondition
 from scjax.nn.cross_attention import OPTIONS, ContextSpec, from_name
 from scjax.scene import Crop
 from scjax.synthetic.source import Worlds
+from tests.factories.words import Words
 from tests.factories.worlds import AUTOENCODER, DENOISER, tiny_model
-from tests.generate.test_prompts import Words
 
 
 @pytest.fixture(scope="module")
@@ -164,24 +164,25 @@ def test_image_requests_are_of_forward_windows_with_another_scenes_image(folder)
     requests = requests_of("image", str(folder / "records"), 4, tiny_model())
     for scene, own, shuffled in zip(requests.references, requests.own, requests.shuffled, strict=True):
         assert own.crop == Crop.FORWARD and int(scene.crop) == Crop.FORWARD
-        np.testing.assert_array_equal(own.image, render(scene).image)
+        np.testing.assert_array_equal(own.streams["image"].grid(), render(scene).image)
         assert (own.num_lanes, own.num_agents, own.domain) == (shuffled.num_lanes, shuffled.num_agents, shuffled.domain)
-        assert not np.array_equal(own.image, shuffled.image)
+        assert not np.array_equal(own.streams["image"].tokens, shuffled.streams["image"].tokens)
     assert not requests.asked and requests.context == 392
 
 
 def test_padded_texts_keep_their_tokens():
     tokens = np.ones((3, 5), np.float32)
-    (cond,) = padded([scjax.Condition(tokens=tokens)], 8)
-    assert cond.tokens.shape == (8, 5) and cond.token_mask.sum() == 3
-    np.testing.assert_array_equal(cond.tokens[:3], tokens)
-    assert not cond.tokens[3:].any()
+    (cond,) = padded([scjax.Condition(streams={"text": scjax.Stream(tokens)})], 8)
+    text = cond.streams["text"]
+    assert text.tokens.shape == (8, 5) and text.mask.sum() == 3
+    np.testing.assert_array_equal(text.tokens[:3], tokens)
+    assert not text.tokens[3:].any()
 
 
 def test_losses_differ_by_the_condition_alone(folder):
     model = tiny_model()
     requests = requests_of("image", str(folder / "records"), 5, model)
-    scenes, plain = requests.references, [dataclasses.replace(cond, image=None, depth=None) for cond in requests.own]
+    scenes, plain = requests.references, [dataclasses.replace(cond, streams={}) for cond in requests.own]
     losses = denoising_losses(model, scenes, plain, 3)
     assert losses.shape == (len(scenes),) and (losses > 0).all() and len(set(losses)) == len(scenes)
     np.testing.assert_allclose(denoising_losses(model, scenes[:1], plain[:1], 3), losses[:1], rtol=1e-5)

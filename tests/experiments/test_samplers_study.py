@@ -18,8 +18,8 @@ from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.models.denoiser.config import TextCondition
 from scjax.synthetic.source import Worlds
+from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
-from tests.generate.test_prompts import Words
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from scjax.data import records
 from scjax.data.token_order import sort_tokens
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.generate.conditions import Condition
-from scjax.generate.encode import features_of
+from scjax.generate.conditions import Stream
+from scjax.generate.encode import network_inputs
 from scjax.generate.model import DEFAULT_MODEL
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.model import denoiser
@@ -71,8 +71,8 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
     rng, level = np.random.default_rng(0), cosine_schedule().levels[step]
     noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
     prompts = list(model.prompts.values())
-    told = [Condition(tokens=prompts[i % len(prompts)]) for i in range(len(row))]
-    features, _ = features_of(told, config.condition)
+    streams = [{"text": Stream(prompts[i % len(prompts)])} for i in range(len(row))]
+    features, _ = network_inputs(streams, config.condition)
     label, nobody = jnp.zeros(len(row), jnp.int32), jnp.zeros(len(row), bool)
 
     @functools.partial(jax.jit, static_argnums=0)

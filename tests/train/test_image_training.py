@@ -12,7 +12,7 @@ import pytest
 import scjax
 from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.data.loader import LoaderConfig, training_batches, validation_scenes
-from scjax.generate.conditions import Condition
+from scjax.generate.conditions import Condition, Stream
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Crop, unpadded, validate
@@ -82,8 +82,9 @@ def test_image_model_samples_with_an_image(folder, trained):
     assert trained.notes["images"] == "scjax.camera.raycast"
     scene = validation_scenes(folder / "records", trained.codec, crop=Crop.FORWARD)[0]
     features = render(scene)
-    condition = Condition(image=features.image, depth=features.depth, crop=Crop.FORWARD, num_lanes=5, num_agents=3)
-    made = scjax.sample(jax.random.key(0), condition, model=trained, steps=2)
+    streams = {"image": Stream.from_image(features.image), "depth": Stream.from_depth(features.depth)}
+    condition = Condition(streams=streams, crop=Crop.FORWARD, num_lanes=5, num_agents=3)
+    made = scjax.sample(jax.random.key(0), condition, model=trained, num_steps=2)
     validate(made)
     assert made.crop.tolist() == [Crop.FORWARD] and np.isfinite(made.lanes).all()
 

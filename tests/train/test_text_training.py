@@ -34,8 +34,8 @@ from scjax.train.loop import train
 from scjax.train.objectives import make_objective
 from scjax.train.objectives.validation_examples import validation_examples
 from tests.factories.small_runs import get_config
+from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
-from tests.generate.test_prompts import Words
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,9 @@ def test_a_prompt_decides_counts_and_scene(prompt_model):
     model = prompt_model
     assert model.count_predictor.config.text_width == Words.width
     tokens = Words()(["a straight road"])[0].features
-    scene = scjax.sample(jax.random.key(0), scjax.Condition(tokens=tokens), model=model, steps=2)[0]
+    scene = scjax.sample(
+        jax.random.key(0), scjax.Condition(streams={"text": scjax.Stream(tokens)}), model=model, num_steps=2
+    )[0]
     scjax.validate(scene)
 
 

@@ -19,10 +19,10 @@ from scjax.diffusion.denoise_fn import make_denoise_fn
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import noise_level_at
+from scjax.generate.batching import padded_size
 from scjax.generate.conditions import Condition
-from scjax.generate.encode import features_of
+from scjax.generate.encode import network_inputs
 from scjax.generate.model import Model
-from scjax.generate.sample import bucket_of
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import SceneCodec
@@ -48,10 +48,10 @@ def denoising_losses(
     config, params = model.denoiser.config, (model.autoencoder.params, model.denoiser.params)
     run = _program(model.codec, model.autoencoder.config, config)
     # Of all at once, so that texts are padded to one length and one program serves.
-    features, _ = features_of(conditions, config.condition)
+    features, _ = network_inputs([condition.streams for condition in conditions], config.condition)
     groups: dict[tuple[int, int], list[int]] = {}
     for row, scene in enumerate(scenes):
-        groups.setdefault(bucket_of(int(scene.num_agents), int(scene.num_lanes)), []).append(row)
+        groups.setdefault(padded_size(int(scene.num_agents), int(scene.num_lanes)), []).append(row)
     found = np.zeros(len(scenes))
     for bucket, members in groups.items():
         for start in range(0, len(members), _CALL):

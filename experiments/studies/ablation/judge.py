@@ -66,12 +66,12 @@ def sampled(
         scenes, times = [], []
         for start in range(0, len(conditions), CALL):
             begin, part = time.perf_counter(), conditions[start : start + CALL]
-            scenes += scjax.sample_many(
+            scenes += scjax.sample(
                 jax.random.fold_in(jax.random.key(seed), start),
                 part,
                 model=model,
                 sampler=how.name,
-                steps=how.steps,
+                num_steps=how.steps,
                 guidance=how.guidance,
             )
             times.append((time.perf_counter() - begin) / len(part))

@@ -15,7 +15,7 @@ from scjax.data.caption_features import TextStore
 from scjax.data.captions import read_captions
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.sources import LARGEST_COUNTS, RecordScenes
-from scjax.generate.conditions import Condition
+from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
 from scjax.language.prompt_parser import PromptSpec, parse_prompt
 from scjax.metrics.control import derangements
@@ -75,9 +75,10 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
         prompts = [a_prompt(store, captions[row], int(row), rng) for row in rows]
         asked, told = [parse_prompt(text) for text, _ in prompts], "\n".join(text for text, _ in prompts)
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
-        features = [{"tokens": tokens} for _, tokens in prompts]
+        streams = [{"text": Stream(tokens)} for _, tokens in prompts]
     else:
-        features = [render(scene)._asdict() for scene in scenes]
+        seen = [render(scene) for scene in scenes]
+        streams = [{"image": Stream.from_image(one.image), "depth": Stream.from_depth(one.depth)} for one in seen]
     clusters = [places[row] for row in rows]
     other = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
     domains = [source.domains[int(scene.domain)] for scene in scenes]
@@ -85,8 +86,8 @@ def requests_of(kind: str, folder: str, samples: int, model: Model, most: tuple[
         {"num_lanes": max(int(scene.num_lanes), 1), "num_agents": int(scene.num_agents), "domain": domain, "crop": crop}
         for scene, domain in zip(scenes, domains, strict=True)
     ]
-    own = [Condition(**count, **given) for count, given in zip(counts, features, strict=True)]
-    shuffled = [Condition(**count, **features[row]) for count, row in zip(counts, other, strict=True)]
+    own = [Condition(**count, streams=one) for count, one in zip(counts, streams, strict=True)]
+    shuffled = [Condition(**count, streams=streams[row]) for count, row in zip(counts, other, strict=True)]
     fingerprint = content_hash(kind, source.fingerprint, row_text(rows), row_text(other), told)
     return Requests(scenes, clusters, own, shuffled, asked, context, fingerprint)
 
@@ -97,9 +98,9 @@ def padded(conditions: Sequence[Condition], slots: int) -> list[Condition]:
         return list(conditions)
     made = []
     for cond in conditions:
-        assert cond.tokens is not None
-        real = np.asarray(cond.tokens)[:slots]
+        real = np.asarray(cond.streams["text"].tokens)[:slots]
         tokens = np.zeros((slots, real.shape[1]), np.float32)
         tokens[: len(real)] = real
-        made.append(dataclasses.replace(cond, tokens=tokens, token_mask=np.arange(slots) < len(real)))
+        text = Stream(tokens, mask=np.arange(slots) < len(real))
+        made.append(dataclasses.replace(cond, streams={**cond.streams, "text": text}))
     return made

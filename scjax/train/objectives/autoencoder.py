@@ -13,7 +13,7 @@ from jaxtyping import Array
 from scjax.data.build import load_manifest
 from scjax.data.loader import LoaderConfig, TrainingExample, training_batches, validation_scenes
 from scjax.generate.model import Component, Model
-from scjax.generate.sample import reconstruct
+from scjax.generate.reconstruct import reconstruct
 from scjax.metrics.reconstruction import reconstruction
 from scjax.models import codec as presets
 from scjax.models.autoencoder.config import AutoencoderConfig

@@ -20,9 +20,9 @@ from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
-from scjax.generate.conditions import Condition
+from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model, load_model
-from scjax.generate.sample import sample_many
+from scjax.generate.sample import sample_scenes
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
@@ -216,7 +216,7 @@ class DenoiserObjective:
         """Recorded scenes beside scenes sampled with their counts and condition."""
         examples = every_nth(self.validation, _PICTURES)
         conditions = [condition_of(example) for example in examples]
-        sampled = sample_many(jax.random.key(3), conditions, model=self._model(params))
+        sampled = sample_scenes(jax.random.key(3), conditions, model=self._model(params))
         titles = [f"{name} {i}" for i in range(len(examples)) for name in ("recorded", "sampled")]
         pairs = [scene for example, other in zip(examples, sampled, strict=True) for scene in (example.scene, other)]
         grid(pairs, columns=4, titles=titles, path=path_of("samples"))
@@ -284,17 +284,17 @@ def condition_features(batch: TrainingExample) -> ConditionFeatures | None:
 def condition_of(example: TrainingExample) -> Condition:
     """Counts, domain, crop and caption or image of a scene."""
     scene = example.scene
-    tokens = None
+    streams = {}
     if example.tokens is not None and example.token_mask is not None:
-        tokens = np.asarray(example.tokens[example.token_mask], np.float32)
+        streams["text"] = Stream(np.asarray(example.tokens[example.token_mask], np.float32))
+    if example.image is not None and example.depth is not None:
+        streams |= {"image": Stream.from_image(example.image), "depth": Stream.from_depth(example.depth)}
     return Condition(
         num_lanes=int(scene.num_lanes),
         num_agents=int(scene.num_agents),
         domain=int(scene.domain),
         crop=Crop(int(scene.crop)),
-        tokens=tokens,
-        image=example.image,
-        depth=example.depth,
+        streams=streams,
     )
 
 

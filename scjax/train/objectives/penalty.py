@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from scjax.diffusion.energies.collision import collision_energy, collision_weight
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.relation_loss import connection_error, lateral_offset_error, relation_weight
-from scjax.generate.compiled import decode
+from scjax.generate.compiled import decode_latents
 from scjax.generate.model import Model
 from scjax.models.autoencoder.model import autoencoder
 from scjax.nn.functional import Params
@@ -42,7 +42,7 @@ def decoded_penalty(
       scene: the true scene, in the token order of the estimate.
     """
     latents = base.latents.denormalize(estimate)
-    decoded = decode(autoencoder(base.autoencoder.config), params, base.codec, latents, masks, scene.crop, scene.domain)
+    decoded = decode_latents(autoencoder(base.autoencoder.config), params, base.codec, latents, masks, scene.crop, scene.domain)
     total = jnp.zeros(len(scene.crop))
     if weights.collision:
         energy = collision_energy(decoded.replace(agent_types=scene.agent_types))

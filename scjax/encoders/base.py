@@ -1,0 +1,87 @@
+"""What a text encoder is to its users, and what a published network declares to become one.
+
+A new network is one file with a ``TextNetwork``, and one line in ``scjax.encoders.text.NETWORKS``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from flax import nnx
+from jaxtyping import Float
+
+from scjax.nn.functional import Functional, functional
+from scjax.nn.state_dict import Rules
+
+
+class TokenFeatures(NamedTuple):
+    """Features of one text's tokens; special tokens are among them, padding is not."""
+
+    features: Float[np.ndarray, "tokens width"]
+    texts: tuple[str, ...]
+
+
+@runtime_checkable
+class TextEncoder(Protocol):
+    """Turns texts into token features. ``name`` differs between encoders whose features differ."""
+
+    name: str
+
+    @property
+    def width(self) -> int:
+        """Features of a token."""
+        ...
+
+    def __call__(self, texts: Sequence[str]) -> list[TokenFeatures]:
+        """Token features of every text."""
+        ...
+
+    def is_cut(self, text: str) -> bool:
+        """Whether ``text`` has more tokens than the encoder reads."""
+        ...
+
+
+@runtime_checkable
+class TextNetworkConfig(Protocol):
+    """Sizes of a network, read from the ``config.json`` of its release."""
+
+    @property
+    def width(self) -> int:
+        """Features of a token."""
+        ...
+
+    @property
+    def max_tokens(self) -> int:
+        """Tokens that the network reads at most."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class TextNetwork:
+    """A published network: how its sizes and weights are read.
+
+    Attributes:
+      read_config: content of ``config.json`` -> config; ValueError for a variant that the module is not.
+      module: (config, init=) -> the network.
+      weight_rules: config -> keys of the transformers state dict and the parameters that they become.
+      is_unused: key of the state dict -> whether no parameter needs it.
+      prefix: left out of keys that start with it.
+      aliases: (other key, key) of arrays that some releases store twice.
+    """
+
+    read_config: Callable[[Mapping[str, Any]], Any]
+    module: Callable[..., nnx.Module]
+    weight_rules: Callable[[Any], Rules]
+    is_unused: Callable[[str], bool]
+    prefix: str = ""
+    aliases: tuple[tuple[str, str], ...] = ()
+
+
+@functools.lru_cache(maxsize=8)
+def pure_functions(network: TextNetwork, config: TextNetworkConfig) -> Functional:
+    """A network of these sizes as ``init`` and ``apply``."""
+    return functional(lambda init: network.module(config, init=init))

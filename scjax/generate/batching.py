@@ -1,0 +1,43 @@
+"""Scenes of different sizes in batches of few shapes, so that few programs are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+BUCKETS = ((16, 28), (32, 48), (61, 100))
+"""(agent, lane) slots of padded scenes; each is a program to compile."""
+
+GROUP = 4
+"""Scenes in a call of a compiled program, when there is more than one; 8 would be a tenth faster for each scene."""
+
+Bucket = tuple[int, int]
+
+
+def padded_size(agents: int, lanes: int) -> Bucket:
+    """The smallest bucket that holds so many agents and lanes.
+
+    Raises:
+      ValueError: they are more than the largest bucket holds.
+    """
+    for bucket in BUCKETS:
+        if agents <= bucket[0] and lanes <= bucket[1]:
+            return bucket
+    raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
+
+
+def in_batches(sizes: Sequence[tuple[int, int]], group: int = GROUP) -> Iterator[tuple[Bucket, list[int], list[int]]]:
+    """Splits scenes into batches of one bucket and ``group`` rows each.
+
+    Args:
+      sizes: (agents, lanes) of every scene.
+
+    Yields:
+      bucket; indices of the scenes in the batch; the same indices, filled up to ``group`` rows with the first one.
+    """
+    members: dict[Bucket, list[int]] = {}
+    for index, size in enumerate(sizes):
+        members.setdefault(padded_size(*size), []).append(index)
+    for bucket, indices in members.items():
+        for start in range(0, len(indices), group):
+            part = indices[start : start + group]
+            yield bucket, part, part + [part[0]] * (group - len(part))

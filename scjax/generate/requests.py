@@ -1,0 +1,142 @@
+"""One scene to sample: its key, condition streams, counts, domain and known elements."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import numpy as np
+from jaxtyping import Array, Int
+
+from scjax.data.token_order import sort_tokens
+from scjax.generate.conditions import Condition, Stream
+from scjax.generate.counts import CountTables
+from scjax.generate.model import Model
+from scjax.models.counts.prior import draw_counts
+from scjax.scene import Crop, Scene, permute, unpadded
+
+_COUNTS_KEY = 0xC0  # folded into a scene's key for the draw of its counts
+_CANDIDATES_KEY = 0xBE  # folded into a scene's key for its further candidates
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownElements:
+    """Elements of a scene that stay as they are.
+
+    Attributes:
+      scene: unpadded, in the user's order.
+      tokens: the same scene in the order of the networks' tokens.
+      agent_order, lane_order: the user's index of every token.
+    """
+
+    scene: Scene
+    tokens: Scene
+    agent_order: Int[np.ndarray, " agents"]
+    lane_order: Int[np.ndarray, " lanes"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """One scene to sample; everything but its latents is decided."""
+
+    key: Array
+    prompt: str | None
+    streams: Mapping[str, Stream]
+    crop: Crop
+    domain: int
+    num_agents: int
+    num_lanes: int
+    known: KnownElements | None
+
+    @property
+    def known_counts(self) -> tuple[int, int]:
+        """Numbers of known agents and known lanes; they are the first of a scene."""
+        return _known_counts(self.known)
+
+    def candidates(self, number: int) -> list[Request]:
+        """``number`` requests that differ in their latents alone; the first is this request."""
+        key = jax.random.fold_in(self.key, _CANDIDATES_KEY)
+        others = [dataclasses.replace(self, key=jax.random.fold_in(key, k)) for k in range(1, number)]
+        return [self, *others]
+
+    def restore_known(self, scene: Scene) -> Scene:
+        """A sampled scene without padding, whose known elements are exactly the user's, in the user's order."""
+        scene = unpadded(scene)
+        if self.known is None:
+            return scene
+        agents, lanes = (
+            np.concatenate([np.argsort(order), np.arange(len(order), total)])
+            for order, total in ((self.known.agent_order, self.num_agents), (self.known.lane_order, self.num_lanes))
+        )
+        scene, known = permute(scene, agents, lanes), self.known.scene
+        num_agents, num_lanes = self.known_counts
+        fields = scene.to_dict()
+        for name in ("agents", "agent_types", "agent_known"):
+            fields[name] = np.concatenate([getattr(known, name), fields[name][num_agents:]])
+        for name in ("lanes", "lane_known", "signals"):
+            fields[name] = np.concatenate([getattr(known, name), fields[name][num_lanes:]])
+        links = fields["links"].copy()
+        links[:num_lanes, :num_lanes] = known.links
+        return scene.replace(**{**fields, "links": links})
+
+
+def draw_request(
+    key: Array, condition: Condition, streams: Mapping[str, Stream], model: Model, tables: CountTables
+) -> Request:
+    """Draws the domain and the counts that a condition leaves open, on the host and from the scene's own key.
+
+    Raises:
+      ValueError: counts or a domain that the model cannot meet.
+    """
+    known = _known_elements(condition, model)
+    num_known = _known_counts(known)
+    _check_counts(condition, num_known, model)
+    domain = _domain_index(condition, model)
+    seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
+    domain, num_lanes, num_agents = draw_counts(
+        np.random.default_rng(seed.astype(np.uint32)),
+        tables(streams.get("text"), domain, condition.crop),
+        condition.crop,
+        domain=domain,
+        num_lanes=condition.num_lanes,
+        num_agents=condition.num_agents,
+        least_lanes=num_known[1],
+        least_agents=num_known[0],
+    )
+    return Request(key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, known)
+
+
+def _known_elements(condition: Condition, model: Model) -> KnownElements | None:
+    if condition.known is None:
+        return None
+    scene = model.codec.select(unpadded(condition.known.to_numpy()))
+    return KnownElements(scene, *sort_tokens(scene))
+
+
+def _known_counts(known: KnownElements | None) -> tuple[int, int]:
+    return (0, 0) if known is None else (len(known.agent_order), len(known.lane_order))
+
+
+def _check_counts(condition: Condition, num_known: tuple[int, int], model: Model) -> None:
+    config = model.denoiser.config
+    for name, value, low, high in (
+        ("num_agents", condition.num_agents, num_known[0], config.max_agents),
+        ("num_lanes", condition.num_lanes, num_known[1], config.max_lanes),
+    ):
+        if value is not None and not low <= value <= high:
+            raise ValueError(
+                f"Condition.{name} is {value}, but must lie in {max(low, 1)}..{high} "
+                "(known elements .. the model's maximum)"
+            )
+
+
+def _domain_index(condition: Condition, model: Model) -> int | None:
+    domain = condition.domain
+    if isinstance(domain, str):
+        if domain not in model.domains:
+            raise ValueError(f"Condition.domain {domain!r} is unknown: this model has {', '.join(model.domains)}")
+        return model.domains.index(domain)
+    if domain is not None and not 0 <= domain < len(model.domains):
+        raise ValueError(f"Condition.domain {domain} is outside 0..{len(model.domains) - 1} ({model.domains})")
+    return domain

@@ -1,0 +1,25 @@
+"""Batches of few shapes: every scene once, in its bucket."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scjax.generate.batching import BUCKETS, in_batches, padded_size
+
+
+@given(st.lists(st.tuples(st.integers(0, 61), st.integers(0, 100)), max_size=30), st.integers(1, 5))
+def test_in_batches_holds_every_scene_once(sizes, group):
+    indices = []
+    for bucket, part, rows in in_batches(sizes, group):
+        assert len(rows) == group and rows[: len(part)] == part and set(rows) == set(part)
+        assert all(padded_size(*sizes[index]) == bucket for index in part)
+        indices += part
+    assert sorted(indices) == list(range(len(sizes)))
+
+
+def test_padded_size_is_the_smallest_bucket():
+    assert padded_size(16, 28) == BUCKETS[0] and padded_size(16, 29) == BUCKETS[1] and padded_size(33, 1) == BUCKETS[2]
+    with pytest.raises(ValueError, match="62 agents and 1 lanes are more than"):
+        padded_size(62, 1)

@@ -1,0 +1,25 @@
+"""The names of ``scjax`` and what importing them costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import scjax
+
+
+def test_public_names_are_there():
+    assert {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers"} <= set(scjax.__all__)
+    for name in scjax.__all__:
+        assert getattr(scjax, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        scjax.nothing  # noqa: B018
+
+
+def test_viz_is_imported_when_it_is_used():
+    code = (
+        "import sys, scjax; assert 'matplotlib' not in sys.modules; scjax.viz.grid; assert 'matplotlib' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
