@@ -42,7 +42,9 @@ def decoded_penalty(
       scene: the true scene, in the token order of the estimate.
     """
     latents = base.latents.denormalize(estimate)
-    decoded = decode_latents(autoencoder(base.autoencoder.config), params, base.codec, latents, masks, scene.crop, scene.domain)
+    decoded = decode_latents(
+        autoencoder(base.autoencoder.config), params, base.codec, latents, masks, scene.crop, scene.domain
+    )
     total = jnp.zeros(len(scene.crop))
     if weights.collision:
         energy = collision_energy(decoded.replace(agent_types=scene.agent_types))
