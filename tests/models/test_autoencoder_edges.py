@@ -30,7 +30,7 @@ def test_closed_form_edges_equal_dense_edges(edges):
     dense = DenseEdges(edges.dense())
     u, p = normal(4, B, L, H, C), jax.nn.softmax(normal(5, B, L, H, L))
     n, w = normal(8, B * L * L, 3), normal(6, 3 + C, 7)
-    for name, known in (("scores", [u]), ("gather", [p]), ("beside", [n, w])):
+    for name, known in (("scores", [u]), ("gather", [p]), ("project_with", [n, w])):
         result, expected = (getattr(form, name)(*known) for form in (edges, dense))
         np.testing.assert_allclose(result.reshape(expected.shape), expected, 1e-5, 2e-5, err_msg=name)
 
