@@ -47,19 +47,19 @@ def read(run: Path) -> Series:
       ValueError: if a line is not what training writes, or there is none.
     """
     path = run / "metrics.jsonl" if run.is_dir() else run
-    found: dict[str, dict[int, float]] = defaultdict(dict)
+    series: dict[str, dict[int, float]] = defaultdict(dict)
     for number, text in enumerate(path.read_text().splitlines(), 1):
         try:
             line = json.loads(text)
             scope, step = line["scope"], int(line["step"])
         except (json.JSONDecodeError, KeyError, TypeError) as error:
-            raise ValueError(f"{path}, line {number}: not a line that experiments.train writes ({error})") from None
+            raise ValueError(f"{path}, line {number}: not a line that training writes ({error})") from None
         names = ["loss"] if scope == "train" else [name for name in line if name not in ("step", "scope", "time")]
         for name in names:
-            found[name if scope == "train" else f"{scope} {name}"][step] = line[name]
-    if not found:
+            series[name if scope == "train" else f"{scope} {name}"][step] = line[name]
+    if not series:
         raise ValueError(f"{path} holds no metrics yet")
-    return {name: sorted(values.items()) for name, values in found.items()}
+    return {name: sorted(values.items()) for name, values in series.items()}
 
 
 def draw(runs: dict[str, Series], path: Path) -> Figure:

@@ -16,7 +16,7 @@ from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, plot_command
-from scjax.cli.train import train
+from scjax.cli.train import train_command
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -31,7 +31,7 @@ def cli() -> None:
     """
 
 
-for command in (demo, generate, evaluate, caption, plot_command, data, train, info):
+for command in (demo, generate, evaluate, caption, plot_command, data, train_command, info):
     cli.add_command(command)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import click
 
 
-@click.command(context_settings={"ignore_unknown_options": True, "help_option_names": []}, add_help_option=False)
+@click.command(
+    "train", context_settings={"ignore_unknown_options": True, "help_option_names": []}, add_help_option=False
+)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def train(arguments: tuple[str, ...]) -> int:
+def train_command(arguments: tuple[str, ...]) -> int:
     """Trains a network on records; `scjax train --help` has the options and configs."""
     from scjax.train.malloc import keep_memory_by_option
 

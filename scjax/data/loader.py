@@ -173,7 +173,7 @@ class BatchLoader(Iterator[TrainingExample]):
             index, drawn = self._next, self._draws.popleft().result()
             self._next += 1
             self._draws.append(self._pool.submit(self._draw, self._next + len(self._draws)))
-            bucket = bucket_of(drawn.scene, self._buckets)
+            bucket = scene_bucket(drawn.scene, self._buckets)
             queue = self._waiting[bucket]
             self._append(queue, index, drawn)
             if len(queue) == self._batch_size:
@@ -214,7 +214,7 @@ def batch_of(examples: Sequence[TrainingExample], bucket: Bucket) -> TrainingExa
     return TrainingExample(scene=stack([example.scene for example in examples], bucket), **features)
 
 
-def bucket_of(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
+def scene_bucket(scene: Scene, buckets: tuple[Bucket, ...]) -> int:
     """Position of the first bucket that holds the unpadded ``scene``.
 
     Raises:

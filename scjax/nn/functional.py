@@ -57,10 +57,9 @@ def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
 
 
 def _record(make: Callable[[ParamInit], nnx.Module]) -> tuple[nnx.Module, list[tuple[str, int]]]:
-    """The module and, for each array that it asked ``ParamInit`` for, the array's path and size.
+    """The module, and path and size of each array that ``ParamInit`` gave it.
 
-    Raises:
-      ValueError: a parameter is not an array of ``ParamInit`` as it was returned, so that its path is unknown.
+    An array that no parameter holds as it is has its number for a path.
     """
     param_init = ParamInit()
     module = make(param_init)

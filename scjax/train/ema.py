@@ -14,7 +14,7 @@ def update_ema(ema: Params, params: Params, updates: Int[Array, ""] | int, decay
 
     Args:
       ema: the average so far; the initial parameters at first.
-      updates: n, the number of optimiser updates including the one that made ``params`` (1 at first).
+      updates: n, the number of optimizer updates including the one that made ``params`` (1 at first).
     """
     n = jnp.asarray(updates, jnp.float32)
     keep = jnp.minimum(decay, (1 + n) / (10 + n))

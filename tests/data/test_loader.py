@@ -5,7 +5,7 @@ import jax
 import numpy as np
 import pytest
 
-from scjax.data.loader import BatchLoader, LoaderConfig, bucket_of, clip_counts, training_batches, validation_scenes
+from scjax.data.loader import BatchLoader, LoaderConfig, clip_counts, scene_bucket, training_batches, validation_scenes
 from scjax.data.token_order import sort_tokens
 from scjax.models.codec import official_nuplan, scjax
 from scjax.scene import AgentType, Crop, Scene, unpadded, validate
@@ -114,7 +114,7 @@ def test_clip_counts_cuts_to_the_bucket():
 
 def test_bucket_of_a_larger_scene_is_an_error():
     with pytest.raises(ValueError, match="fits no bucket"):
-        bucket_of(unpadded(example_scene(agents=9, lanes=7)), ((4, 3),))
+        scene_bucket(unpadded(example_scene(agents=9, lanes=7)), ((4, 3),))
 
 
 @pytest.mark.parametrize(

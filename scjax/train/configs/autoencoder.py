@@ -83,6 +83,6 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.evaluate_every = max(steps // 10, 1)
     config.picture_every = max(steps // 5, 1)  # 0: never, as above
     config.checkpoint_every = max(min(steps // 10, 1000), 1)
-    config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
+    config.export_at = ()  # steps whose model is written to WORKDIR/model-<step>
     config.tensorboard = True
     return config

@@ -89,8 +89,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "continuous_times": False,  # also between the timesteps; needs config.model.prediction=flow
         "label_dropout": 0.1,
         "condition_dropout": 0.1,
-        "known_lanes_share": 0.0 if official else 0.15,  # share of scenes trained with all lanes given
-        "count_known": official,  # whether given tokens stay in the loss mean
+        "known_lanes_share": 0.0 if official else 0.15,  # share of scenes all of whose lanes are known
+        "count_known": official,  # whether known tokens count in the loss mean
         "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
         # Weights of errors in metres of the decoded estimate: joints of lanes, offsets of agents from their lane.
         "connections": 0.0,
@@ -102,6 +102,6 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.evaluate_every = max(steps // 20, 1)
     config.picture_every = max(steps // 5, 1)  # 0: never, as above
     config.checkpoint_every = max(min(steps // 10, 1000), 1)
-    config.export_at = ()  # steps whose model is kept as WORKDIR/model-<step>
+    config.export_at = ()  # steps whose model is written to WORKDIR/model-<step>
     config.tensorboard = True
     return config
