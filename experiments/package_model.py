@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import scjax
-from experiments.studies.arguments import parser_of
+from experiments.studies.page import script_parser
 from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders import TextEncoder, load_text_encoder
@@ -32,7 +32,7 @@ _CARD = "README.md"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = parser_of("ship", __doc__)
+    parser = script_parser("experiments.package_model", __doc__)
     parser.add_argument("--model", required=True, help="trained model folder with denoiser and counter")
     parser.add_argument(
         "--out", type=Path, default=DEFAULT_MODEL, help="folder to replace (default: the package's own)"

@@ -1,145 +1,172 @@
-"""The paper's two by two: trained with and without the collision penalty, counts from the prompt or from the data.
+"""The two-by-two table of the paper: with and without collision loss, counts from the prompt or from the data.
 
     python -m experiments.studies.collision_x_counts --without=runs/plain/model --with=runs/collision/model \\
-        --counter=runs/counter/model --records=runs/synthetic
+        --counts=runs/counts/model --records=runs/synthetic --out=docs/results/collision_x_counts
 
-Both models start from the same weights and see the same batches; prompts are captions of held-back records, and every
-row has the same keys. Each of the four is also sampled with steering (scjax.diffusion.energy_guidance), which does at sampling
-what the penalty is to do in training. Intervals (95 %) are by bootstrap over the prompts.
+Both models start from the same weights and see the same batches. Prompts are captions of held-out records; all rows use
+the same keys. Each of the four is also sampled with energy guidance (scjax.diffusion.energy_guidance), which reduces
+collisions during sampling. Intervals (95 %) are by bootstrap over the prompts.
+
+Writes OUT.md, OUT.json and OUT.png.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import scjax
 from experiments.package_model import counted
-from experiments.studies.arguments import parser_of
-from experiments.studies.prompt_adherence import Prompted, held_back_prompts, sampled
+from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
+from experiments.studies.prompts import HeldOutPrompt, held_out_prompts, sample_in_calls
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check
 from scjax.metrics.realism import scene_realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
-from scjax.scene.files import write_text
 
 COLUMNS = {
     "overlap": "scenes with overlapping vehicles",
-    "pairs": "overlapping pairs a scene",
-    "met": "of what prompts ask",
-    "lanes": "lanes off by",
-    "agents": "agents off by",
+    "pairs": "overlapping pairs per scene",
+    "met": "requests of the prompt that are met",
+    "lanes": "error of the number of lanes",
+    "agents": "error of the number of agents",
 }
 _SHARES = ("overlap", "met")
 _DRAWS = 2000
 
 Interval = tuple[float, float, float]
-"""Mean, and the ends of its interval."""
+"""Mean, lower and upper end of its interval."""
+Table = dict[str, dict[str, Interval]]
+"""Row -> column -> interval."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = parser_of("two_by_two", __doc__)
+    parser = script_parser("experiments.studies.collision_x_counts", __doc__)
     add = parser.add_argument
-    add("--without", required=True, metavar="DIR", help="model folder, trained without the penalty")
-    add("--with", required=True, dest="penalised", metavar="DIR", help="model folder, trained with it")
-    add(
-        "--counter",
-        dest="count_predictor",
-        metavar="DIR",
-        help="model folder whose counts are taken (default: the model's own)",
-    )
+    add("--without", required=True, metavar="DIR", help="model folder, trained without the collision loss")
+    add("--with", required=True, dest="with_loss", metavar="DIR", help="model folder, trained with it")
+    add("--counts", metavar="DIR", help="model folder with a count predictor (default: the models' own)")
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=200, help="prompts (default %(default)s)")
-    add("--guidance", type=float, default=4.0, help="weight (default %(default)s)")
+    add("--guidance", type=float, default=4.0, help="guidance scale (default %(default)s)")
     add("--seed", type=int, default=0)
-    add("--out", type=Path, default=Path("two_by_two"), help="path without ending (default %(default)s)")
+    add("--out", type=Path, default=Path("collision_x_counts"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        models = {"without": scjax.load(args.without), "with": scjax.load(args.penalised)}
-        count_predictor = scjax.load(args.count_predictor) if args.count_predictor else None
-        table = measure(
-            models, count_predictor, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed
-        )
+        models = {"without": scjax.load(args.without), "with": scjax.load(args.with_loss)}
+        counts = scjax.load(args.counts) if args.counts else None
+        table = measure(models, counts, args.folder, samples=args.samples, guidance=args.guidance, seed=args.seed)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.collision_x_counts: {error}")
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(args.out.with_suffix(".json"), json.dumps(table, indent=1))
-    write_text(args.out.with_suffix(".md"), markdown(table))
-    print(markdown(table))
+    text = markdown(table, command_line("collision_x_counts", arguments))
+    write_page(args.out, text, table, draw(table))
+    print(text)
 
 
 def measure(
     models: dict[str, scjax.Model],
-    count_predictor: scjax.Model | None,
+    count_model: scjax.Model | None,
     folder: str,
     *,
     samples: int,
     guidance: float = 4.0,
-    steps: int | None = None,
+    num_steps: int | None = None,
     seed: int = 0,
-) -> dict[str, dict[str, Interval]]:
-    """Row -> column -> mean and interval.
+) -> Table:
+    """Samples and measures all rows.
+
+    Args:
+      models: "without" and "with" the collision loss.
+      count_model: a model with a count predictor; None: the first of ``models``.
+      folder: captioned and embedded records.
+      samples: number of prompts.
 
     Raises:
-      ValueError: no model tells counts from a prompt, or the counts or the records are of another text encoder.
+      ValueError: no model has a count predictor, or records or counts belong to another text encoder.
     """
-    source = count_predictor or next(iter(models.values()))
+    source = count_model or next(iter(models.values()))
     if "count_predictor" not in source.components:
-        raise ValueError("nothing tells counts from a prompt: give --counter a model folder of that stage")
-    prompts = list(held_back_prompts(folder, next(iter(models.values())), samples, seed))
-    told = [one.told for one in prompts]
+        raise ValueError("no model predicts counts from a prompt: give --counts a model folder of that stage")
+    prompts = list(held_out_prompts(folder, next(iter(models.values())), samples, seed))
+    conditions = [prompt.condition for prompt in prompts]
     table = {}
-    for penalty, model in models.items():
-        without = model.without("count_predictor")
-        for name, chosen in (("data", without), ("prompt", counted(model, source))):
+    for loss, model in models.items():
+        for origin, variant in (("data", model.without("count_predictor")), ("prompt", counted(model, source))):
             for energy_guidance in (False, True):
-                title = f"{penalty} penalty, counts of the {name}{', steered' if energy_guidance else ''}"
-                made = sampled(
-                    told, title, seed, model=chosen, guidance=guidance, num_steps=steps, energy_guidance=energy_guidance
+                title = f"{loss} collision loss, counts of the {origin}"
+                title += ", energy guidance" if energy_guidance else ""
+                scenes = sample_in_calls(
+                    conditions,
+                    title,
+                    seed,
+                    model=variant,
+                    guidance=guidance,
+                    num_steps=num_steps,
+                    energy_guidance=energy_guidance,
                 )
-                table[title] = _values(prompts, made, seed)
+                table[title] = _intervals(prompts, scenes, seed)
     return table
 
 
-def markdown(table: dict[str, dict[str, Interval]]) -> str:
-    """Rows and columns, means with their intervals."""
-    lines = ["| | " + " | ".join(COLUMNS.values()) + " |", "|---" * (len(COLUMNS) + 1) + "|"]
+def markdown(table: Table, command: str) -> str:
+    """The page: means with their intervals."""
+    rows = []
     for title, row in table.items():
-        cells = []
+        cells = [title]
         for name in COLUMNS:
-            percent, digits = (100, 0) if name in _SHARES else (1, 2)
-            mean, low, high = (f"{percent * value:.{digits}f}" for value in row[name])
+            factor, digits = (100, 0) if name in _SHARES else (1, 2)
+            mean, low, high = (f"{factor * value:.{digits}f}" for value in row[name])
             cells.append(f"{mean} ({low} - {high}){' %' if name in _SHARES else ''}")
-        lines.append(f"| {title} | " + " | ".join(cells) + " |")
+        rows.append(cells)
+    lines = ["# Collision loss and counts", "", f"`{command}`", "", *table_lines(["", *COLUMNS.values()], rows)]
     return "\n".join(lines) + "\n"
 
 
-def _values(prompts: Sequence[Prompted], made: Sequence[Scene], seed: int) -> dict[str, Interval]:
-    found = [scene_realism(scene) for scene in made]
-    good = [list(check(one.asked, extract_facts(scene)).values()) for one, scene in zip(prompts, made, strict=True)]
-    wrong = [
-        (abs(float(scene.num_lanes - one.scene.num_lanes)), abs(float(scene.num_agents - one.scene.num_agents)))
-        for one, scene in zip(prompts, made, strict=True)
+def draw(table: Table) -> Figure:
+    """A panel per column with means and intervals."""
+    figure = new_figure(3.0 * len(COLUMNS), 0.8 + 0.3 * len(table))
+    panels = figure.subplots(1, len(COLUMNS), sharey=True)
+    places = -np.arange(len(table))
+    for panel, (name, title) in zip(panels, COLUMNS.items(), strict=True):
+        mean, low, high = np.array([row[name] for row in table.values()]).T
+        panel.errorbar(mean, places, xerr=[mean - low, high - mean], fmt="o", ms=3.5, lw=0.8)
+        panel.set_title(title, fontsize=8)
+        panel.tick_params(labelsize=7)
+        panel.grid(axis="x", alpha=0.3, lw=0.4)
+    panels[0].set_yticks(places, list(table), fontsize=7)
+    return figure
+
+
+def _intervals(prompts: Sequence[HeldOutPrompt], scenes: Sequence[Scene], seed: int) -> dict[str, Interval]:
+    ratios = [scene_realism(scene) for scene in scenes]
+    checks = [
+        list(check(prompt.spec, extract_facts(scene)).values()) for prompt, scene in zip(prompts, scenes, strict=True)
     ]
-    sums = {
-        "overlap": [one["scenes_vehicle_overlap"] for one in found],
-        "pairs": [one["vehicle_overlap_pairs"] for one in found],
-        "met": [(float(sum(one)), float(len(one))) for one in good],
-        "lanes": [(lanes, 1.0) for lanes, _ in wrong],
-        "agents": [(agents, 1.0) for _, agents in wrong],
+    errors = {
+        name: [
+            (abs(float(getattr(scene, field) - getattr(prompt.scene, field))), 1.0)
+            for prompt, scene in zip(prompts, scenes, strict=True)
+        ]
+        for name, field in (("lanes", "num_lanes"), ("agents", "num_agents"))
     }
-    return {name: _interval(np.array(pairs), seed) for name, pairs in sums.items()}
+    pairs = {
+        "overlap": [ratio["scenes_vehicle_overlap"] for ratio in ratios],
+        "pairs": [ratio["vehicle_overlap_pairs"] for ratio in ratios],
+        "met": [(float(sum(shown)), float(len(shown))) for shown in checks],
+        **errors,
+    }
+    return {name: _interval(np.array(values), seed) for name, values in pairs.items()}
 
 
 def _interval(pairs: np.ndarray, seed: int) -> Interval:
-    """Ratio of the sums of (numerator, denominator) [scenes, 2], and its central 95 % over resampled scenes."""
-    drawn = pairs[np.random.default_rng(seed).integers(len(pairs), size=(_DRAWS, len(pairs)))].sum(1)
-    ratios = drawn[:, 0] / np.maximum(drawn[:, 1], 1e-9)
+    """Ratio of the sums of (numerator, denominator) [scenes, 2], and its central 95 % over bootstrap samples."""
+    samples = pairs[np.random.default_rng(seed).integers(len(pairs), size=(_DRAWS, len(pairs)))].sum(1)
+    ratios = samples[:, 0] / np.maximum(samples[:, 1], 1e-9)
     low, high = np.quantile(ratios, (0.025, 0.975))
     return float(pairs[:, 0].sum() / max(pairs[:, 1].sum(), 1e-9)), float(low), float(high)
 

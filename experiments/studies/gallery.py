@@ -1,11 +1,12 @@
-"""Pictures of what a model makes of a list of prompts.
+"""Pictures of the scenes of a list of prompts, with what each prompt asks for and each scene shows.
 
-    python -m experiments.studies.gallery --model=DIR --prompts=FILE --out=DIR
+    python -m experiments.studies.gallery --prompts=experiments/prompts/free_form.txt --out=docs/results/gallery
 
-FILE is a text with a prompt a line, or JSON (lists of texts, or of objects with a "prompt"). OUT receives a picture a
-prompt and gallery.md, which names for every picture what the prompt asks for and what each scene shows, read by rule,
-and sums up at its head how much of what was asked for is there. With --pick 8 scenes are chosen and tidied as
-by ``scjax generate``; by default they are as sampled.
+The prompts are a text file with one per line, or JSON (lists of texts, or of objects with a "prompt"). Attributes are
+extracted by rules (scjax.language). Scenes are as sampled; with --best-of 8 they are selected and repaired as by
+``scjax generate``, and the page says so.
+
+Writes OUT.md, OUT.json and a folder OUT with a picture per prompt.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ import json
 import sys
 import textwrap
 import warnings
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.arguments import parser_of
+from experiments.studies.page import command_line, script_parser, write_page
 from scjax.generate.best_of import prompt_warnings
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check, parse_prompt
@@ -32,85 +33,114 @@ from scjax.viz.grid import grid
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = parser_of("gallery", __doc__)
+    parser = script_parser("experiments.studies.gallery", __doc__)
     add = parser.add_argument
-    add("--model", help="model folder (default: the one that ships)")
+    add("--model", help="model folder (default: the model of the package)")
     add("--prompts", required=True, type=Path, help="file of prompts")
-    add("--out", required=True, type=Path, help="folder for pictures and gallery.md")
-    add("--samples", type=int, default=3, help="scenes a prompt (default %(default)s)")
-    add("--guidance", type=float, help="weight (default: the model's)")
-    add("--steps", type=int, help="sampling steps (default: the sampler's own)")
+    add("--out", type=Path, default=Path("gallery"), help="path without ending (default %(default)s)")
+    add("--samples", type=int, default=3, help="scenes per prompt (default %(default)s)")
+    add("--guidance", type=float, help="guidance scale (default: the model's)")
+    add("--num-steps", type=int, help="sampling steps (default: the sampler's own)")
     add("--seed", type=int, default=0)
-    add(
-        "--pick",
-        type=int,
-        default=1,
-        metavar="K",
-        help="candidates a scene, of which the best is tidied and kept; 1: as sampled (default %(default)s)",
-    )
-    add("--numbers-only", action="store_true", help="name prompts by number, for texts that are not ours to repeat")
+    add("--best-of", type=int, default=1, metavar="K", help="samples per scene; above 1 the best is repaired and kept")
+    add("--numbers-only", action="store_true", help="name prompts by number, for texts that must not be repeated")
     args = parser.parse_args(arguments)
     try:
-        make(args)
+        results = sample_gallery(args)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.gallery: {error}")
+    write_page(args.out, markdown(results, args, command_line("gallery", arguments)), results)
+    print(args.out.with_name(f"{args.out.name}.md"))
 
 
-def make(args: argparse.Namespace) -> None:
-    """The whole gallery, prompt by prompt."""
+def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
+    """Samples and draws all prompts.
+
+    Returns:
+      Per prompt: its text ("" with --numbers-only), picture, warnings, and facts and checks of each scene.
+
+    Raises:
+      ValueError: the file holds no prompts, or the model cannot read them.
+    """
     prompts = read_prompts(args.prompts)
     model = scjax.load(args.model)
     args.out.mkdir(parents=True, exist_ok=True)
-    lines: list[str] = []
-    totals: dict[str, list[bool]] = defaultdict(list)
+    results = []
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         condition = scjax.Condition(prompt=prompt)
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             scenes = scjax.sample(
                 jax.random.fold_in(jax.random.key(args.seed), number),
                 [condition],
                 model=model,
                 num_scenes=args.samples,
-                num_steps=args.steps,
+                num_steps=args.num_steps,
                 guidance=args.guidance,
-                best_of=args.pick,
-                repair=args.pick > 1,
+                best_of=args.best_of,
+                repair=args.best_of > 1,
             )
-        name = f"prompt-{number:02d}.png"
-        grid(scenes, columns=args.samples, path=args.out / name, dpi=60)
-        lines += [f"## {number}" if args.numbers_only else f"## {number}. {textwrap.shorten(prompt, 300)}", ""]
-        lines += [f"![{number}]({name})", ""]
-        asked = parse_prompt(prompt)
-        for scene in scenes:
-            facts = extract_facts(scene)
-            checked = check(asked, facts)
-            for what, good in checked.items():
-                totals[what].append(good)
-            said = ", ".join(f"{what} {'yes' if good else 'NO'}" for what, good in checked.items())
-            traffic = facts.traffic
-            lines.append(
-                f"- {facts.layout}; {traffic.vehicles} vehicles, {traffic.pedestrians} pedestrians, "
-                f"{traffic.cyclists} cyclists; light {facts.signals or 'not told'}; events "
-                f"{', '.join(facts.events) or 'none'} ({said or 'nothing to check'})"
-            )
-        doubtful = [f"warning: {one}" for one in (*(one.message for one in told), *prompt_warnings(condition))]
-        if args.numbers_only and doubtful:
-            doubtful = ["warned about, in words that quote it"]
-        lines += [*(f"- {one}" for one in doubtful), ""]
-    how = "as sampled" if args.pick == 1 else f"each the best of {args.pick}, tidied"
-    kept = ", ".join(f"{what} {sum(good)} of {len(good)}" for what, good in sorted(totals.items()))
-    made = f"{args.samples} scenes a prompt, {how}, seed {args.seed}, by `python -m experiments.studies.gallery`."
-    head = ["# Gallery", "", made, "", f"What prompts ask for and scenes show, by rule: {kept or 'nothing'}.", ""]
-    (args.out / "gallery.md").write_text("\n".join(head + lines))
-    print(args.out / "gallery.md")
+        picture = args.out / f"prompt-{number:02d}.png"
+        grid(scenes, columns=args.samples, path=picture, dpi=60)
+        messages = [*(str(one.message) for one in raised), *prompt_warnings(condition)]
+        if args.numbers_only and messages:
+            messages = ["the warning quotes the prompt"]
+        spec = parse_prompt(prompt)
+        results.append(
+            {
+                "prompt": "" if args.numbers_only else prompt,
+                "picture": f"{args.out.name}/{picture.name}",
+                "warnings": messages,
+                "scenes": [_shown(scene, spec) for scene in scenes],
+            }
+        )
+    return results
+
+
+def _shown(scene: scjax.Scene, spec: Any) -> dict[str, Any]:
+    facts = extract_facts(scene)
+    traffic = facts.traffic
+    return {
+        "facts": f"{facts.layout}; {traffic.vehicles} vehicles, {traffic.pedestrians} pedestrians, "
+        f"{traffic.cyclists} cyclists; light {facts.signals or 'unknown'}; events {', '.join(facts.events) or 'none'}",
+        "checks": {name: bool(shown) for name, shown in check(spec, facts).items()},
+    }
+
+
+def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, command: str) -> str:
+    """The page: totals of all checks, then each prompt with its picture."""
+    totals: dict[str, list[bool]] = {}
+    for result in results:
+        for scene in result["scenes"]:
+            for name, shown in scene["checks"].items():
+                totals.setdefault(name, []).append(shown)
+    summary = ", ".join(f"{name} {sum(shown)} of {len(shown)}" for name, shown in sorted(totals.items()))
+    selection = "as sampled" if args.best_of == 1 else f"each the best of {args.best_of}, repaired"
+    lines = [
+        "# Gallery",
+        "",
+        f"`{command}`",
+        "",
+        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}.",
+        "",
+        f"Requests that scenes meet, by rules: {summary or 'nothing to check'}.",
+        "",
+    ]
+    for number, result in enumerate(results, 1):
+        title = textwrap.shorten(result["prompt"], 300)
+        lines += [f"## {number}. {title}" if title else f"## {number}", "", f"![{number}]({result['picture']})", ""]
+        for scene in result["scenes"]:
+            checks = ", ".join(f"{name} {'yes' if shown else 'NO'}" for name, shown in scene["checks"].items())
+            lines.append(f"- {scene['facts']} ({checks or 'nothing to check'})")
+        lines += [*(f"- warning: {message}" for message in result["warnings"]), ""]
+    return "\n".join(lines)
 
 
 def read_prompts(path: Path) -> list[str]:
     """Prompts of a file.
 
     Raises:
-      ValueError: naming the file, if it holds none.
+      ValueError: the file holds none.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -119,10 +149,10 @@ def read_prompts(path: Path) -> list[str]:
         raise ValueError(f"{path}: neither lines of text nor JSON ({error})") from error
     if isinstance(content, dict):
         content = [item for value in content.values() for item in (value if isinstance(value, list) else [value])]
-    found = [text.strip() for text in map(_text, content) if text.strip()]
-    if not found:
-        raise ValueError(f"{path}: holds no prompts: write one a line")
-    return found
+    prompts = [text.strip() for text in map(_text, content) if text.strip()]
+    if not prompts:
+        raise ValueError(f"{path}: holds no prompts: write one per line")
+    return prompts
 
 
 def _text(item: object) -> str:

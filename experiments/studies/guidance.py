@@ -1,7 +1,12 @@
-"""Draws how guidance acts: python -m experiments.studies.guidance runs/adherence.json --out guidance.png
+"""How does the guidance scale act on adherence and realism?
 
-Reads what ``experiments.studies.prompt_adherence`` wrote at several guidance weights. One panel an attribute of the prompts and one a
-number of ``SOUND``, a line a file, such as models of several rates of condition dropout; dashed: the record itself.
+    python -m experiments.studies.guidance runs/adherence.json --out=docs/results/guidance
+
+Reads the JSON of ``experiments.studies.prompt_adherence`` at several guidance scales. One panel per attribute of the
+prompts and per realism value; one line per file, such as models with different condition dropout; dashed: the record
+itself.
+
+Writes OUT.md, OUT.json and OUT.png.
 """
 
 from __future__ import annotations
@@ -12,41 +17,46 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from experiments.studies.arguments import parser_of
-from experiments.studies.prompt_adherence import SOUND
-from scjax.viz.grid import save_figure
+from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
+from experiments.studies.prompt_adherence import REALISM, RECORD
 
 Curve = list[tuple[float, float]]
-"""(guidance weight, value), weights ascending."""
+"""(guidance scale, value), scales ascending."""
 
 _ROW = re.compile(r"prompt, guidance (\S+)$")
-_RECORD = "the record itself"
 _COLUMNS = 4
 
 
+class Curves(NamedTuple):
+    """Panel -> curve over guidance scales, and panel -> value of the records."""
+
+    panels: dict[str, Curve]
+    record: dict[str, float]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = parser_of("guidance_curves", __doc__)
-    parser.add_argument(
-        "files", nargs="+", type=Path, help="JSON of experiments.studies.prompt_adherence; the name is the line's"
-    )
-    parser.add_argument("--out", type=Path, default=Path("guidance.png"), help="picture (default %(default)s)")
+    parser = script_parser("experiments.studies.guidance", __doc__)
+    parser.add_argument("files", nargs="+", type=Path, help="JSON of prompt_adherence; the file name labels the line")
+    parser.add_argument("--out", type=Path, default=Path("guidance"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        draw({path.stem: read(path) for path in args.files}, args.out)
+        files = {path.stem: read(path) for path in args.files}
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.guidance: {error}")
-    print(args.out)
+    text = markdown(files, command_line("guidance", arguments))
+    write_page(args.out, text, {name: curves._asdict() for name, curves in files.items()}, draw(files))
+    print(args.out.with_name(f"{args.out.name}.md"))
 
 
-def read(path: Path) -> tuple[dict[str, Curve], dict[str, float]]:
-    """Panel -> curve over guidance weights, and panel -> value of the records.
+def read(path: Path) -> Curves:
+    """The curves of one file.
 
     Raises:
-      ValueError: the file is none of ``experiments.studies.prompt_adherence``, or holds fewer than two weights.
+      ValueError: the file is not from ``prompt_adherence``, or holds fewer than two guidance scales.
     """
     try:
         content = json.loads(path.read_text())
@@ -56,31 +66,51 @@ def read(path: Path) -> tuple[dict[str, Curve], dict[str, float]]:
             f"{path} is not what experiments.studies.prompt_adherence writes ({error}): give its JSON"
         ) from None
     values = {title: _values(rows[title], realism.get(title, {})) for title in rows}
-    weights = {float(found[1]): title for title in values if (found := _ROW.match(title))}
-    if len(weights) < 2:
+    titles = {float(match[1]): title for title in values if (match := _ROW.match(title))}
+    if len(titles) < 2:
         raise ValueError(
-            f"{path} holds {len(weights)} guidance weights: run experiments.studies.prompt_adherence with --guidance 1 2 4"
+            f"{path} holds {len(titles)} guidance scales: run experiments.studies.prompt_adherence with "
+            "--guidance 1 2 4"
         )
-    curves: dict[str, Curve] = {}
-    for weight in sorted(weights):
-        for panel, value in values[weights[weight]].items():
-            curves.setdefault(panel, []).append((weight, value))
-    return curves, values.get(_RECORD, {})
+    panels: dict[str, Curve] = {}
+    for scale in sorted(titles):
+        for panel, value in values[titles[scale]].items():
+            panels.setdefault(panel, []).append((scale, value))
+    return Curves(panels, values.get(RECORD, {}))
 
 
-def draw(files: dict[str, tuple[dict[str, Curve], dict[str, float]]], path: Path) -> Figure:
-    """The panels of all files, written to ``path``."""
-    panels = list(dict.fromkeys(panel for curves, _ in files.values() for panel in curves))
+def markdown(files: dict[str, Curves], command: str) -> str:
+    """The page: a row per file and guidance scale."""
+    panels = list(dict.fromkeys(panel for curves in files.values() for panel in curves.panels))
+    rows = []
+    for name, curves in files.items():
+        by_scale = {scale: {} for scale, _ in next(iter(curves.panels.values()))}
+        for panel, curve in curves.panels.items():
+            for scale, value in curve:
+                by_scale.setdefault(scale, {})[panel] = value
+        rows += [
+            [name, f"{scale:g}", *(f"{values[panel]:.3g}" if panel in values else "" for panel in panels)]
+            for scale, values in by_scale.items()
+        ]
+        if curves.record:
+            cells = (f"{curves.record[panel]:.3g}" if panel in curves.record else "" for panel in panels)
+            rows.append([name, RECORD, *cells])
+    lines = ["# Guidance scale", "", f"`{command}`", "", *table_lines(["file", "guidance", *panels], rows)]
+    return "\n".join(lines) + "\n"
+
+
+def draw(files: dict[str, Curves]) -> Figure:
+    """The panels of all files."""
+    panels = list(dict.fromkeys(panel for curves in files.values() for panel in curves.panels))
     lines = math.ceil(len(panels) / _COLUMNS)
-    figure = Figure(figsize=(3.2 * _COLUMNS, 2.4 * lines), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(3.2 * _COLUMNS, 2.4 * lines)
     axes = figure.subplots(lines, _COLUMNS, squeeze=False).ravel()
     for axis, panel in zip(axes, panels, strict=False):
-        for name, (curves, record) in files.items():
-            points = curves.get(panel, [])
+        for name, curves in files.items():
+            points = curves.panels.get(panel, [])
             axis.plot([x for x, _ in points], [y for _, y in points], ".-", lw=1, label=name)
-            if panel in record:
-                axis.axhline(record[panel], color="0.5", lw=0.8, ls="--")
+            if panel in curves.record:
+                axis.axhline(curves.record[panel], color="0.5", lw=0.8, ls="--")
         axis.set_title(panel, fontsize=9)
         axis.tick_params(labelsize=7)
         axis.grid(alpha=0.3, lw=0.4)
@@ -88,20 +118,18 @@ def draw(files: dict[str, tuple[dict[str, Curve], dict[str, float]]], path: Path
         axis.set_axis_off()
     if len(files) > 1:
         axes[0].legend(fontsize=7)
-    figure.supxlabel("guidance weight (dashed: the record itself)", fontsize=9)
-    save_figure(figure, path, dpi=100)
+    figure.supxlabel("guidance scale (dashed: the record itself)", fontsize=9)
     return figure
 
 
-def _values(scores: dict[str, list[int]], sound: dict[str, float]) -> dict[str, float]:
-    """Panel -> value; percentages but for metres."""
-    met = {f"{name} [% met]": 100 * hits / total for name, (hits, total) in scores.items()}
-    rest = {
-        (title if name.endswith("_m") else f"{title} [%]"): sound[name] * (1 if name.endswith("_m") else 100)
-        for name, title in SOUND.items()
-        if name in sound
-    }
-    return met | rest
+def _values(scores: dict[str, list[int]], realism: dict[str, float]) -> dict[str, float]:
+    """Panel -> value; percentages, or metres."""
+    values = {f"{name} [% met]": 100 * hits / total for name, (hits, total) in scores.items()}
+    for name, title in REALISM.items():
+        if name in realism:
+            metres = name.endswith("_m")
+            values[title if metres else f"{title} [%]"] = realism[name] * (1 if metres else 100)
+    return values
 
 
 if __name__ == "__main__":

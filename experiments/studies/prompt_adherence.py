@@ -1,14 +1,16 @@
-"""Do scenes show what their prompts ask for? One row a source of scenes, one column an attribute.
+"""Do scenes show what their prompts ask for? One row per source of scenes, one column per attribute.
 
-    python -m experiments.studies.prompt_adherence --model=runs/prompt/model --records=runs/synthetic --out=runs/adherence
+    python -m experiments.studies.prompt_adherence --model=runs/prompt/model --records=runs/synthetic \\
+        --out=docs/results/prompt_adherence
 
-Prompts are captions of held-back records; what each asks for and what each scene shows are read by rule
-(scjax.language). Rows: the model at several guidance weights, also at true counts, or as the best of several
-tidied candidates (chosen by the same rules, so no independent judgement); if it is steered, without steering at true
-counts; without prompts at true counts; the
-training scene whose caption is nearest; and the record itself (what the rules miss: the ceiling). A second table tells
-how sound the scenes are; those of one candidate are judged as they were sampled and after ``scjax.scene.repair``. Where records
-have labels, the agreement of the rules with them is printed below.
+Prompts are captions of held-out records. What a prompt asks for and what a scene shows are extracted by rules
+(scjax.language). Rows: the model at each guidance scale; with true counts; with --best-of, the best of several repaired
+samples, selected by the same rules (no independent judgment of quality); without energy guidance, if the model has it;
+without prompts at true counts; the training scene with the nearest caption; and the record itself, the ceiling of the
+rules. A second table shows the realism of the scenes; single samples are judged as sampled and after scjax.repair.
+Where records have labels, the page also states how often the rules agree with them.
+
+Writes OUT.md, OUT.json and OUT.png.
 """
 
 from __future__ import annotations
@@ -18,84 +20,78 @@ import gzip
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from tqdm import tqdm
+from matplotlib.figure import Figure
 
 import scjax
-from experiments.studies.arguments import parser_of
-from scjax.data import records
-from scjax.data.caption_features import TextStore
-from scjax.data.captions import Caption, read_captions
-from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
+from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
+from experiments.studies.prompts import HeldOutPrompt, all_texts, held_out_prompts, sample_in_calls
+from scjax.data.captions import read_captions
+from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.encoders.text import clean_text
 from scjax.evaluate.retrieval import tf_idf
 from scjax.language.agreement import label_agreement
-from scjax.language.captioner import STYLES
 from scjax.language.facts import Facts, extract_facts
-from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
+from scjax.language.prompt_parser import PromptSpec, check
 from scjax.metrics.realism import realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
-from scjax.scene.files import write_text
 
 Scores = dict[str, tuple[int, int]]
-SOUND = {
-    "connection_gap_m": "mean gap of links [m]",
-    "open_connections": "links open by > 1 m",
+"""Attribute -> (scenes that show it, scenes whose prompt asks for it)."""
+
+REALISM = {
+    "connection_gap_m": "mean connection gap [m]",
+    "open_connections": "connections open by > 1 m",
     "vehicles_on_lane": "vehicles within 1.5 m of a lane",
     "scenes_vehicle_overlap": "scenes with overlapping vehicles",
     "scenes_any_overlap": "scenes with any overlap",
 }
+RECORD = "the record itself"
 
-_CALL = 32  # prompts a call of the sampler
+
+class Adherence(NamedTuple):
+    """The tables of the study.
+
+    Attributes:
+      rows: source of scenes -> scores.
+      realism: source of scenes -> values of ``REALISM``.
+      labels: attribute -> (records on which the rules agree with the label, labeled records).
+    """
+
+    rows: dict[str, Scores]
+    realism: dict[str, dict[str, float]]
+    labels: Scores
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = parser_of("adherence", __doc__)
+    parser = script_parser("experiments.studies.prompt_adherence", __doc__)
     add = parser.add_argument
     add("--model", required=True, dest="model_folder", metavar="DIR", help="model folder")
     add("--records", required=True, dest="folder", metavar="DIR", help="captioned and embedded records")
     add("--samples", type=int, default=500, help="prompts at most (default %(default)s)")
-    add("--each", type=int, metavar="N", help="only prompts of rare events, N of each at most (default: any prompt)")
-    add(
-        "--guidance",
-        type=float,
-        nargs="+",
-        default=[DEFAULT_GUIDANCE_SCALE],
-        dest="weights",
-        metavar="W",
-        help="weights (default %(default)s)",
-    )
+    add("--per-event", type=int, metavar="N", help="only prompts of rare events, at most N each (default: any prompt)")
+    scales = [DEFAULT_GUIDANCE_SCALE]
+    add("--guidance", type=float, nargs="+", default=scales, dest="scales", metavar="W", help="default %(default)s")
     add("--sampler", choices=SAMPLERS, help="default: the model's own")
-    add("--steps", type=int, help="sampling steps (default: the sampler's own)")
-    add(
-        "--best",
-        type=int,
-        default=0,
-        dest="candidates",
-        metavar="K",
-        help="a row of the best of K candidates a prompt (default: none)",
-    )
+    add("--num-steps", type=int, help="sampling steps (default: the sampler's own)")
+    add("--best-of", type=int, default=1, metavar="K", help="adds a row of the best of K samples (default: none)")
     add("--seed", type=int, default=0)
-    add("--out", type=Path, default=Path("adherence"), help="path without ending (default %(default)s)")
+    add("--out", type=Path, default=Path("prompt_adherence"), help="path without ending (default %(default)s)")
     args = parser.parse_args(arguments)
     options = vars(args)
     out = options.pop("out")
     try:
-        table, sound, ceiling = measure(**options)
+        adherence = measure(**options)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.prompt_adherence: {error}")
-    content = {"rows": table, "realism": sound, "labels": ceiling}
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out.with_suffix(".json"), json.dumps(content, indent=1))
-    text = markdown(table, sound, ceiling)
-    write_text(out.with_suffix(".md"), text)
+    text = markdown(adherence, command_line("prompt_adherence", arguments))
+    write_page(out, text, adherence._asdict(), draw(adherence.rows))
     print(text)
 
 
@@ -104,151 +100,79 @@ def measure(
     model_folder: str,
     folder: str,
     samples: int,
-    weights: Sequence[float],
+    scales: Sequence[float],
     sampler: str | None = None,
-    steps: int | None = None,
-    candidates: int = 0,
+    num_steps: int | None = None,
+    best_of: int = 1,
     seed: int = 0,
-    each: int | None = None,
-) -> tuple[dict[str, Scores], dict[str, dict[str, float]], Scores]:
-    """Row -> attribute -> (met, asked for); row -> values of ``SOUND``; attribute -> (rules agree, labelled)."""
+    per_event: int | None = None,
+) -> Adherence:
+    """Samples all rows and scores them; arguments as on the command line.
+
+    Raises:
+      ValueError: as ``held_out_prompts``.
+    """
     model = scjax.load(model_folder)
-    chosen = list(held_back_prompts(folder, model, samples, seed, each))
-    asked, told, prompts = ([getattr(one, name) for one in chosen] for name in ("asked", "told", "text"))
-    real = [one.scene for one in chosen]
-    counts = [{"num_lanes": int(scene.num_lanes), "num_agents": int(scene.num_agents)} for scene in real]
-    both = [dataclasses.replace(one, **count) for one, count in zip(told, counts, strict=True)]
-    runs = {f"prompt, guidance {weight:g}": (told, weight, None) for weight in weights}
-    runs[f"prompt and true counts, guidance {weights[0]:g}"] = both, weights[0], None
-    if model.energy_guidance is not None:
-        runs[f"prompt and true counts, guidance {weights[0]:g}, not steered"] = both, weights[0], False
-    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
-    table: dict[str, Scores] = {}
-    sound: dict[str, dict[str, float]] = {}
-    for title, (conditions, weight, energy_guidance) in runs.items():
-        made = sampled(
-            conditions,
+    prompts = list(held_out_prompts(folder, model, samples, seed, per_event))
+    specs = [prompt.spec for prompt in prompts]
+    rows: dict[str, Scores] = {}
+    values: dict[str, dict[str, float]] = {}
+
+    def add_row(title: str, scenes: Sequence[Scene]) -> None:
+        rows[title] = scores(zip(specs, map(extract_facts, scenes), strict=True))
+        values[title] = realism(scenes)
+
+    options: dict[str, Any] = {"model": model, "sampler": sampler, "num_steps": num_steps}
+    for title, (conditions, guidance, energy_guidance) in _runs(model, prompts, scales).items():
+        scenes = sample_in_calls(conditions, title, seed, **options, guidance=guidance, energy_guidance=energy_guidance)
+        add_row(title, scenes)
+        add_row(f"{title}, repaired", [scjax.repair(scene) for scene in scenes])
+    if best_of > 1:
+        title = f"prompt, guidance {scales[0]:g}, best of {best_of} repaired"
+        known = {clean_text(p.text): np.asarray(p.condition.streams["text"].tokens) for p in prompts}
+        options["model"] = dataclasses.replace(model, prompts={**model.prompts, **known})
+        conditions = [scjax.Condition(prompt=prompt.text) for prompt in prompts]
+        add_row(
             title,
-            seed,
-            model=model,
-            sampler=sampler,
-            num_steps=steps,
-            guidance=weight,
-            energy_guidance=energy_guidance,
+            sample_in_calls(conditions, title, seed, **options, guidance=scales[0], best_of=best_of, repair=True),
         )
-        tidied = [scjax.repair(scene) for scene in made]
-        for name, scenes in ((title, made), (f"{title}, tidied", tidied)):
-            table[name], sound[name] = scores(zip(asked, map(extract_facts, scenes), strict=True)), realism(scenes)
-    if candidates > 1:  # as the command line
-        title = f"prompt, guidance {weights[0]:g}, best of {candidates} tidied"
-        made = []
-        for start in tqdm(range(0, len(told), _CALL), title, disable=None):
-            part = slice(start, start + _CALL)
-            made += scjax.sample(
-                jax.random.fold_in(jax.random.key(seed), start),
-                [scjax.Condition(prompt=prompt) for prompt in prompts[part]],
-                model=dataclasses.replace(model, prompts={**model.prompts, **_features(prompts[part], told[part])}),
-                num_steps=steps,
-                guidance=weights[0],
-                sampler=sampler,
-                best_of=candidates,
-                repair=True,
-            )
-        table[title], sound[title] = scores(zip(asked, map(extract_facts, made), strict=True)), realism(made)
-    table["training scene of the nearest caption"] = scores(zip(asked, _nearest(folder, prompts), strict=True))
-    table["the record itself"] = scores((one.asked, one.facts) for one in chosen)
-    sound["the record itself"] = realism(real)
-    return table, sound, folder_label_agreement(folder)
+    nearest = _nearest_training_facts(folder, [prompt.text for prompt in prompts])
+    rows["training scene with the nearest caption"] = scores(zip(specs, nearest, strict=True))
+    rows[RECORD] = scores((prompt.spec, prompt.facts) for prompt in prompts)
+    values[RECORD] = realism([prompt.scene for prompt in prompts])
+    return Adherence(rows, values, record_label_agreement(folder))
 
 
-def held_back(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore]:
-    """Captions of the held-back records, and their token features.
-
-    Raises:
-      ValueError: they are embedded by another encoder than the model's.
-    """
-    captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
-    if store.encoder != model.text_encoder:
-        raise ValueError(f"{folder} is embedded by {store.encoder}, the model was trained with {model.text_encoder}")
-    return captions, store
-
-
-class Prompted(NamedTuple):
-    """A held-back record: a caption of it, what that asks for, its token features; the scene and its facts."""
-
-    text: str
-    asked: PromptSpec
-    told: scjax.Condition
-    scene: Scene
-    facts: Facts
-
-
-def held_back_prompts(
-    folder: str, model: scjax.Model, samples: int, seed: int, each: int | None = None
-) -> Iterator[Prompted]:
-    """So many held-back records in an order drawn from ``seed``, each with a caption in a style that is drawn.
-
-    Args:
-      each: only captions that name a rare event of which there are fewer yet; None: any caption.
-
-    Raises:
-      ValueError: as ``held_back``, or no caption names an event.
-    """
-    captions, store = held_back(folder, model)
-    rng, tiles = np.random.default_rng(seed), records.open_records(folder, "val")
-    left, events = samples, Counter()
-    for row in map(int, rng.permutation(len(captions))):
-        if not left:
-            return
-        text, tokens = a_prompt(store, captions[row], row, rng)
-        asked = parse_prompt(text)
-        if each is not None and not any(events[event] < each for event in asked.events):
-            continue
-        events.update(asked.events)
-        left -= 1
-        scene = model.codec.select(records.sample_scene(records.decode_record(tiles[row])))
-        told = scjax.Condition(streams={"text": scjax.Stream(tokens)})
-        yield Prompted(text, asked, told, scene, captions[row].facts)
-    if each is not None and not events:
-        raise ValueError(
-            f"--each: no held-back caption of {folder} names a rare event: make records with --ordinary 0.1"
-        )
-
-
-def sampled(conditions: Sequence[scjax.Condition], title: str, seed: int, **options: Any) -> list[Scene]:
-    """A scene a condition, some at a time under a progress bar; ``options`` are those of ``scjax.sample``."""
-    made = []
-    for start in tqdm(range(0, len(conditions), _CALL), title, disable=None):
-        key = jax.random.fold_in(jax.random.key(seed), start)
-        made += scjax.sample(key, conditions[start : start + _CALL], **options)
-    return made
-
-
-def _features(prompts: Sequence[str], conditions: Sequence[scjax.Condition]) -> dict[str, np.ndarray]:
-    """Text -> token features, as a model stores those of its own prompts."""
-    tokens = (np.asarray(condition.streams["text"].tokens) for condition in conditions)
-    return {clean_text(prompt): features for prompt, features in zip(prompts, tokens, strict=True)}
-
-
-def a_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:
-    """The first caption of a record in a style that is drawn, and its token features."""
-    texts = _all(caption.texts)
-    number = int(rng.integers(len(STYLES))) * (len(texts) // len(STYLES))
-    return texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
+def _runs(
+    model: scjax.Model, prompts: Sequence[HeldOutPrompt], scales: Sequence[float]
+) -> dict[str, tuple[list[scjax.Condition], float, bool | None]]:
+    """Title -> conditions, guidance scale, energy guidance."""
+    plain = [prompt.condition for prompt in prompts]
+    counts = [
+        {"num_lanes": int(prompt.scene.num_lanes), "num_agents": int(prompt.scene.num_agents)} for prompt in prompts
+    ]
+    with_counts = [dataclasses.replace(one, **count) for one, count in zip(plain, counts, strict=True)]
+    runs = {f"prompt, guidance {scale:g}": (plain, scale, None) for scale in scales}
+    title = f"prompt and true counts, guidance {scales[0]:g}"
+    runs[title] = with_counts, scales[0], None
+    if model.energy_guidance is not None:
+        runs[f"{title}, no energy guidance"] = with_counts, scales[0], False
+    runs["no prompt, true counts"] = [scjax.Condition(**count) for count in counts], 1.0, None
+    return runs
 
 
 def scores(pairs: Iterable[tuple[PromptSpec, Facts]]) -> Scores:
-    """Attribute -> (met, asked for)."""
+    """Scores of scenes by their facts."""
     hits, total = Counter(), Counter()
-    for asked, facts in pairs:
-        for name, good in check(asked, facts).items():
-            hits[name] += good
+    for spec, facts in pairs:
+        for name, shown in check(spec, facts).items():
+            hits[name] += shown
             total[name] += 1
     return {name: (hits[name], total[name]) for name in sorted(total)}
 
 
-def folder_label_agreement(folder: str) -> Scores:
-    """``label_agreement`` on the held-back records; nothing without labels."""
+def record_label_agreement(folder: str) -> Scores:
+    """``label_agreement`` on the held-out records; empty without labels."""
     path = Path(folder) / "val-labels.jsonl.gz"
     if not path.is_file():
         return {}
@@ -257,33 +181,51 @@ def folder_label_agreement(folder: str) -> Scores:
         return label_agreement(zip(map(json.loads, file), facts, strict=True))
 
 
-def markdown(table: dict[str, Scores], sound: dict[str, dict[str, float]], ceiling: Scores) -> str:
-    """Rows and columns in percent, with how often each attribute was asked for; then how sound the scenes are."""
-    names = sorted({name for row in table.values() for name in row})
-    lines = ["| scenes | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
-    for row, found in table.items():
-        cells = (f"{100 * found[n][0] / found[n][1]:.0f} % of {found[n][1]}" if n in found else "" for n in names)
-        lines.append(f"| {row} | " + " | ".join(cells) + " |")
-    lines += ["", "| scenes | " + " | ".join(SOUND.values()) + " |", "|---" * (len(SOUND) + 1) + "|"]
-    for row, found in sound.items():
-        cells = (f"{found[n]:.2f}" if n.endswith("_m") else f"{100 * found[n]:.0f} %" for n in SOUND)
-        cells = ("" if "nan" in cell else cell for cell in cells)  # nothing there to measure
-        lines.append(f"| {row} | " + " | ".join(cells) + " |")
-    if ceiling:
-        told = ", ".join(f"{name} {100 * good / total:.1f} % of {total}" for name, (good, total) in ceiling.items())
-        lines += ["", f"The rules agree with the labels of the synthetic world: {told}."]
+def markdown(adherence: Adherence, command: str) -> str:
+    """The page: adherence in percent with the number of prompts, realism, agreement with labels."""
+    names = sorted({name for row in adherence.rows.values() for name in row})
+    table = [
+        [title, *(f"{100 * row[n][0] / row[n][1]:.0f} % of {row[n][1]}" if n in row else "" for n in names)]
+        for title, row in adherence.rows.items()
+    ]
+    lines = ["# Prompt adherence", "", f"`{command}`", "", *table_lines(["scenes", *names], table)]
+    table = [[title, *(_realism_cell(name, row[name]) for name in REALISM)] for title, row in adherence.realism.items()]
+    lines += ["", *table_lines(["scenes", *REALISM.values()], table)]
+    if adherence.labels:
+        shares = (f"{name} {100 * hits / total:.1f} % of {total}" for name, (hits, total) in adherence.labels.items())
+        lines += ["", f"Agreement of the rules with the labels of the synthetic world: {', '.join(shares)}."]
     return "\n".join(lines) + "\n"
 
 
-def _nearest(folder: str, prompts: Sequence[str]) -> list[Facts]:
-    """Facts of the training record whose caption is most like each prompt, as the evaluation's baselines find it."""
-    bank = [(text, caption.facts) for caption in read_captions(folder, "train") for text in _all(caption.texts)]
-    known, wanted = tf_idf([text for text, _ in bank], prompts)
-    return [bank[int((known @ wanted[[row]].T).toarray()[:, 0].argmax())][1] for row in range(len(prompts))]
+def _realism_cell(name: str, value: float) -> str:
+    if np.isnan(value):
+        return ""
+    return f"{value:.2f}" if name.endswith("_m") else f"{100 * value:.0f} %"
 
 
-def _all(texts: dict[str, list[str]]) -> list[str]:
-    return [text for style in texts.values() for text in style]
+def draw(rows: dict[str, Scores]) -> Figure:
+    """Share of prompts met per attribute, one group of bars per attribute, one bar per source of scenes."""
+    names = sorted({name for row in rows.values() for name in row})
+    figure = new_figure(max(6.0, 0.5 + 0.22 * len(names) * len(rows)), 4.5)
+    axis = figure.subplots()
+    width = 0.8 / max(len(rows), 1)
+    for place, (title, row) in enumerate(rows.items()):
+        shares = [100 * row[name][0] / row[name][1] if name in row else 0.0 for name in names]
+        axis.bar(np.arange(len(names)) + place * width, shares, width, label=title)
+    axis.set_xticks(np.arange(len(names)) + 0.4 - width / 2, names, rotation=45, ha="right", fontsize=8)
+    axis.set_ylabel("prompts met [%]")
+    figure.legend(fontsize=7, loc="outside upper center", ncols=2)
+    return figure
+
+
+def _nearest_training_facts(folder: str, prompts: Sequence[str]) -> list[Facts]:
+    """Facts of the training record whose caption is most similar to each prompt (tf-idf, as retrieval baselines)."""
+    training = [
+        (text, caption.facts) for caption in read_captions(folder, "train") for text in all_texts(caption.texts)
+    ]
+    candidates, queries = tf_idf([text for text, _ in training], prompts)
+    rows = [int((candidates @ queries[[row]].T).toarray()[:, 0].argmax()) for row in range(len(prompts))]
+    return [training[row][1] for row in rows]
 
 
 if __name__ == "__main__":

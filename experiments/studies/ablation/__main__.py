@@ -2,13 +2,15 @@
 
     python -m experiments.studies.ablation --config=experiments/studies/ablation/config.py --workdir=runs/ablation
 
-Trains every mechanism from one base on the same batches, with several seeds, on texts and on what stands in for images;
-samples held-back conditions with each, once with a scene's own condition and once with another's; and writes a table,
-its JSON and a plot: ablation.md, ablation.json, ablation.png. The same command goes on where it was stopped, and
-leaves alone what is finished; --config.seeds="(1,)" makes one seed, --config.more="('ABLATION.JSON',)" reports it
-beside others made elsewhere, of which only those of equal seed and kind need the same base. So small a model gains
-little from a second core: faster is, with one --config.base, a process a kind, each in a work folder of its own and on
-its own core (taskset). Fields: experiments/studies/ablation/config.py.
+Trains every mechanism from one base on the same batches, with several seeds, on texts and on ray-cast images;
+samples held-out scenes with their own conditions and with shuffled ones. Writes ablation.md, ablation.json
+and ablation.png into WORKDIR, or to --config.out=docs/results/ablation. The same command continues an interrupted ablation.
+
+--config.seeds="(1,)" makes one seed; --config.more="('ABLATION.JSON',)" adds runs from elsewhere to the report. Runs of
+one seed and modality need the same base. Such small models gain little from a second core: with one --config.base, run
+one process per modality, each with its own WORKDIR and its own core (taskset).
+
+Fields: experiments/studies/ablation/config.py.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from pathlib import Path
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from experiments.studies.ablation.run import ablate
+from experiments.studies.ablation.run import ablate  # the trainer, imported with it, defines --config and --workdir
+from experiments.studies.page import command_line
 from scjax.nn.startup import start_jax
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Config file and variant.", lock_config=True)
@@ -36,7 +39,7 @@ def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
     start_jax()
     try:
-        report = ablate(_CONFIG.value, Path(_WORKDIR.value))
+        report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir), command_line("ablation", None))
     except (ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"experiments.studies.ablation: {error}")
     except KeyboardInterrupt:

@@ -1,7 +1,7 @@
-"""What a condition tells a denoiser of the noise in held-back scenes.
+"""The training loss of a denoiser on held-out scenes, at equal noise for all conditions.
 
-Samples vary so much that a condition's part shows only in many of them. The loss that the network is trained by, at
-equal noise, differs by nothing but the condition.
+Samples vary so much that the effect of a condition shows only in many of them. Losses at equal noise differ only by the
+condition.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scjax.generate.batching import padded_size
 
 from scjax.data.token_order import sort_tokens
 from scjax.diffusion.denoise_fn import make_denoise_fn
@@ -32,7 +33,7 @@ from scjax.scene import Scene, stack
 from scjax.scene.per_type import PerType
 
 TIMES = (12, 37, 62, 87)  # of 0..99: the middles of four equal parts
-_CALL = 16  # scenes a compiled call
+_BATCH = 16  # scenes per compiled call
 
 
 def denoising_losses(
@@ -40,29 +41,30 @@ def denoising_losses(
 ) -> Float[np.ndarray, " scenes"]:
     """The training loss (official-spec §5.2) of every scene under its condition, a mean over ``TIMES``.
 
-    Equal seeds draw equal noise for the same place in the list, whatever the condition; nothing is given or dropped.
+    Equal seeds give equal noise at the same position of the list, whatever the condition. No element is known, and no
+    condition is dropped.
 
     Raises:
       ValueError: a scene has more elements than the largest bucket of ``scjax.sample``.
     """
     config, params = model.denoiser.config, (model.autoencoder.params, model.denoiser.params)
     run = _program(model.codec, model.autoencoder.config, config)
-    # Of all at once, so that texts are padded to one length and one program serves.
+    # All at once: texts get one length, so one program serves all batches.
     features, _ = network_inputs([condition.streams for condition in conditions], config.condition)
     groups: dict[tuple[int, int], list[int]] = {}
     for row, scene in enumerate(scenes):
         groups.setdefault(padded_size(int(scene.num_agents), int(scene.num_lanes)), []).append(row)
-    found = np.zeros(len(scenes))
+    losses_by_scene = np.zeros(len(scenes))
     for bucket, members in groups.items():
-        for start in range(0, len(members), _CALL):
-            part = members[start : start + _CALL]
-            rows = np.array(part + [part[0]] * (_CALL - len(part)))
-            batch = stack([sort_tokens(scenes[row])[0] for row in rows], bucket)
+        for start in range(0, len(members), _BATCH):
+            part = members[start : start + _BATCH]
+            rows = np.array(part + [part[0]] * (_BATCH - len(part)))
+            batch = stack([arrange(scenes[row])[0] for row in rows], bucket)
             keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
             mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
             losses = run(*params, model.latents.mean, model.latents.std, batch, mine, keys)
-            found[part] = np.asarray(losses)[: len(part)]
-    return found
+            losses_by_scene[part] = np.asarray(losses)[: len(part)]
+    return losses_by_scene
 
 
 @functools.lru_cache(maxsize=8)
@@ -79,13 +81,13 @@ def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: Denoise
         label = config.domains * tokens.crop + tokens.domain
         denoise = make_denoise_fn(network, config, params, label, masks, times=np.array(TIMES), features=features)
 
-        def drawn(key: Array, like: PerType) -> PerType:
-            kinds = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
-            return jax.tree.map(lambda k, x: jax.random.normal(k, x.shape), kinds, like)
+        def normal_noise(key: Array, like: PerType) -> PerType:
+            keys_by_type = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
+            return jax.tree.map(lambda k, x: jax.random.normal(k, x.shape), keys_by_type, like)
 
         def at(time: int) -> Array:
-            noise = jax.vmap(drawn)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
-            level = noise_level_at(jnp.full(label.shape, time), schedule, config.prediction)
+            noise = jax.vmap(normal_noise)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
+            level = level_at(jnp.full(label.shape, time), schedule, config.prediction)
             none = jax.tree.map(jnp.zeros_like, masks)
             return diffusion_loss(denoise, level, clean, noise, masks, none, prediction=config.prediction)[1]["total"]
 

@@ -1,9 +1,8 @@
-"""What an ablation compares: the mechanisms of ``scjax.nn.cross_attention`` as they are trained here, controls beside them, and
-ways to train one of them.
+"""Entries of an ablation: the mechanisms of ``scjax.nn.cross_attention``, controls, and ways to train one of them.
 
-Captions have 40 tokens in the mean and images 392, against up to 512 in the paper: what the note sets for those sizes
-(attention-variants §5) is scaled, so that windows hold a third, probed buckets a quarter of the keys, as there. Those
-that approximate a trained model in their papers (saap, squeezed) are sparse from the first step on.
+Captions have 40 tokens on average and images 392, against up to 512 in the paper. The options of attention-variants §5
+are scaled accordingly: windows hold a third of the keys, probed buckets a quarter. Mechanisms that approximate a
+trained model in their papers (saap, squeezed) are sparse from the first step on.
 """
 
 from __future__ import annotations
@@ -12,24 +11,23 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from scjax.nn.cross_attention import OPTIONS
-
-KINDS = ("text", "image")
+MODALITIES = ("text", "image")
 PADDED_SLOTS = 192
-"""Slots of a caption in the padded rows: about four times its tokens, as 512 are of the paper's prompts."""
+"""Slots of a caption in padded entries: about four times its tokens, as the 512 slots of the paper's prompts."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One row.
+    """One row of the ablation.
 
     Attributes:
-      title: what the tables call it.
+      title: name in tables.
       cross_attention: name of the mechanism.
-      options: those that differ from the mechanism's defaults; ``text`` and ``image``: for one kind only.
-      padded: whether padded tokens are read, and a dropped condition is zeros, as in the release.
-      training: fields of the training that differ, by their path, such as ``loss.condition_dropout``.
-      kinds: conditions that it is trained on.
+      options: options other than the mechanism's defaults.
+      text, image: further options for one modality.
+      padded: whether attention reads padding and a dropped condition is zeros, as in the release.
+      training: fields of the training config that differ, by path, such as ``loss.condition_dropout``.
+      modalities: conditions that it is trained on.
     """
 
     title: str
@@ -39,11 +37,11 @@ class Entry:
     image: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     padded: bool = False
     training: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    kinds: tuple[str, ...] = KINDS
+    modalities: tuple[str, ...] = MODALITIES
 
-    def options_of(self, kind: str) -> dict[str, Any]:
-        """The options that are not the defaults, for one kind of condition."""
-        return {**self.options, **(self.text if kind == "text" else self.image)}
+    def options_of(self, modality: str) -> dict[str, Any]:
+        """Options other than the defaults, for one modality."""
+        return {**self.options, **(self.text if modality == "text" else self.image)}
 
 
 _WINDOW = {"window": 6}  # of the 40 tokens of a caption
@@ -55,33 +53,26 @@ _SPECIAL = {
     "saap": Entry("saap", "saap", {"mode": "joint"}, text={"buckets": 8, "probes": 2}),
     "windowed": Entry("windowed", "windowed", text=_WINDOW),
     "squeezed": Entry("squeezed", "squeezed", {"rule": "top"}, text={"clusters": 8}),
-}
-"""Mechanisms whose title or options differ from their name and their defaults."""
-
-_PLAIN = {name: Entry(name.replace("_", "-"), name) for name in OPTIONS}
-
-MECHANISMS = {
-    **_PLAIN,
-    **_SPECIAL,
-    # What cross-global owes to tokens that ignore the condition, and to its parameters (§1.4, §4.10).
-    "memory": Entry("full + 32 memory tokens", "full", {"memory_tokens": 32}, kinds=("text",)),
-    "matched": Entry("full, parameters of cross-global", "full", {"inner_ratio": 2}, kinds=("text",)),
-    # Windows of FlashAttention-2 end where the keys end, and the release's keys end with its padding (§1.3, §4.7).
+    "cross_global": Entry("cross-global", "cross_global"),
+    # Controls for the memory tokens and the number of parameters of cross-global (§1.4, §4.10).
+    "memory": Entry("full + 32 memory tokens", "full", {"memory_tokens": 32}, modalities=("text",)),
+    "matched": Entry("full, parameters of cross-global", "full", {"inner_ratio": 2}, modalities=("text",)),
+    # Windows of FlashAttention-2 end with the keys, and the keys of the release end with padding (§1.3, §4.7).
     "windowed_ends": Entry("windowed, ends aligned, true lengths", "windowed", _ENDS, text=_WINDOW),
     "windowed_padded": Entry(
-        "windowed, ends aligned, padded", "windowed", _ENDS, text=_WINDOW, padded=True, kinds=("text",)
+        "windowed, ends aligned, padded", "windowed", _ENDS, text=_WINDOW, padded=True, modalities=("text",)
     ),
-    "padded": Entry("full, padded", "full", padded=True, kinds=("text",)),
+    "padded": Entry("full, padded", "full", padded=True, modalities=("text",)),
 }
 
 _DROPOUT = "loss.condition_dropout"
 
 
 def _recipe(title: str, **training: Any) -> Entry:
-    return Entry(title, "cross_global", training=training, kinds=("text",))
+    return Entry(title, "cross_global", training=training, modalities=("text",))
 
 
-# Cross-global as it is above drops a tenth of its conditions and trains all weights; the paper keeps those of the base.
+# The entry above drops a tenth of its conditions and trains all weights; the paper freezes the base.
 RECIPES = {
     "cross_global": MECHANISMS["cross_global"],
     "undropped": _recipe("cross-global, no condition dropped", **{_DROPOUT: 0.0}),
@@ -93,15 +84,15 @@ RECIPES = {
 ENTRIES = MECHANISMS | RECIPES
 
 
-def chosen(names: tuple[str, ...], kind: str) -> list[str]:
-    """Those of ``names`` that are trained on a kind of condition, ``none`` first.
+def select_entries(names: tuple[str, ...], modality: str) -> list[str]:
+    """The entries among ``names`` that are trained on a modality, ``none`` first.
 
     Raises:
-      ValueError: an unknown name, or kind.
+      ValueError: an unknown name or modality.
     """
-    if kind not in KINDS:
-        raise ValueError(f"config.kinds: {kind!r} is no kind of condition: choose of {', '.join(KINDS)}")
+    if modality not in MODALITIES:
+        raise ValueError(f"config.modalities: {modality!r} is unknown: choose of {', '.join(MODALITIES)}")
     for name in names:
         if name not in ENTRIES:
             raise ValueError(f"config.entries: {name!r} is unknown: choose of {', '.join(ENTRIES)}")
-    return [name for name in sorted(set(names), key=list(ENTRIES).index) if kind in ENTRIES[name].kinds]
+    return [name for name in sorted(set(names), key=list(ENTRIES).index) if modality in ENTRIES[name].modalities]

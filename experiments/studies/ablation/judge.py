@@ -1,4 +1,4 @@
-"""Scenes of one run, and what the evaluation's metrics say of them."""
+"""Scenes of one run, and their metrics."""
 
 from __future__ import annotations
 
@@ -22,57 +22,64 @@ from scjax.metrics.scene_stats import SceneStats
 from scjax.scene import Crop, Scene, stack, unpadded
 from scjax.scene.io import load_npz, save_npz
 
-CALL = 64  # scenes a call of the sampler
+_SCENES_PER_CALL = 64
 
-# Name -> title, and whether more is better.
+
+class Metric(NamedTuple):
+    """Title of a metric, and whether more is better."""
+
+    title: str
+    more_is_better: bool
+
+
 METRICS = {
-    "control": ("control: mean of the next two", True),
-    "lane CCS": ("CCS of lanes", True),
-    "agent CCS": ("CCS of agents", True),
-    "lane CSC": ("CSC of lanes", True),
-    "agent CSC": ("CSC of agents", True),
-    "prompt": ("what the prompt asks for", True),
-    "loss": ("loss at equal noise", False),
-    "M": ("agents matched", True),
-    "vehicles_overlapping": ("vehicles that overlap", False),
-    "vehicles_on_lane": ("vehicles within 1.5 m of a lane", True),
-    "open_connections": ("joints open by more than 1 m", False),
-    "frechet_connectivity": ("connectivity of the lane graph", False),
-    "nearest_dist_jsd": ("distance to the next vehicle", False),
-    "speed_jsd": ("speeds", False),
+    "control": Metric("control: mean of the next two", True),
+    "lane CCS": Metric("CCS of lanes", True),
+    "agent CCS": Metric("CCS of agents", True),
+    "lane CSC": Metric("CSC of lanes", True),
+    "agent CSC": Metric("CSC of agents", True),
+    "prompt": Metric("what the prompt asks for", True),
+    "loss": Metric("loss at equal noise", False),
+    "M": Metric("agents matched", True),
+    "vehicles_overlapping": Metric("vehicles that overlap", False),
+    "vehicles_on_lane": Metric("vehicles within 1.5 m of a lane", True),
+    "open_connections": Metric("connections open by more than 1 m", False),
+    "frechet_connectivity": Metric("connectivity of the lane graph", False),
+    "nearest_dist_jsd": Metric("distance to the next vehicle", False),
+    "speed_jsd": Metric("speeds", False),
 }
 HEADLINE = {"text": "prompt", "image": "control"}
-"""By which a mechanism has to beat no condition and its shuffled twin: what is asked, where words can be checked."""
-DIGITS = {"loss": 4}  # of its mean in tables, where that is not 3: a condition decides little of it, but surely
+"""Modality -> metric in which a mechanism has to exceed no condition and shuffled conditions."""
+DIGITS = {"loss": 4}  # decimals in tables, where not 3: conditions change the loss little, but reliably
 
 
-class Sampler(NamedTuple):
-    """How scenes are drawn."""
+class SamplerSettings(NamedTuple):
+    """How scenes are sampled."""
 
     name: str
-    steps: int
+    num_steps: int
     guidance: float
 
 
-def sampled(
-    model: scjax.Model, conditions: Sequence[Condition], how: Sampler, seed: int, path: Path
+def sample_to_file(
+    model: scjax.Model, conditions: Sequence[Condition], settings: SamplerSettings, seed: int, path: Path
 ) -> tuple[list[Scene], float]:
-    """A scene a condition, kept in a file; and seconds a scene of the calls that had nothing to compile (NaN if none).
+    """One scene per condition, stored in a file, and seconds per scene of calls without compilation (NaN if none).
 
-    Equal seeds draw equal noise for the same place in the list, whatever the condition.
+    Equal seeds give equal noise at the same position of the list, whatever the condition.
     """
     seconds = path.with_suffix(".seconds")
     if not path.exists():
         scenes, times = [], []
-        for start in range(0, len(conditions), CALL):
-            begin, part = time.perf_counter(), conditions[start : start + CALL]
+        for start in range(0, len(conditions), _SCENES_PER_CALL):
+            begin, part = time.perf_counter(), conditions[start : start + _SCENES_PER_CALL]
             scenes += scjax.sample(
                 jax.random.fold_in(jax.random.key(seed), start),
                 part,
                 model=model,
-                sampler=how.name,
-                num_steps=how.steps,
-                guidance=how.guidance,
+                sampler=settings.name,
+                num_steps=settings.num_steps,
+                guidance=settings.guidance,
             )
             times.append((time.perf_counter() - begin) / len(part))
         seconds.write_text(str(min(times[1:], default=math.nan)))
@@ -81,23 +88,26 @@ def sampled(
     return [unpadded(batch[row]) for row in range(len(conditions))], float(seconds.read_text())
 
 
-def values_of(scenes: Sequence[Scene], requests: Requests, real: SceneStats, loss: float) -> Values:
-    """``METRICS``; NaN where one has nothing to measure. Agents are matched in the field of view of an image.
+def measure_run(scenes: Sequence[Scene], requests: Requests, real: SceneStats, loss: float) -> Values:
+    """The values of ``METRICS``; NaN where undefined. For images, agents are matched in the field of view.
 
     Args:
+      scenes: one per request.
+      requests: what they were sampled for.
+      real: statistics of the references.
       loss: mean of ``denoising_losses`` over the references.
     """
     ahead = int(requests.references[0].crop) == Crop.FORWARD
-    found = measure(scenes, requests.clusters, requests.references, region=field_of_view() if ahead else None)
-    sums = found.cluster_sums.total
+    stats = measure(scenes, requests.clusters, requests.references, region=field_of_view() if ahead else None)
+    sums = stats.cluster_sums.total
     values = distribution_values(sums, real.cluster_sums.total, "strict") | scene_values(sums) | match_values(sums)
-    values |= control_values(found, real, shuffles=0)
+    values |= control_values(stats, real, shuffles=0)
     values["control"] = (values["lane CCS"] + values["agent CCS"]) / 2
-    answers = scenes[: len(requests.asked)]  # images ask for nothing in words
-    hits = [
-        good
-        for asked, scene in zip(requests.asked, answers, strict=True)
-        for good in check(asked, extract_facts(scene)).values()
+    # Images ask for nothing in words: they have no specs.
+    shown = [
+        met
+        for spec, scene in zip(requests.specs, scenes, strict=False)
+        for met in check(spec, extract_facts(scene)).values()
     ]
-    values["prompt"], values["loss"] = ratio(float(sum(hits)), float(len(hits))), loss
+    values["prompt"], values["loss"] = ratio(float(sum(shown)), float(len(shown))), loss
     return {name: float(values.get(name, math.nan)) for name in METRICS}

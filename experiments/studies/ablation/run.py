@@ -1,7 +1,8 @@
-"""The ablation from config to report: a base, then a training and two sets of samples a mechanism, kind and seed."""
+"""The ablation from config to report: a base, then for each mechanism, modality and seed a training and samples."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import statistics
@@ -16,10 +17,11 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.ablation.denoising import denoising_losses
-from experiments.studies.ablation.entries import ENTRIES, PADDED_SLOTS, Entry, chosen
-from experiments.studies.ablation.judge import Sampler, sampled, values_of
-from experiments.studies.ablation.report import write
-from experiments.studies.ablation.requests import Requests, padded, requests_of
+from experiments.studies.ablation.entries import ENTRIES, PADDED_SLOTS, Entry, select_entries
+from experiments.studies.ablation.judge import SamplerSettings, measure_run, sample_to_file
+from experiments.studies.ablation.report import write_report
+from experiments.studies.ablation.requests import Requests, make_requests, pad_texts
+from experiments.train import train
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash
 from scjax.metrics.measure import measure
@@ -27,115 +29,129 @@ from scjax.models.flops import denoiser_forward
 from scjax.scene.files import write_text
 from scjax.train.loop import train
 
-FORMAT = 3  # of a run's result; to be raised when what it holds changes
-CROPS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centred windows, images forward ones
+FORMAT = 4  # of a run's result; raise it when its content changes
+CROPS = {"text": (1.0, 0.0, 0.0), "image": (0.0, 0.0, 1.0)}  # captions describe centered crops, images forward crops
 
 
-def ablate(config: Any, workdir: Path) -> Path | None:
-    """The whole ablation, top to bottom; the report, or None if a signal stopped it.
+def ablate(config: Any, workdir: Path, command: str = "") -> Path | None:
+    """The whole ablation; the path of the report, or None if a signal stopped it.
+
+    Args:
+      config: of ``experiments.studies.ablation.config``.
+      workdir: folder for trainings, samples and, unless ``config.out`` says otherwise, the report.
+      command: the command line, for the report.
 
     Raises:
-      ValueError: from the config; nothing is trained then.
+      ValueError: the config is inconsistent; nothing is trained then.
     """
     workdir.mkdir(parents=True, exist_ok=True)
     (workdir / "config.json").write_text(json.dumps(json.loads(config.to_json()), indent=1))
-    names = {kind: chosen(tuple(config.entries), kind) for kind in config.kinds}
-    frozen = scjax.load(config.autoencoder)
-    sampler = Sampler(config.sampler, config.sampler_steps, float(config.guidance))
-    largest = tuple(max(bucket) for bucket in zip(*config.training.batch.buckets, strict=True))
-    asked = {kind: requests_of(kind, config.records, config.samples, frozen, largest) for kind in names}
+    names = {modality: select_entries(tuple(config.entries), modality) for modality in config.modalities}
+    autoencoder = scjax.load(config.autoencoder)
+    settings = SamplerSettings(config.sampler, config.sampler_steps, float(config.guidance))
+    agents, lanes = (max(sizes) for sizes in zip(*config.training.batch.buckets, strict=True))
+    requests = {
+        modality: make_requests(modality, config.records, config.samples, autoencoder, (agents, lanes))
+        for modality in names
+    }
 
-    # A whole seed at a time: a report of what is done so far compares everything.
-    todo = [(seed, kind, name) for seed in config.seeds for kind in names for name in names[kind]]
+    # Seed by seed, so that a report of the runs so far compares all entries.
+    todo = [(seed, modality, name) for seed in config.seeds for modality in names for name in names[modality]]
     if not todo:
-        raise ValueError("config.kinds, config.entries and config.seeds name no run: give at least one of each")
-    setting = _setting(config, {kind: requests.fingerprint for kind, requests in asked.items()})
-    rows = [run for path in config.more for run in runs_of(path, setting, todo)]  # before a base is trained
+        raise ValueError("config.modalities, config.entries and config.seeds name no run: give at least one of each")
+    setting = _setting(config, {modality: one.fingerprint for modality, one in requests.items()})
+    rows = [run for path in config.more for run in load_runs(path, setting, todo)]  # before a base is trained
     base = config.base or _base(config, workdir)
     if base is None:
         return None
-    known = weights_hash(scjax.load(base))
-    check_bases([*rows, *({"seed": seed, "kind": kind, "base": known} for seed, kind, _ in todo)])
+    base_hash = weights_hash(scjax.load(base))
+    planned = [{"seed": seed, "modality": modality, "base": base_hash} for seed, modality, _ in todo]
+    check_bases([*rows, *planned])
     with tqdm(todo, unit="run", disable=None) as bar:
-        for seed, kind, name in bar:
-            bar.set_description(f"{kind} {name} {seed}")
-            row = _row(config, workdir, base, known, asked[kind], name, kind, seed, sampler)
+        for seed, modality, name in bar:
+            bar.set_description(f"{modality} {name} {seed}")
+            run = _Run(config, workdir, base, base_hash, requests[modality], name, modality, seed, settings)
+            row = run.result()
             if row is None:
                 return None
-            rows.append({"kind": kind, "entry": name, "seed": seed, "base": known, **row})
-            report = write(rows, workdir, setting)
-            jax.clear_caches()  # the programs of a mechanism are of no use to another
+            rows.append({"modality": modality, "entry": name, "seed": seed, "base": base_hash, **row})
+            out = Path(config.out) if config.out else workdir / "ablation"
+            report = write_report(rows, out, setting, command)
+            jax.clear_caches()  # another mechanism has other programs
     return report
 
 
-def _setting(config: Any, asked: dict[str, str]) -> dict[str, Any]:
-    """All that runs of several seeds, perhaps made on several machines, have in common."""
+def _setting(config: Any, fingerprints: dict[str, str]) -> dict[str, Any]:
+    """What runs of several seeds, perhaps on several machines, have in common."""
     fields = json.loads(config.to_json())
-    for name in ("records", "autoencoder", "base", "seeds", "entries", "kinds", "more"):
+    for name in ("records", "autoencoder", "base", "seeds", "entries", "modalities", "more", "out"):
         fields.pop(name)
-    return {"format": FORMAT, "asked": asked, **fields}
+    return {"format": FORMAT, "requests": fingerprints, **fields}
 
 
-def runs_of(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:
-    """The runs of other seeds or kinds, from the ablation.json that another work folder has.
+def load_runs(path: str, setting: Mapping[str, Any], todo: Sequence[tuple[int, str, str]]) -> list[dict[str, Any]]:
+    """Runs of other seeds or modalities, from the ablation.json of another work folder.
 
     Raises:
-      ValueError: no such file, another setting, or a run that is to be made here as well (seed, kind, entry).
+      ValueError: no such file, another setting, or a run that is also to be made here (seed, modality, entry).
     """
     try:
         content = json.loads(Path(path).read_text())
-        told, runs = content["setting"], content["runs"]
+        other_setting, runs = content["setting"], content["runs"]
+        # Requests of a modality matter only if both have it.
+        both = other_setting["requests"].keys() & setting["requests"].keys()
     except (OSError, ValueError, KeyError) as error:
         raise ValueError(f"config.more: {path} is no ablation.json ({error!r})") from None
-    # What is asked of a kind matters only if both have it.
-    both = told["asked"].keys() & setting["asked"].keys()
-    one, other = ({**side, "asked": {kind: side["asked"][kind] for kind in both}} for side in (told, setting))
+    one, other = (
+        {**side, "requests": {modality: side["requests"][modality] for modality in both}}
+        for side in (other_setting, setting)
+    )
     if differing := sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name)):
         raise ValueError(f"config.more: {path} was made with another {', '.join(differing)}: its runs do not compare")
-    if twice := sorted({(run["seed"], run["kind"], run["entry"]) for run in runs} & set(todo)):
-        seed, kind, entry = twice[0]
-        raise ValueError(f"config.more: {path} has {entry} on {kind} of seed {seed}, which is to be run here as well")
+    if repeated := sorted({(run["seed"], run["modality"], run["entry"]) for run in runs} & set(todo)):
+        seed, modality, entry = repeated[0]
+        raise ValueError(f"config.more: {path} has {entry} on {modality} of seed {seed}, which is also to be run here")
     return runs
 
 
 def check_bases(runs: Sequence[Mapping[str, Any]]) -> None:
-    """Gains are taken within a seed and kind; machines round differently, so that another one's base is another base.
+    """Runs of one seed and modality must share a base: gains are differences between them.
 
     Raises:
-      ValueError: a seed whose runs on one kind started from two.
+      ValueError: a seed whose runs on one modality started from two bases.
     """
     bases: dict[tuple[int, str], str] = {}
     for run in runs:
-        seed, kind = run["seed"], run["kind"]
-        if bases.setdefault((seed, kind), run["base"]) != run["base"]:
+        seed, modality = run["seed"], run["modality"]
+        if bases.setdefault((seed, modality), run["base"]) != run["base"]:
             raise ValueError(
-                f"config.more: seed {seed} on {kind}s would have runs from two bases, which do not compare: "
+                f"config.more: seed {seed} on {modality}s would have runs from two bases, which do not compare: "
                 "give the base of those made elsewhere by config.base, or make all of them here"
             )
 
 
 def _base(config: Any, workdir: Path) -> str | None:
-    """Model folder of the unconditional denoiser that these runs start from, trained on all of their windows."""
+    """Folder of the unconditional denoiser that all runs start from, trained on the crops of all modalities."""
     training = _copy(config)
     training.seed = training.batch.seed = config.seeds[0]
     training.steps = config.base_steps
     training.optimizer.warmup = min(training.optimizer.warmup, max(config.base_steps // 5, 1))
-    training.batch.crops = tuple(sum(np.array([CROPS[kind] for kind in config.kinds])).tolist())
+    training.batch.crops = tuple(sum(np.array([CROPS[modality] for modality in config.modalities])).tolist())
     training.condition = "none"
     return _trained(training, workdir / f"base-{content_hash(training.to_json())[:8]}")
 
 
-def run_config(config: Any, base: str, entry: Entry, kind: str, seed: int) -> ConfigDict:
-    """What ``experiments.train`` does for one run; between mechanisms only the mechanism differs."""
+def run_config(config: Any, base: str, entry: Entry, modality: str, seed: int) -> ConfigDict:
+    """The training config of one run; between mechanisms only the mechanism differs."""
     training = _copy(config)
-    training.init_from, training.condition, training.cross_attention = base, kind, entry.cross_attention
+    training.start, training.condition, training.cross_attention = base, modality, entry.cross_attention
     training.seed = training.batch.seed = seed
-    training.batch.crops = CROPS[kind]
-    options = entry.options_of(kind)
+    training.batch.crops = CROPS[modality]
+    options = entry.options_of(modality)
     if options:
         training.cross_attention_options[entry.cross_attention].update(options)
     training.model.attend_padding = entry.padded
-    if entry.padded and kind == "text":
+    if entry.padded and modality == "text":
         training.batch.text_slots = PADDED_SLOTS
     training.update_from_flattened_dict(entry.training)
     return training
@@ -147,80 +163,78 @@ def _copy(config: Any) -> ConfigDict:
     return training
 
 
-def _row(
-    config: Any,
-    workdir: Path,
-    base: str,
-    known: str,
-    requests: Requests,
-    name: str,
-    kind: str,
-    seed: int,
-    sampler: Sampler,
-) -> dict[str, Any] | None:
-    """A run's result, made now or before; None if a signal stopped it."""
-    training = run_config(config, base, ENTRIES[name], kind, seed)
-    told = content_hash(json.dumps({**json.loads(training.to_json()), "init_from": known}, sort_keys=True))[:8]
-    folder = workdir / "runs" / f"{kind}-{name}-{seed}-{told}"
-    path = folder / f"result-{content_hash(str(FORMAT), requests.fingerprint, str(sampler))[:8]}.json"
-    if path.exists():
-        return json.loads(path.read_text())
-    trained = _trained(training, folder)
-    if trained is None:
-        return None
-    made = _result(scjax.load(trained), folder, path.stem, base, requests, ENTRIES[name], kind, seed, sampler)
-    write_text(path, json.dumps(made, indent=1))
-    return made
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """One training and its samples."""
+
+    config: Any
+    workdir: Path
+    base: str
+    base_hash: str
+    requests: Requests
+    name: str
+    modality: str
+    seed: int
+    settings: SamplerSettings
+
+    def result(self) -> dict[str, Any] | None:
+        """The result, from now or from an earlier call; None if a signal stopped it."""
+        training = run_config(self.config, self.base, ENTRIES[self.name], self.modality, self.seed)
+        fields = {**json.loads(training.to_json()), "start": self.base_hash}
+        training_hash = content_hash(json.dumps(fields, sort_keys=True))[:8]
+        folder = self.workdir / "runs" / f"{self.modality}-{self.name}-{self.seed}-{training_hash}"
+        result_hash = content_hash(str(FORMAT), self.requests.fingerprint, str(self.settings))[:8]
+        path = folder / f"result-{result_hash}.json"
+        if path.exists():
+            return json.loads(path.read_text())
+        trained = _trained(training, folder)
+        if trained is None:
+            return None
+        result = self._measure(scjax.load(trained), folder, path.stem)
+        write_text(path, json.dumps(result, indent=1))
+        return result
+
+    def _measure(self, model: scjax.Model, folder: Path, stem: str) -> dict[str, Any]:
+        requests, entry = self.requests, ENTRIES[self.name]
+        slots = PADDED_SLOTS if entry.padded and self.modality == "text" else 0
+        real = measure(requests.references, requests.clusters)
+        result: dict[str, Any] = {}
+        for which, conditions in (("own", requests.own), ("shuffled", requests.shuffled)):
+            if which == "shuffled" and entry.cross_attention == "none":
+                result["shuffled"] = result["own"]  # the model reads no condition
+                continue
+            conditions, path = pad_texts(conditions, slots), folder / f"{stem}-{which}.npz"
+            scenes, seconds = sample_to_file(model, conditions, self.settings, self.seed, path)
+            loss = denoising_losses(model, requests.references, conditions, self.seed).mean()
+            result[which] = measure_run(scenes, requests, real, float(loss))
+            result["seconds_per_scene"] = seconds
+        lanes, agents = (
+            float(np.mean([getattr(scene, name) for scene in requests.references]))
+            for name in ("num_lanes", "num_agents")
+        )
+        flops = {
+            f"flops{name}": denoiser_forward(
+                model.denoiser.config, lanes, agents, slots or requests.context, cached=cached
+            )
+            for name, cached in (("", False), ("_cached", True))
+        }
+        return {
+            **result,
+            **flops,
+            "parameters": _size(model) - _size(scjax.load(self.base)),
+            "seconds_per_step": _step_seconds(folder),
+        }
 
 
 def _trained(training: ConfigDict, folder: Path) -> str | None:
-    """The folder's model, trained or trained on; None if a signal stopped the training."""
+    """Folder of the trained model; trains or continues first. None if a signal stopped the training."""
     model = folder / "model"
     if not model.exists():
         train(training, folder)
     if not model.exists():
         return None
-    shutil.rmtree(folder / "checkpoints", ignore_errors=True)  # ten times the model, and there are many
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)  # ten times the size of the model
     return str(model)
-
-
-def _result(
-    model: scjax.Model,
-    folder: Path,
-    stem: str,
-    base: str,
-    requests: Requests,
-    entry: Entry,
-    kind: str,
-    seed: int,
-    sampler: Sampler,
-) -> dict[str, Any]:
-    slots = PADDED_SLOTS if entry.padded and kind == "text" else 0
-    real = measure(requests.references, requests.clusters)
-    found: dict[str, Any] = {}
-    for which, conditions in (("own", requests.own), ("shuffled", requests.shuffled)):
-        if which == "shuffled" and entry.cross_attention == "none":
-            found["shuffled"] = found["own"]  # nobody reads it
-            continue
-        told, path = padded(conditions, slots), folder / f"{stem}-{which}.npz"
-        scenes, seconds = sampled(model, told, sampler, seed, path)
-        loss = denoising_losses(model, requests.references, told, seed).mean()
-        found[which] = values_of(scenes, requests, real, float(loss))
-        found["seconds_a_scene"] = seconds
-    lanes, agents = (
-        float(np.mean([getattr(scene, name) for scene in requests.references])) for name in ("num_lanes", "num_agents")
-    )
-    context, config = slots or requests.context, model.denoiser.config
-    flops = {
-        f"flops{name}": denoiser_forward(config, lanes, agents, context, cached=cached)  # pyright: ignore
-        for name, cached in (("", False), ("_cached", True))
-    }
-    return {
-        **found,
-        **flops,
-        "parameters": _size(model) - _size(scjax.load(base)),
-        "seconds_a_step": _step_seconds(folder),
-    }
 
 
 def _size(model: scjax.Model) -> int:
@@ -228,7 +242,7 @@ def _size(model: scjax.Model) -> int:
 
 
 def _step_seconds(folder: Path) -> float:
-    """The median over what was logged: compilation and interruptions fall into few of the lines."""
+    """Median seconds per step over the log; compilation and interruptions affect few lines."""
     lines: Sequence[dict[str, Any]] = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     size = json.loads((folder / "config.json").read_text())["batch"]["batch_size"]
     return statistics.median(size / line["scenes_per_second"] for line in lines if line["scope"] == "train")

@@ -1,0 +1,57 @@
+"""What all studies share: a parser whose help is the docstring, and a page of markdown, JSON and a picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from scjax.scene.files import write_text
+from scjax.viz.grid import save
+
+
+def script_parser(module: str, doc: str | None) -> argparse.ArgumentParser:
+    """A parser for ``python -m MODULE``; the first line of the docstring stands above the options."""
+    summary, _, details = (doc or "").partition("\n")
+    return argparse.ArgumentParser(
+        prog=f"python -m {module}",
+        description=summary,
+        epilog=details,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def command_line(name: str, arguments: Sequence[str] | None) -> str:
+    """The command that makes a page, for its head."""
+    given = sys.argv[1:] if arguments is None else arguments
+    return f"python -m experiments.studies.{name} {shlex.join(given)}"
+
+
+def write_page(out: Path, text: str, content: Any, figure: Figure | None = None) -> None:
+    """Writes OUT.md, OUT.json and, with a figure, OUT.png; the page shows the picture at its end."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if figure is not None:
+        save(figure, out.with_name(f"{out.name}.png"), dpi=100)
+        text = f"{text.rstrip()}\n\n![{out.name}]({out.name}.png)\n"
+    write_text(out.with_name(f"{out.name}.json"), json.dumps(content, indent=1))
+    write_text(out.with_name(f"{out.name}.md"), text)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure [inches] that needs no display."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def table_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a markdown table."""
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows)]

@@ -1,0 +1,31 @@
+"""Inputs and the smallest config of an ablation."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from ml_collections import ConfigDict
+
+import scjax
+from experiments.studies.ablation.config import get_config
+from tests.factories.studies import save_captioned_records
+from tests.factories.worlds import AUTOENCODER, DENOISER, tiny_model
+
+
+def save_inputs(folder: Path) -> Path:
+    """Captioned records with two held-out locations or more, and an autoencoder."""
+    save_captioned_records(folder / "records")
+    assert AUTOENCODER.lane_latent == DENOISER.lane_latent
+    scjax.save(tiny_model().without("denoiser"), folder / "autoencoder")
+    return folder
+
+
+def smoke_config(folder: Path) -> ConfigDict:
+    """Three steps per run, with a learning rate at which three steps change the model."""
+    config = get_config("smoke")
+    config.records, config.autoencoder = str(folder / "records"), str(folder / "autoencoder")
+    config.training.optimizer.learning_rate, config.training.ema_decay = 0.05, 0.5
+    sizes = dataclasses.asdict(DENOISER)
+    config.training.model.update({name: sizes[name] for name in ("lane_width", "agent_width", "lane_heads", "blocks")})
+    return config
