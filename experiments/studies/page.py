@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from scjax.scene.files import write_text
-from scjax.viz.grid import save
+from scjax.viz.grid import save_figure
 
 
 def script_parser(module: str, doc: str | None) -> argparse.ArgumentParser:
@@ -38,7 +38,7 @@ def write_page(out: Path, text: str, content: Any, figure: Figure | None = None)
     """Writes OUT.md, OUT.json and, with a figure, OUT.png; the page shows the picture at its end."""
     out.parent.mkdir(parents=True, exist_ok=True)
     if figure is not None:
-        save(figure, out.with_name(f"{out.name}.png"), dpi=100)
+        save_figure(figure, out.with_name(f"{out.name}.png"), dpi=100)
         text = f"{text.rstrip()}\n\n![{out.name}]({out.name}.png)\n"
     write_text(out.with_name(f"{out.name}.json"), json.dumps(content, indent=1))
     write_text(out.with_name(f"{out.name}.md"), text)

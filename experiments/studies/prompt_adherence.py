@@ -31,7 +31,7 @@ import scjax
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
 from experiments.studies.prompts import HeldOutPrompt, all_texts, held_out_prompts, sample_in_calls
 from scjax.data.captions import read_captions
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.encoders.text import clean_text
 from scjax.evaluate.retrieval import tf_idf

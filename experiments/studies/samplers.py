@@ -34,8 +34,8 @@ import scjax
 from experiments.studies.page import command_line, script_parser, write_page
 from experiments.studies.prompts import draw_prompt, held_out_captions
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse_metrics
-from scjax.diffusion.guidance import DEFAULT_GUIDANCE_SCALE
-from scjax.diffusion.samplers import SAMPLERS, sampler_of
+from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
+from scjax.diffusion.samplers import SAMPLERS, resolve_sampler
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.requests import counts_request
@@ -138,8 +138,8 @@ def sweep(args: argparse.Namespace) -> list[dict[str, Any]]:
     """
     model = scjax.load(args.model)
     config = model.denoiser.config
-    fitting = [name for name, sampler in SAMPLERS.items() if config.prediction in sampler.predictions]
-    names = [sampler_of(name, config.prediction).name for name in args.samplers or fitting]
+    fitting = [name for name, sampler in SAMPLERS.items() if config.prediction in sampler.default_steps]
+    names = [resolve_sampler(name, config.prediction).name for name in args.samplers or fitting]
     scales = args.guidance or [1.0 if config.condition is None else DEFAULT_GUIDANCE_SCALE]
     reference = Setting(REFERENCE[config.prediction], args.reference_steps, scales[0], args.compute[0])
     repeats = [reference._replace(repeat=k) for k in range(1, args.repeats + 1)]
@@ -160,7 +160,7 @@ def sweep(args: argparse.Namespace) -> list[dict[str, Any]]:
             if path.exists():
                 bar.update(len(requests.conditions))
             else:
-                row = {**setting._asdict(), "evaluations": sampler.evaluations(setting.num_steps)}
+                row = {**setting._asdict(), "evaluations": sampler.num_evaluations(setting.num_steps)}
                 row |= measure_setting(model, requests, real, setting, args.seed, bar)
                 write_text(path, json.dumps(row, indent=1))
                 # A program takes some 1,200 memory areas here, and Linux ends a process with more than 65,530.

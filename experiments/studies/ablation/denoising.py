@@ -87,7 +87,7 @@ def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: Denoise
 
         def at(time: int) -> Array:
             noise = jax.vmap(normal_noise)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
-            level = level_at(jnp.full(label.shape, time), schedule, config.prediction)
+            level = noise_level_at(jnp.full(label.shape, time), schedule, config.prediction)
             none = jax.tree.map(jnp.zeros_like, masks)
             return diffusion_loss(denoise, level, clean, noise, masks, none, prediction=config.prediction)[1]["total"]
 
