@@ -8,7 +8,6 @@ from experiments.studies.ablation.config import get_config
 from experiments.studies.ablation.entries import ENTRIES, MECHANISMS, RECIPES, select_entries
 from experiments.studies.ablation.run import run_config
 from scjax.nn.cross_attention import OPTIONS, ContextSpec, from_name
-from scjax.nn.cross_attention.flops import control_work
 
 
 @pytest.fixture
@@ -63,7 +62,7 @@ def work_of(modality):
         name: from_name(ENTRIES[name].cross_attention, **ENTRIES[name].options_of(modality))
         for name in select_entries(tuple(ENTRIES), modality)
     }
-    return {name: control_work(one, 128, 4, spec, 26, tokens) for name, one in options.items()}
+    return {name: one.work(128, 4, spec, 26, tokens) for name, one in options.items()}
 
 
 @pytest.mark.parametrize("modality", ["text", "image"])

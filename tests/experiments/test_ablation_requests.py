@@ -10,7 +10,7 @@ import pytest
 import scjax
 from experiments.studies.ablation.denoising import denoising_losses
 from experiments.studies.ablation.requests import make_requests, pad_texts
-from scjax.camera.raycast import CLASSES, GRID, stand_in
+from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Crop
 from tests.factories.studies import save_captioned_records
@@ -46,7 +46,7 @@ def test_image_requests_are_forward_with_shuffled_images(records):
     for scene, own, shuffled in zip(requests.references, requests.own, requests.shuffled, strict=True):
         assert own.crop == Crop.FORWARD and int(scene.crop) == Crop.FORWARD
         image = own.streams["image"]
-        np.testing.assert_array_equal(image.grid(), stand_in(scene).image)
+        np.testing.assert_array_equal(image.grid(), render(scene).image)
         counts = [(one.num_lanes, one.num_agents, one.domain) for one in (own, shuffled)]
         assert counts[0] == counts[1]
         assert not np.array_equal(image.tokens, shuffled.streams["image"].tokens)

@@ -6,7 +6,6 @@ import dataclasses
 import json
 
 import pytest
-from tests.factories.words import Words
 
 import scjax
 from experiments.studies import samplers
@@ -14,6 +13,7 @@ from experiments.studies.samplers import Setting
 from experiments.studies.samplers_report import METRICS
 from scjax.models.denoiser.config import TextCondition
 from tests.factories.studies import save_captioned_records
+from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 
 

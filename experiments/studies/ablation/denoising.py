@@ -59,7 +59,7 @@ def denoising_losses(
         for start in range(0, len(members), _BATCH):
             part = members[start : start + _BATCH]
             rows = np.array(part + [part[0]] * (_BATCH - len(part)))
-            batch = stack([arrange(scenes[row])[0] for row in rows], bucket)
+            batch = stack([sort_tokens(scenes[row])[0] for row in rows], bucket)
             keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
             mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
             losses = run(*params, model.latents.mean, model.latents.std, batch, mine, keys)

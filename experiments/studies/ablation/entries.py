@@ -53,7 +53,14 @@ _SPECIAL = {
     "saap": Entry("saap", "saap", {"mode": "joint"}, text={"buckets": 8, "probes": 2}),
     "windowed": Entry("windowed", "windowed", text=_WINDOW),
     "squeezed": Entry("squeezed", "squeezed", {"rule": "top"}, text={"clusters": 8}),
-    "cross_global": Entry("cross-global", "cross_global"),
+}
+"""Mechanisms whose title or options differ from their name and their defaults."""
+
+_PLAIN = {name: Entry(name.replace("_", "-"), name) for name in OPTIONS}
+
+MECHANISMS = {
+    **_PLAIN,
+    **_SPECIAL,
     # Controls for the memory tokens and the number of parameters of cross-global (§1.4, §4.10).
     "memory": Entry("full + 32 memory tokens", "full", {"memory_tokens": 32}, modalities=("text",)),
     "matched": Entry("full, parameters of cross-global", "full", {"inner_ratio": 2}, modalities=("text",)),

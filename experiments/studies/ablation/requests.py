@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.studies.prompts import draw_prompt
-from scjax.camera.raycast import GRID, stand_in
+from scjax.camera.raycast import GRID, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import read_captions
@@ -85,7 +85,7 @@ def make_requests(
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
         streams = [{"text": Stream(tokens)} for _, tokens in prompts]
     else:
-        views = [stand_in(scene) for scene in scenes]
+        views = [render(scene) for scene in scenes]
         streams = [{"image": Stream.from_image(view.image), "depth": Stream.from_depth(view.depth)} for view in views]
     clusters = [locations[row] for row in rows]
     others = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
