@@ -11,6 +11,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from scjax.nn.cross_attention import OPTIONS
+
 MODALITIES = ("text", "image")
 PADDED_SLOTS = 192
 """Slots of a caption in padded entries: about four times its tokens, as the 512 slots of the paper's prompts."""
