@@ -27,7 +27,6 @@ import scjax
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
 from experiments.studies.prompts import draw_prompt, held_out_captions
 from scjax.data import records
-from scjax.generate.conditions import Stream
 from scjax.generate.encode import text_features
 from scjax.models.counts.predictor import count_predictor
 from scjax.nn.startup import start_jax

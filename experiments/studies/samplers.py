@@ -27,7 +27,6 @@ from typing import Any, NamedTuple, get_args
 
 import jax
 import numpy as np
-from scjax.generate.batching import padded_size
 from tqdm import tqdm
 
 import scjax

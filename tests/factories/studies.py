@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.factories.words import Words
-
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.synthetic.source import Worlds
+from tests.factories.words import Words
 
 
 def save_captioned_records(folder: Path, *, worlds: int = 6, split_percent: float = 40.0) -> Path:

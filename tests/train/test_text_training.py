@@ -14,11 +14,13 @@ import scjax
 from experiments.package_model import counted, ship
 from experiments.studies import count_calibration as calibration
 from experiments.studies import gallery
-from experiments.studies import prompt_adherence as adherence
+from experiments.studies import prompts as study_prompts
 from experiments.studies.collision_x_counts import COLUMNS
 from experiments.studies.collision_x_counts import markdown as markdown_two_by_two
 from experiments.studies.collision_x_counts import measure as two_by_two
-from experiments.studies.prompt_adherence import held_back_prompts, markdown, measure
+from experiments.studies.prompt_adherence import markdown, measure
+from experiments.studies.prompts import held_out_prompts
+from experiments.train import train
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
@@ -109,41 +111,43 @@ def test_a_prompt_decides_counts_and_scene(prompt_model):
 
 
 def test_calibration_of_the_counts(folder, prompt_model):
-    found, told, true = calibration.measure(str(folder / "prompt" / "model"), str(folder / "records"), 0)
-    assert found["both"]["scenes"] == len(true["lanes"]) == len(told["agents"]) > 1
+    predictions = calibration.predict(str(folder / "prompt" / "model"), str(folder / "records"), 0)
+    found, shares = calibration.measure(predictions, 0), predictions.shares
+    assert found["both"]["scenes"] == len(predictions.true["lanes"]) == len(shares["agents"]) > 1
     assert found["lanes"]["mae_of_mean"] > 0 and 0 <= found["agents"]["in_central_90_percent"] <= 1
-    np.testing.assert_allclose(told["lanes"].sum(1), 1, atol=1e-5)
+    np.testing.assert_allclose(shares["lanes"].sum(1), 1, atol=1e-5)
 
 
 def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
-    table, sound, ceiling = measure(
-        model_folder=str(folder / "text" / "model"), folder=str(folder / "records"), samples=3, weights=[2.0], steps=2,
-        candidates=2,
+    adherence = measure(
+        model_folder=str(folder / "text" / "model"), folder=str(folder / "records"), samples=3, scales=[2.0], num_steps=2,
+        best_of=2,
     )  # fmt: skip
+    table, sound, ceiling = adherence
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())
     assert sound["the record itself"]["connection_gap_m"] < 1e-3
     assert (
-        not sound["prompt, guidance 2, tidied"]["connection_gap_m"] > 1e-3
+        not sound["prompt, guidance 2, repaired"]["connection_gap_m"] > 1e-3
     )  # an untrained model may link nothing at all
     assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
-    assert "prompt, guidance 2, best of 2 tidied" in sound
-    assert "nan" not in markdown(table, sound, ceiling)
+    assert "prompt, guidance 2, best of 2 repaired" in sound
+    assert "nan" not in markdown(adherence, "the command")
 
 
 def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch):
     records = str(folder / "records")
-    every = [one.text for one in held_back_prompts(records, text_model, 9, 0)]
+    every = [one.text for one in held_out_prompts(records, text_model, 9, 0)]
     assert len(every) >= 4
     events = dict(zip(every, [(), ("cut-in",), ("jaywalker", "cut-in"), ("cut-in",)], strict=False))
-    monkeypatch.setattr(adherence, "parse_prompt", lambda text: PromptSpec(events=events.get(text, ())))
+    monkeypatch.setattr(study_prompts, "parse_prompt", lambda text: PromptSpec(events=events.get(text, ())))
     for each, found in ((1, every[1:3]), (2, every[1:3]), (3, every[1:4])):
-        assert [one.text for one in held_back_prompts(records, text_model, 9, 0, each)] == found
-    assert [one.text for one in held_back_prompts(records, text_model, 1, 0, 3)] == every[1:2]
-    monkeypatch.setattr(adherence, "parse_prompt", lambda text: PromptSpec())
-    with pytest.raises(ValueError, match=r"no held-back caption of .* names a rare event"):
-        list(held_back_prompts(records, text_model, 9, 0, 1))
+        assert [one.text for one in held_out_prompts(records, text_model, 9, 0, each)] == found
+    assert [one.text for one in held_out_prompts(records, text_model, 1, 0, 3)] == every[1:2]
+    monkeypatch.setattr(study_prompts, "parse_prompt", lambda text: PromptSpec())
+    with pytest.raises(ValueError, match=r"no held-out caption of .* names a rare event"):
+        list(held_out_prompts(records, text_model, 9, 0, 1))
 
 
 def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
@@ -170,18 +174,18 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
     scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
     (tmp_path / "prompts.txt").write_text("\n".join(prompts))
     options = [f"--model={tmp_path / 'model'}", f"--prompts={tmp_path / 'prompts.txt'}", f"--out={tmp_path / 'out'}"]
-    gallery.main([*options, "--samples=2", "--pick=2", "--steps=2"])
+    gallery.main([*options, "--samples=2", "--best-of=2", "--num-steps=2"])
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert files == ["gallery.md", "prompt-01.png", "prompt-02.png", "prompt-03.png"]
-    text = (tmp_path / "out" / "gallery.md").read_text()
-    assert "the best of 2, tidied" in text and all(prompt in text for prompt in prompts)
+    assert files == ["prompt-01.png", "prompt-02.png", "prompt-03.png"]
+    text = (tmp_path / "out.md").read_text()
+    assert "the best of 2, repaired" in text and all(prompt in text for prompt in prompts)
     total = sum(int(n) for n in re.findall(r"intersection (\d) of 2", text))
     assert total == text.count("intersection yes")
     assert text.count("- warning: ") == 1 and "was read from 'a kangaroo'" in text
 
-    gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--steps=2", "--numbers-only"])
-    text = (tmp_path / "numbers" / "gallery.md").read_text()
-    assert "- warned about" in text and not any(prompt in text for prompt in prompts)
+    gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--num-steps=2", "--numbers-only"])
+    text = (tmp_path / "numbers.md").read_text()
+    assert "- warning: the warning quotes the prompt" in text and not any(prompt in text for prompt in prompts)
 
 
 def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
@@ -205,12 +209,12 @@ def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_
 
 def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, prompt_model):
     models = {"without": text_model, "with": prompt_model}
-    table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, steps=2)
+    table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, num_steps=2)
     assert len(table) == 8 and all(set(row) == set(COLUMNS) for row in table.values())
     assert all(low <= mean <= high for row in table.values() for mean, low, high in row.values())
-    assert table["with penalty, counts of the data"] == table["without penalty, counts of the data"], "equal weights"
-    assert markdown_two_by_two(table).count("\n") == 10
-    with pytest.raises(ValueError, match="--counter"):
+    assert table["with collision loss, counts of the data"] == table["without collision loss, counts of the data"], "equal weights"
+    assert markdown_two_by_two(table, "the command").count("\n") == 14
+    with pytest.raises(ValueError, match="--counts"):
         two_by_two({"without": text_model}, None, str(folder / "records"), samples=2)
 
 

@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scjax.generate.batching import padded_size
 
 from scjax.data.token_order import sort_tokens
 from scjax.diffusion.denoise_fn import make_denoise_fn
