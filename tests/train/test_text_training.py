@@ -20,7 +20,6 @@ from experiments.studies.collision_x_counts import markdown as markdown_two_by_t
 from experiments.studies.collision_x_counts import measure as two_by_two
 from experiments.studies.prompt_adherence import markdown, measure
 from experiments.studies.prompts import held_out_prompts
-from experiments.train import train
 from scjax.cli.demo import PROMPTS
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions

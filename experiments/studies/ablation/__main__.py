@@ -26,7 +26,7 @@ from pathlib import Path
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from experiments.studies.ablation.run import ablate  # the trainer, imported with it, defines --config and --workdir
+from experiments.studies.ablation.run import ablate
 from experiments.studies.page import command_line
 from scjax.nn.startup import start_jax
 
@@ -39,7 +39,7 @@ def main(_) -> None:
     logging.set_verbosity(logging.FATAL)
     start_jax()
     try:
-        report = ablate(flags.FLAGS.config, Path(flags.FLAGS.workdir), command_line("ablation", None))
+        report = ablate(_CONFIG.value, Path(_WORKDIR.value), command_line("ablation", None))
     except (ValueError, FloatingPointError, OSError) as error:
         sys.exit(f"experiments.studies.ablation: {error}")
     except KeyboardInterrupt:

@@ -21,7 +21,6 @@ from experiments.studies.ablation.entries import ENTRIES, PADDED_SLOTS, Entry, s
 from experiments.studies.ablation.judge import SamplerSettings, measure_run, sample_to_file
 from experiments.studies.ablation.report import write_report
 from experiments.studies.ablation.requests import Requests, make_requests, pad_texts
-from experiments.train import train
 from scjax.evaluate.generated import weights_hash
 from scjax.evaluate.hashing import content_hash
 from scjax.metrics.measure import measure
@@ -144,7 +143,7 @@ def _base(config: Any, workdir: Path) -> str | None:
 def run_config(config: Any, base: str, entry: Entry, modality: str, seed: int) -> ConfigDict:
     """The training config of one run; between mechanisms only the mechanism differs."""
     training = _copy(config)
-    training.start, training.condition, training.cross_attention = base, modality, entry.cross_attention
+    training.init_from, training.condition, training.cross_attention = base, modality, entry.cross_attention
     training.seed = training.batch.seed = seed
     training.batch.crops = CROPS[modality]
     options = entry.options_of(modality)
@@ -180,7 +179,7 @@ class _Run:
     def result(self) -> dict[str, Any] | None:
         """The result, from now or from an earlier call; None if a signal stopped it."""
         training = run_config(self.config, self.base, ENTRIES[self.name], self.modality, self.seed)
-        fields = {**json.loads(training.to_json()), "start": self.base_hash}
+        fields = {**json.loads(training.to_json()), "init_from": self.base_hash}
         training_hash = content_hash(json.dumps(fields, sort_keys=True))[:8]
         folder = self.workdir / "runs" / f"{self.modality}-{self.name}-{self.seed}-{training_hash}"
         result_hash = content_hash(str(FORMAT), self.requests.fingerprint, str(self.settings))[:8]
