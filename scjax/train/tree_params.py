@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jaxtyping import Array, Float
 
@@ -43,7 +43,7 @@ class TreeParams(NamedTuple):
         """Shapes of the matrices of the kernel group."""
         return [shape for _, shape in self.groups.get(KERNEL, ())]
 
-    def split_kernels(self, group: dict[str, Array]) -> list[Float[Array, "_ _"]]:
+    def split_kernels(self, group: Groups) -> list[Any]:
         """The matrices of the kernel group."""
         return [group[_dotted(path)] for path, _ in self.groups[KERNEL]]
 
