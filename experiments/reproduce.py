@@ -1,7 +1,7 @@
 """Makes the pages of docs/results again: python -m experiments.reproduce prompt_adherence guidance ...
 
-Every page has one entry in ``PAGES``: its title and question, the records that it needs, and the study that measures.
-Records are made once per folder of --runs. Without page names all pages are made, in about an hour on two CPU cores.
+Every page has one entry in ``PAGES``: the studies that measure, and the records that they need. Records are made once
+per folder of --runs. Without page names all pages are made, in about an hour on two CPU cores.
 """
 
 from __future__ import annotations
@@ -32,45 +32,50 @@ RECORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """One page of docs/results.
+    """One page of docs/results, ``OUT.md`` beside ``OUT.json`` and ``OUT.png``.
 
     Attributes:
-      title, question: its first lines.
-      command: module and arguments of the study; {runs} and {out} are folders.
-      records: names in ``RECORDS`` that the study reads.
-      table: file that the study writes, with the page's tables; "" if it writes the page itself.
-      picture: file that the study draws, if any.
+      commands: modules and arguments, in order; {runs} and {out} are folders.
+      records: names in ``RECORDS`` that the commands read.
     """
 
-    title: str
-    question: str
-    command: str
+    commands: tuple[str, ...]
     records: tuple[str, ...] = ()
-    table: str = ""
-    picture: str = ""
 
+
+_ADHERENCE = "experiments.studies.prompt_adherence --model scjax/pretrained"
 
 PAGES = {
     "prompt_adherence": Page(
-        "Prompt adherence",
-        "Do single samples show what ordinary prompts ask for? 500 captions of held-back synthetic scenes, read by rule.",
-        "experiments.studies.prompt_adherence --records {runs}/records --samples 500 --out {out}/prompt_adherence",
-        records=("records",),
-        table="prompt_adherence.md",
+        (f"{_ADHERENCE} --records {{runs}}/records --samples 500 --guidance 2 1 4 --out {{out}}/prompt_adherence",),
+        ("records",),
     ),
     "rare_events": Page(
-        "Rare events",
-        "Do single samples show the rare event that a prompt names? 20 captions per event, read by rule.",
-        "experiments.studies.prompt_adherence --records {runs}/events --each 20 --out {out}/rare_events",
-        records=("events",),
-        table="rare_events.md",
+        (f"{_ADHERENCE} --records {{runs}}/events --per-event 20 --out {{out}}/rare_events",), ("events",)
+    ),
+    "guidance": Page(("experiments.studies.guidance {out}/prompt_adherence.json --out {out}/guidance",)),
+    "sampling_steps": Page(
+        (
+            "experiments.studies.samplers --model scjax/pretrained --records {runs}/records --samples 192"
+            " --samplers ddpm --num-steps 10 16 25 50 100 --repeats 1"
+            " --workdir {runs}/sampling_steps --out {out}/sampling_steps",
+        ),
+        ("records",),
+    ),
+    "count_calibration": Page(
+        ("experiments.studies.count_calibration --records {runs}/records --out {out}/count_calibration",), ("records",)
+    ),
+    "gallery": Page(
+        ("experiments.studies.gallery --prompts experiments/prompts/free_form.txt --samples 3 --out {out}/gallery",)
     ),
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m experiments.reproduce", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m experiments.reproduce",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("pages", nargs="*", metavar="PAGE", help=f"of {', '.join(PAGES)} (default: all)")
     parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder for records (default: %(default)s)")
@@ -84,24 +89,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def make_page(name: str, runs: Path, out: Path) -> None:
-    """Makes the records that are missing, runs the study and writes the page ``out/NAME.md``."""
+    """Makes the records that are missing and runs the commands of a page."""
     page = PAGES[name]
     for records in page.records:
         make_records(records, runs)
     out.mkdir(parents=True, exist_ok=True)
-    run(page.command.format(runs=runs, out=out))
-    if page.table:
-        table = out / page.table
-        text = table.read_text(encoding="utf-8")
-        (out / f"{name}.md").write_text(page_text(name, page, text), encoding="utf-8")
-
-
-def page_text(name: str, page: Page, tables: str) -> str:
-    """The whole page: title, question, command, picture, tables."""
-    lines = [f"# {page.title}", "", page.question, "", f"    python -m experiments.reproduce {name}", ""]
-    if page.picture:
-        lines += [f"![{page.title}]({page.picture})", ""]
-    return "\n".join(lines) + "\n" + tables.strip() + "\n"
+    for command in page.commands:
+        run(command.format(runs=runs, out=out))
 
 
 def make_records(name: str, runs: Path) -> None:
