@@ -44,7 +44,7 @@ class EnergyGuidance:
     Attributes:
       gradient_steps: total number of gradient steps, spread evenly over the guided sampler steps, at least 4 in each.
       max_sigma: largest noise level with guidance; the last sampler step always counts. Guidance at noisier steps does
-        not improve scenes (experiments/results/shipped).
+        not improve scenes.
       momentum: Nesterov momentum (Nesterov 1983); 0 is plain gradient descent.
       agent_step_size, lane_step_size: step sizes [1 / m^2]. A latent change of 1 moves an agent's center by about 14 m
         and a lane's start by 10 m; a lane has several connections.

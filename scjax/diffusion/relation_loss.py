@@ -61,7 +61,7 @@ def relation_weight(level: NoiseLevel) -> Float[Array, " b"]:
     """Weight of the relation losses [B]: (1 - 2 sigma) / sigma with sigma at least 0.1; 0 above sigma 0.5.
 
     Errors of the x0 estimate shrink with the noise. At high noise the estimate is a mean of many scenes, whose
-    connections need not be closed; weights there lowered the prompt adherence (experiments/results/shipped).
+    connections need not be closed; weights there lowered the prompt adherence.
     """
     sigma = jnp.asarray(level.sigma)
     return jax.nn.relu(1 - 2 * sigma) / jnp.maximum(sigma, 0.1)

@@ -8,7 +8,7 @@ is the released architecture and recipe on its own types (official-spec §2.6).
 
 Expected of small on 276 recorded scenes, from the shipped autoencoder, 5,000 steps of 16 with Muon, two cores of an
 AMD EPYC with AVX2, 43 minutes without compiling: lane points 0.151 m, agent centers 0.228 m, headings 0.29 degrees on
-held-back tiles (experiments/results/real_small).
+held-back tiles (recorded run of commit f19532b).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "workers": 1,
     }
     config.optimizer = {
-        "kind": "adamw",  # or "muon": fewer steps, each somewhat dearer (experiments/results/real_small)
+        "kind": "adamw",  # or "muon": fewer steps, each somewhat slower
         "learning_rate": learning_rate,
         "warmup": 1000 if official else min(500, steps // 10),
         "schedule": "linear",  # to zero at the last step

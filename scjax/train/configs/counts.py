@@ -4,7 +4,7 @@
         --config.denoiser=runs/text/model
 
 Expected on the synthetic world, 3,000 steps, four minutes on two cores: mean absolute error 3.37 lanes and 2.58 agents,
--log P of the true pair 4.64 on 766 held-back captions (experiments/results/shipped/training.md).
+-log P of the true pair 4.64 on 766 held-back captions (docs/results/count_calibration.md).
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ Variants as in autoencoder.py.
 
 Expected of small on 276 recorded scenes, 8,200 steps of 32, two cores of an AMD EPYC with AVX2, sampled at true counts
 in 32 steps with 32 rounds of energy guidance: mean connection gap 0.24 m, 94 % of vehicles within 1.5 m of a lane, no
-overlapping vehicles (experiments/results/real_small). On captions of the synthetic world, 13,000 steps from an earlier
-model: 94 minutes on two cores with AVX-512, 95 scenes/s (experiments/results/shipped/training.md).
+overlapping vehicles (recorded run of commit f19532b). On captions of the synthetic world, 13,000 steps from an earlier
+model: 94 minutes on two cores with AVX-512, 95 scenes/s (docs/results/training.md).
 """
 
 from __future__ import annotations
