@@ -34,14 +34,14 @@ def make_records(folder: Path, worlds: int = 6) -> Path:
 
 
 @functools.cache
-def tiny_model(condition=None, **changes) -> Model:
-    """Random parameters; the count table knows two domains."""
+def tiny_model(condition=None, *, seed: int = 0, **changes) -> Model:
+    """Random parameters, of the denoiser drawn from ``seed``; the count table knows two domains."""
     config = dataclasses.replace(DENOISER, condition=condition, **changes)
     rows = [(0, 0, 3, 2), (0, 0, 4, 3), (1, 0, 6, 5), (1, 2, 5, 4)]
     return Model(
         components={
             "autoencoder": Component(AUTOENCODER, jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1)))),
-            "denoiser": Component(config, _stirred(jax.device_get(denoiser(config).init(jax.random.key(2))))),
+            "denoiser": Component(config, _stirred(jax.device_get(denoiser(config).init(jax.random.key(2))), seed)),
         },
         codec=codec.scjax(),
         latents=LatentStatistics.identity(),
@@ -50,7 +50,7 @@ def tiny_model(condition=None, **changes) -> Model:
     )
 
 
-def _stirred(params):
+def _stirred(params, seed: int):
     """Every leaf random: fresh adaLN and output layers are zero, and a network of zeros would hide mistakes."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     return jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape).astype(np.float32), params)

@@ -139,8 +139,9 @@ def test_sampler_changes_the_scene_but_no_known_element(model, known):
     assert not np.allclose(scene.lanes, other.lanes)
 
 
-def test_energy_guidance_lowers_the_energy(model, known):
+def test_energy_guidance_lowers_the_energy(known):
     """An untrained model's scenes are heaps of boxes and lanes; guided ones are less so, with the same links."""
+    model = tiny_model(seed=1)
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     strong = EnergyGuidance(gradient_steps=30, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
     plain, guided = (sample(model, condition, num_scenes=2, energy_guidance=option) for option in (False, strong))
@@ -151,7 +152,8 @@ def test_energy_guidance_lowers_the_energy(model, known):
     assert after < 0.8 * before
 
 
-def test_energy_guidance_depends_on_the_scenes_own_key_only(model, known):
+def test_energy_guidance_depends_on_the_scenes_own_key_only(known):
+    model = tiny_model(seed=1)  # of seed 0 a link head is undecided, and rounding errors of a batch decide
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     many, one = (
         sample(model, condition, num_scenes=number, energy_guidance=EnergyGuidance(gradient_steps=2))
