@@ -269,7 +269,7 @@ def test_config_rejects_bad_sizes(changes, word):
 def test_encode_rejects_tokens_of_another_codec(params):
     tokens, noise = pair()
     apply = autoencoder(CONFIG).apply
-    with pytest.raises(ValueError, match="another representation"):
+    with pytest.raises(ValueError, match="with the codec of this model"):
         apply(params, tokens.replace(lanes=tokens.lanes[..., :2]), method="encode")
     with pytest.raises(ValueError, match=r"latents\.lanes"):
         mask = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
