@@ -40,9 +40,7 @@ REAL = ((161, 392, True), (161, 512, False))  # scene tokens, context tokens, im
 WIDTHS = {256: 8, 512: 8, 2048: 16}  # and their heads
 LONG = (512, 4096, 16384)
 NO_CORE = ("full, 2x parameters",)  # its projections change the width
-SLOPES = {name: 1.0 for name in VARIANTS} | {
-    "windowed": 0.0, "deformable": 0.0, "linear": 0.0, "agent, learned": 0.0
-}  # fmt: skip
+SLOPES = {name: 1.0 for name in VARIANTS} | {"windowed": 0.0, "deformable": 0.0, "linear": 0.0, "agent, learned": 0.0}
 _POINTS_PER_PROCESS = 8  # points of a process
 
 
@@ -58,9 +56,11 @@ def points(part: str) -> list[Point]:
         return [Point(name, stage, back, 160, m) for m in LONG for name in VARIANTS for stage, back in stages]
     return [
         Point(name, stage, back, n, m, d, heads, image=image)
-        for n, m, image in REAL for d, heads in WIDTHS.items()
-        for name in VARIANTS for stage, back in stages
-    ]  # fmt: skip
+        for n, m, image in REAL
+        for d, heads in WIDTHS.items()
+        for name in VARIANTS
+        for stage, back in stages
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -97,10 +97,14 @@ def measure_points(pending: Sequence[Point], cores: int) -> Iterator[dict[str, A
     for start in range(0, len(pending), _POINTS_PER_PROCESS):
         part = [dataclasses.asdict(point) for point in pending[start : start + _POINTS_PER_PROCESS]]
         child = subprocess.run(
-            [sys.executable, "-m", "benchmarks.attention_points"], input=json.dumps(part), text=True, check=True,
-            stdout=subprocess.PIPE, env={**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
+            [sys.executable, "-m", "benchmarks.attention_points"],
+            input=json.dumps(part),
+            text=True,
+            check=True,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
             preexec_fn=lambda: os.sched_setaffinity(0, allowed),
-        )  # fmt: skip
+        )
         yield from (json.loads(line) for line in child.stdout.splitlines())
 
 
@@ -118,7 +122,8 @@ def smoke() -> None:
             faults.append(name)
     if faults:
         sys.exit(
-            f"benchmarks.attention: counts of {', '.join(faults)} are off: see ``work`` of the mechanism's options in scjax/nn/cross_attention"
+            f"benchmarks.attention: counts of {', '.join(faults)} are off: see ``work`` of the mechanism's "
+            f"options in scjax/nn/cross_attention"
         )
 
 
@@ -180,8 +185,10 @@ def plot_scaling(rows: Sequence[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(14, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2)
-    for ax, title, key, fixed, ticks in ((axes[0], "keys (160 queries)", "m", {"n": 160}, KEYS),
-                                         (axes[1], "queries (392 keys)", "n", {"m": 392}, QUERIES)):  # fmt: skip
+    for ax, title, key, fixed, ticks in (
+        (axes[0], "keys (160 queries)", "m", {"n": 160}, KEYS),
+        (axes[1], "queries (392 keys)", "n", {"m": 392}, QUERIES),
+    ):
         series = defaultdict(list)
         for row in rows:
             if row["stage"] == "core" and not row["backward"] and all(row[k] == v for k, v in fixed.items()):
@@ -190,8 +197,16 @@ def plot_scaling(rows: Sequence[dict[str, Any]], path: Path) -> None:
             if name in series:
                 x, y = zip(*sorted(series[name]), strict=True)
                 style = "--" if "dense-masked" in name else "-"
-                ax.plot(x, y, style, marker="osv^Dx*"[number % 7], markersize=4, linewidth=1.3, label=name,
-                        color=colormaps["tab20"](number))  # fmt: skip
+                ax.plot(
+                    x,
+                    y,
+                    style,
+                    marker="osv^Dx*"[number % 7],
+                    markersize=4,
+                    linewidth=1.3,
+                    label=name,
+                    color=colormaps["tab20"](number),
+                )
         ax.set(xscale="log", yscale="log", xlabel=title, ylabel="ms, core, forward, one core")
         ax.set_xticks(ticks, [f"{tick:,}" for tick in ticks], rotation=45)
         ax.minorticks_off()

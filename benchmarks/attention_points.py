@@ -133,9 +133,11 @@ def program(point: Point) -> tuple[Callable[..., Any], tuple]:
     )
     x_mask, mask = (jnp.ones(a.shape[:2], bool) for a in (x, context))
     params = parameters(module)
-    cache = None if point.stage == "module" else jax.jit(functools.partial(module.apply, method="encode"))(
-        params, context, mask
-    )  # fmt: skip
+    cache = (
+        None
+        if point.stage == "module"
+        else jax.jit(functools.partial(module.apply, method="encode"))(params, context, mask)
+    )
 
     def forward(params, x, known):
         cache = module.apply(params, known, mask, method="encode") if point.stage == "module" else known
@@ -186,13 +188,22 @@ def measure(points: list[Point], out=sys.stdout) -> None:
         quarter = statistics.quantiles(times, n=4)
         flops, median = closed_form(point), statistics.median(times)
         row = {
-            **dataclasses.asdict(point), "median_s": median, "iqr_s": quarter[2] - quarter[0], "min_s": min(times),
-            "runs": len(times), "compile_s": compile_seconds, "flops_closed": flops,
-            "flops_xla": analysis.get("flops"), "bytes_xla": analysis.get("bytes accessed"),
-            "temp_bytes": memory.temp_size_in_bytes, "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
-            "peak_gflops": before, "share": flops / median / 1e9 / before, "steady": steady,
+            **dataclasses.asdict(point),
+            "median_s": median,
+            "iqr_s": quarter[2] - quarter[0],
+            "min_s": min(times),
+            "runs": len(times),
+            "compile_s": compile_seconds,
+            "flops_closed": flops,
+            "flops_xla": analysis.get("flops"),
+            "bytes_xla": analysis.get("bytes accessed"),
+            "temp_bytes": memory.temp_size_in_bytes,
+            "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+            "peak_gflops": before,
+            "share": flops / median / 1e9 / before,
+            "steady": steady,
             **workload.machine(),
-        }  # fmt: skip
+        }
         print(json.dumps(row), file=out, flush=True)
 
 

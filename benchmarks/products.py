@@ -122,21 +122,33 @@ def main(arguments: list[str] | None = None) -> None:
     rates = {"products alone": rate, "large product": peak}
     most = {name: value * 1e9 * scenes / work for name, value in rates.items()}  # scenes/s
     row = {
-        "step": f"sampling, {args.kind}" if args.sampling else args.kind, "batch": args.batch, "compute": args.compute,
-        "useful GFLOP a scene": work / scenes / 1e9, "sizes of products": len(times_of),
+        "step": f"sampling, {args.kind}" if args.sampling else args.kind,
+        "batch": args.batch,
+        "compute": args.compute,
+        "useful GFLOP a scene": work / scenes / 1e9,
+        "sizes of products": len(times_of),
         **{f"{name} GFLOP/s": value for name, value in rates.items()},
         **{f"most scenes/s, {name}": value for name, value in most.items()},
         **{f"ratio, {name}": value / reference for name, value in most.items() if reference},
-    }  # fmt: skip
+    }
     print(workload.table([row]))
     print(json.dumps({**row, "machine": workload.machine()}))
     slowest = sorted(times_of, key=lambda product: -times_of[product] * seconds[product])[:12]
-    print(workload.table([
-        {"left": _shape(product.left), "right": _shape(product.right), "times": times_of[product],
-         "share of time": times_of[product] * seconds[product] * rate / alone,
-         "GFLOP/s": cores * product.flops / seconds[product] / 1e9}
-        for product in slowest if seconds[product] > 0
-    ]))  # fmt: skip
+    print(
+        workload.table(
+            [
+                {
+                    "left": _shape(product.left),
+                    "right": _shape(product.right),
+                    "times": times_of[product],
+                    "share of time": times_of[product] * seconds[product] * rate / alone,
+                    "GFLOP/s": cores * product.flops / seconds[product] / 1e9,
+                }
+                for product in slowest
+                if seconds[product] > 0
+            ]
+        )
+    )
 
 
 def training(kind: str, batch: int, scenes: int, compute: str) -> tuple[list[Any], float]:

@@ -75,13 +75,21 @@ def main(arguments: list[str] | None = None) -> None:
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
     row = {
-        "sampling": args.kind, "batch": args.batch, "sampler": args.sampler, "steps": steps, "compute": args.compute,
-        "s/scene": seconds / scenes, "reference": reference or "-",
+        "sampling": args.kind,
+        "batch": args.batch,
+        "sampler": args.sampler,
+        "steps": steps,
+        "compute": args.compute,
+        "s/scene": seconds / scenes,
+        "reference": reference or "-",
         "ratio": reference / (seconds / scenes) if reference and (args.sampler, steps) == ("ddpm", 100) else "-",
         "GFLOP/s": rate,
         **{f"share of {name}": rate / roof for name, roof in roofs.items()},
-        "scenes": scenes, "programs": len(programs), "compile s": compile_seconds, "peak GB": workload.peak_memory_gb(),
-    }  # fmt: skip
+        "scenes": scenes,
+        "programs": len(programs),
+        "compile s": compile_seconds,
+        "peak GB": workload.peak_memory_gb(),
+    }
     print(workload.table([row]))
     print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
 
@@ -95,14 +103,27 @@ def guided_sampler(
 
     def run(params, masks: PerType, condition, keys):
         denoise = make_denoise_fn(
-            network, config, params, jnp.zeros(keys.shape, jnp.int32), masks, times=schedule.levels.time,
-            features=condition, guidance=Guidance(), guidance_scale=DEFAULT_GUIDANCE_SCALE, max_precomputed=max_precomputed,
-        )  # fmt: skip
+            network,
+            config,
+            params,
+            jnp.zeros(keys.shape, jnp.int32),
+            masks,
+            times=schedule.levels.time,
+            features=condition,
+            guidance=Guidance(),
+            guidance_scale=DEFAULT_GUIDANCE_SCALE,
+            max_precomputed=max_precomputed,
+        )
         return sample_latents(
-            denoise, schedule, keys, masks, sampler=sampler, prediction=config.prediction,
+            denoise,
+            schedule,
+            keys,
+            masks,
+            sampler=sampler,
+            prediction=config.prediction,
             latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
             max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
-        )  # fmt: skip
+        )
 
     return run, network.init(jax.random.key(0))
 
@@ -119,8 +140,9 @@ def useful_flops(config: DenoiserConfig, kind: str, steps: int, scenes: Scene) -
     counts = zip(scenes.num_lanes.tolist(), scenes.num_agents.tolist(), strict=True)
     return steps * sum(
         flops.denoiser_forward(config, lanes, agents, context, cached=True)
-        for lanes, agents in counts for context in (CONTEXT[kind], 0)
-    )  # fmt: skip
+        for lanes, agents in counts
+        for context in (CONTEXT[kind], 0)
+    )
 
 
 if __name__ == "__main__":

@@ -80,8 +80,10 @@ def main(arguments: list[str] | None = None) -> None:
         for name, run in cases.items():
             seconds[name] = min(seconds[name], workload.best_seconds(run, 1))
     for name in ("forward", "forward and backward"):
-        print(f"{name}: {seconds[name] * 1e3:.1f} ms, PyTorch {seconds[f'{name}, PyTorch'] * 1e3:.1f} ms, "
-              f"ratio {seconds[name] / seconds[f'{name}, PyTorch']:.2f}")  # fmt: skip
+        print(
+            f"{name}: {seconds[name] * 1e3:.1f} ms, PyTorch {seconds[f'{name}, PyTorch'] * 1e3:.1f} ms, "
+            f"ratio {seconds[name] / seconds[f'{name}, PyTorch']:.2f}"
+        )
     print(json.dumps({"seconds": seconds, "torch": torch.__version__, **workload.machine()}))
 
 

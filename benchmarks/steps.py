@@ -76,9 +76,11 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
         )
 
     return Step(
-        network, denoising, [latents(part, config, kind) for part in parts],
+        network,
+        denoising,
+        [latents(part, config, kind) for part in parts],
         lambda lanes, agents: 3 * flops.denoiser_forward(config, lanes, agents, CONTEXT[kind]),
-    )  # fmt: skip
+    )
 
 
 def denoiser_config(kind: str, compute: str) -> DenoiserConfig:
@@ -108,6 +110,9 @@ def latents(scenes, config: DenoiserConfig, kind: str) -> LatentBatch:
         lambda mask, width: jnp.asarray(rng.normal(size=(*mask.shape, width)), jnp.float32), masks, widths
     )
     return LatentBatch(
-        latents=values, masks=masks, known=jax.tree.map(jnp.zeros_like, masks),
-        label=jnp.zeros(len(scenes.crop), jnp.int32), condition=features(kind, len(scenes.crop)),
-    )  # fmt: skip
+        latents=values,
+        masks=masks,
+        known=jax.tree.map(jnp.zeros_like, masks),
+        label=jnp.zeros(len(scenes.crop), jnp.int32),
+        condition=features(kind, len(scenes.crop)),
+    )

@@ -63,11 +63,19 @@ def main(arguments: list[str] | None = None) -> None:
     roofs = workload.rooflines()
     reference = REFERENCE[args.kind].get(args.batch)
     row = {
-        "step": args.kind, "batch": args.batch, "scenes": scenes, "compute": args.compute, "scenes/s": scenes / seconds,
-        "reference": reference or "-", "ratio": scenes / seconds / reference if reference else "-",
-        "GFLOP/s": work, **{f"share of {name}": work / roof for name, roof in roofs.items()},
-        "programs": len(programs), "compile s": first_pass - seconds, "peak GB": workload.peak_memory_gb(),
-    }  # fmt: skip
+        "step": args.kind,
+        "batch": args.batch,
+        "scenes": scenes,
+        "compute": args.compute,
+        "scenes/s": scenes / seconds,
+        "reference": reference or "-",
+        "ratio": scenes / seconds / reference if reference else "-",
+        "GFLOP/s": work,
+        **{f"share of {name}": work / roof for name, roof in roofs.items()},
+        "programs": len(programs),
+        "compile s": first_pass - seconds,
+        "peak GB": workload.peak_memory_gb(),
+    }
     print(workload.table([row]))
     print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
 

@@ -1,4 +1,5 @@
-"""Draws what trainings have reported: python -m experiments.plot_training runs/autoencoder runs/denoiser --out curves.png
+"""Draws what trainings have reported: python -m experiments.plot_training runs/autoencoder runs/denoiser --out
+curves.png
 
 One panel for the training loss and one for every validation number, a line a run, over training steps.
 """

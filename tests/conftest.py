@@ -36,9 +36,17 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 _LONGEST = (
-    "test_train", "test_evaluate", "test_text_training", "test_sampling", "test_autoencoder", "test_world",
-    "test_ablate", "test_denoiser", "test_image_training", "test_sweep_samplers",
-)  # fmt: skip
+    "test_train",
+    "test_evaluate",
+    "test_text_training",
+    "test_sampling",
+    "test_autoencoder",
+    "test_world",
+    "test_ablate",
+    "test_denoiser",
+    "test_image_training",
+    "test_sweep_samplers",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

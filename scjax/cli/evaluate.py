@@ -9,10 +9,12 @@ import click
 _HELP = """Measures scenes of several methods against reference scenes and writes a report.
 
 \b
-scjax evaluate --config=baselines --workdir=runs/e --config.reference=npz:runs/scenes --config.retrieval_set=npz:runs/train
+scjax evaluate --config=baselines --workdir=runs/e --config.reference=npz:runs/scenes
+--config.retrieval_set=npz:runs/train
 scjax evaluate --config=standard --workdir=runs/e --config.model=runs/denoiser/model
 
-CONFIG is a variant (standard, baselines, placement, prompts, controllability, mechanisms, collisions, generalization) or
+CONFIG is a variant (standard, baselines, placement, prompts, controllability, mechanisms, collisions, generalization)
+or
 FILE.py:VARIANT. Every field can be changed with --config.FIELD=VALUE; fields are listed in scjax/evaluate/config.py. A
 further method: --config.more="name=mine, model=runs/x/model, request=prompt". WORKDIR receives report.html,
 report.json and report.csv. The same command continues an interrupted evaluation.

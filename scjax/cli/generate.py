@@ -75,9 +75,25 @@ _DEFAULT_STEPS = ", ".join(
 @model_option
 @json_option
 def generate(
-    prompts, num_scenes, best_of, repair, num_steps, guidance, sampler, temperature, energy_guidance, agents, lanes,
-    negative, domain, seed, folder, formats, model_folder, as_json,
-) -> None:  # fmt: skip
+    prompts,
+    num_scenes,
+    best_of,
+    repair,
+    num_steps,
+    guidance,
+    sampler,
+    temperature,
+    energy_guidance,
+    agents,
+    lanes,
+    negative,
+    domain,
+    seed,
+    folder,
+    formats,
+    model_folder,
+    as_json,
+) -> None:
     """Generates scenes for every PROMPT and writes them to files.
 
     \b
@@ -111,10 +127,18 @@ def generate(
         say(f"scjax: warning: {warning}")
     with clock.part("scenes"):
         scenes = sample_scenes(
-            jax.random.key(seed), conditions, model=model, num_scenes=num_scenes, num_steps=num_steps,
-            guidance=guidance, sampler=sampler, best_of=best_of, repair=repair, temperature=temperature,
+            jax.random.key(seed),
+            conditions,
+            model=model,
+            num_scenes=num_scenes,
+            num_steps=num_steps,
+            guidance=guidance,
+            sampler=sampler,
+            best_of=best_of,
+            repair=repair,
+            temperature=temperature,
             energy_guidance=energy_guidance,
-        )  # fmt: skip
+        )
     results = []
     with clock.part("files"):
         for i, scene in enumerate(scenes):

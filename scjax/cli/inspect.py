@@ -91,12 +91,15 @@ def info(model_folder, as_json) -> None:
     parts = {name: count(component.params) for name, component in model.components.items()}
     sizes = model.denoiser.config if "denoiser" in model.components else None
     properties = {
-        "scjax": importlib.metadata.version("scjax"), "parameters": parts, "domains": list(model.domains),
-        "text encoder": model.text_encoder or None, "prompts that need no encoder": list(model.prompts),
+        "scjax": importlib.metadata.version("scjax"),
+        "parameters": parts,
+        "domains": list(model.domains),
+        "text encoder": model.text_encoder or None,
+        "prompts that need no encoder": list(model.prompts),
         "most lanes": sizes.max_lanes if sizes else None,
         "most agents": sizes.max_agents if sizes else None,
         "steps of training": model.notes.get("steps"),
-    }  # fmt: skip
+    }
     if as_json:
         click.echo(json.dumps(properties, indent=1))
         return

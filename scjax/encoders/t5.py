@@ -133,9 +133,10 @@ class T5(nnx.Module):
         config = self.config
         position = np.arange(ids.shape[1])
         bucket = position_bucket(
-            position[None] - position[:, None], config.relative_attention_num_buckets,
+            position[None] - position[:, None],
+            config.relative_attention_num_buckets,
             config.relative_attention_max_distance,
-        )  # fmt: skip
+        )
         x, biases = self.words[...][ids], None
         for layer in self.layers:
             if layer.biases is not None:
@@ -158,8 +159,9 @@ def position_bucket(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int)
 def t5_weight_rules(config: T5Config) -> Rules:
     """Keys of a transformers state dict -> parameters and layout changes."""
     rules: dict[str, Any] = {
-        "shared.weight": (("words",), SAME), "encoder.final_layer_norm.weight": (("norm", "scale"), SAME)
-    }  # fmt: skip
+        "shared.weight": (("words",), SAME),
+        "encoder.final_layer_norm.weight": (("norm", "scale"), SAME),
+    }
     gated = config.feed_forward_proj == _GATED
     for k in range(config.num_layers):
         start, path = f"encoder.block.{k}.layer", ("layers", k)

@@ -3,7 +3,8 @@
 Every variant compares its methods with the references of --config.reference. Needed besides: --config.model and
 --config.retrieval_set.
 
-standard: a model beside floor and baselines. baselines: only methods without a model. placement: traffic on given lanes.
+standard: a model beside floor and baselines. baselines: only methods without a model. placement: traffic on given
+  lanes.
 prompts: what a model that reads text does with captions. The tables of the paper: controllability; mechanisms;
 collisions (collision loss x count predictor; without the predictor, counts come from the model's table);
 generalization. Their methods are models, or scenes on disk.

@@ -23,7 +23,8 @@ _SPLITS = 20  # of the floor
 
 NOTE = (
     "By one frozen autoencoder; never compare values of different autoencoders. Perceptual distance: Frechet distance "
-    "between Gaussians fitted to the encoder's last state of every lane, against the real scenes; its floor compares two "
+    "between Gaussians fitted to the encoder's last state of every lane, against the real scenes; its floor "
+    "compares two "
     "sets of training scenes of other locations. CCS, SPG, CSC as in the table of control, on pooled posterior means "
     "and, for the whole scene, on the mean state of its lanes."
 )

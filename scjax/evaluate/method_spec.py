@@ -36,8 +36,10 @@ class MethodSpec:
       pairing: how scenes of ``source`` answer references. "": not at all. "in_order": the first scene answers the first
         reference, and so on. A rule of ``RULES``: each reference gets the scene that the rule retrieves.
       model: folder of a model, or "{model}" for the folder of --config.model.
-      request: what the model gets for each reference. "counts": its numbers of lanes and agents. "lanes": its lanes, and
-        the number of agents. "prompt": its caption. "prompt+counts". "shuffled_prompt+counts": the caption of a reference
+      request: what the model gets for each reference. "counts": its numbers of lanes and agents. "lanes": its lanes,
+        and
+        the number of agents. "prompt": its caption. "prompt+counts". "shuffled_prompt+counts": the caption of a
+        reference
         at another location, with its own counts. "none": nothing; these scenes answer no reference. "reconstruction":
         the autoencoder encodes and decodes the reference.
       baseline: one of ``BASELINES``: a retrieval rule in the retrieval set, a rung of the corruption ladder, random
@@ -134,7 +136,8 @@ def parse_method(entry: str | Mapping[str, Any]) -> MethodSpec:
     """A spec from an entry of ``config.methods``.
 
     Args:
-      entry: the name of a baseline; a dict of the fields of ``MethodSpec``; or text, "name=..., model=..., request=...".
+      entry: the name of a baseline; a dict of the fields of ``MethodSpec``; or text, "name=..., model=...,
+        request=...".
 
     Raises:
       ValueError: the entry describes no method.

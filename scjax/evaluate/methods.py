@@ -104,7 +104,8 @@ class MethodBuilder:
         source = open_source(spec.source)
         if spec.pairing == IN_ORDER and len(source.clusters) != self.count:
             raise ValueError(
-                f"method {spec.name!r}: {len(source.clusters)} scenes but {self.count} references: {IN_ORDER} pairs them"
+                f"method {spec.name!r}: {len(source.clusters)} scenes but {self.count} references: {IN_ORDER} "
+                f"pairs them"
             )
         return source if spec.pairing in ("", IN_ORDER) else self._retrieved(source, spec.pairing, seed)
 

@@ -23,10 +23,14 @@ _COPIED = 0.5  # F1 of the match with the nearest tile: above, the scene is a co
 _COLUMNS = ("lane_distance_m", "M", "P", "copied")
 
 NOTE = (
-    "Nearest training scene by lanes: symmetric mean Chamfer distance [m] of lane points every 2 m, including direction "
-    "(opposite directions are 4 m apart). aligned: the scene may move by up to 4 m and 15 degrees, since training moves "
-    "scenes too. M, P: match of the agents with those of that scene; copied: share of scenes in which most agents match. "
-    "Reference points: held-out real scenes are novel, jittered training scenes are memorized. Lane distance alone does "
+    "Nearest training scene by lanes: symmetric mean Chamfer distance [m] of lane points every 2 m, including "
+    "direction "
+    "(opposite directions are 4 m apart). aligned: the scene may move by up to 4 m and 15 degrees, since "
+    "training moves "
+    "scenes too. M, P: match of the agents with those of that scene; copied: share of scenes in which most "
+    "agents match. "
+    "Reference points: held-out real scenes are novel, jittered training scenes are memorized. Lane distance "
+    "alone does "
     "not separate them: straight roads are near each other."
 )
 DIVERSITY_NOTE = (
@@ -87,7 +91,8 @@ def novelty_section(populations: Sequence[Population], retrieval_set: SceneSourc
 
 
 def diversity_section(populations: Sequence[Population], most: int) -> Section:
-    """Differences between two samples of a condition, for populations with siblings; ``most``: scenes per population."""
+    """Differences between two samples of a condition, for populations with siblings; ``most``: scenes per
+    population."""
     table_rows = {}
     for population in populations:
         if not population.siblings:

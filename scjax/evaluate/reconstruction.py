@@ -14,7 +14,8 @@ from scjax.metrics.pooling import intervals, pool
 from scjax.metrics.reconstruction import error_summary, reconstruction_errors
 
 NOTE = (
-    "Encoded and decoded from the posterior mean; elements are matched by index. The ego is left out of agent center, z "
+    "Encoded and decoded from the posterior mean; elements are matched by index. The ego is left out of agent "
+    "center, z "
     "and heading. Units: metres, degrees, m/s; F1 of links between successive lanes and between neighbors."
 )
 

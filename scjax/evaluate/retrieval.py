@@ -173,6 +173,7 @@ RULES: dict[str, Rule] = {
     "nearest caption + counts": _both,
     "other scene, same counts": _other,
 }
-"""chance: any scene. count-matched: nearest counts. nearest caption: most similar caption. nearest caption + counts: most
+"""chance: any scene. count-matched: nearest counts. nearest caption: most similar caption. nearest caption + counts:
+most
 similar caption among the 50 scenes with the nearest counts. other scene, same counts: one of the 5 with the nearest
 counts, at random."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 _FLOOR = (
-    "The floor compares two equally large sets of real scenes of different locations: mean and central 95 % over splits. "
+    "The floor compares two equally large sets of real scenes of different locations: mean and central 95 % "
+    "over splits. "
     "A value within it is not significantly different from real scenes at this number of scenes. With a few hundred "
     "scenes, only connection gaps, lengths, widths and the control metrics separate models. "
 )
@@ -11,24 +12,30 @@ _FLOOR = (
 NOTES = {
     "strict": "Against the real scenes, scaled as in the published tables: Frechet distances of the lane graph "
     "(connectivity and convenience x10), squared Jensen-Shannon distances of vehicles (x10, x100), route length and "
-    "connection gap in metres, vehicles that overlap another in percent. Independent of the order of lanes; distances to "
+    "connection gap in metres, vehicles that overlap another in percent. Independent of the order of lanes; "
+    "distances to "
     "segments; exact boxes. " + _FLOOR,
     "compat": "As Scenario Dreamer's code computes them: its grouping of key points, distances to lane points, circles "
     "instead of boxes. Only these values compare with published ones, and only over as many scenes. " + _FLOOR,
-    "faults": "Connection gap [m] from the end of a lane to the start of the next, and share above 1 m; share of vehicles "
+    "faults": "Connection gap [m] from the end of a lane to the start of the next, and share above 1 m; share "
+    "of vehicles "
     "within 1.5 m of a centerline, and of these, share more than 45 degrees off its heading; overlaps of exact boxes. "
-    "Real scenes have overlaps too, mostly of pedestrians: the target is their rate, not 0. Distance of the ego from the "
+    "Real scenes have overlaps too, mostly of pedestrians: the target is their rate, not 0. Distance of the "
+    "ego from the "
     "origin, and share of scenes whose ego does not look along x: such scenes are in another frame.",
     "match": "Agents of scene i against those of its reference, without the ego, same class, mean over 1, 2, 3 m. "
-    "M: matches / reference agents; P: matches / generated agents; PxR: mean of the products. AP: average precision; its "
+    "M: matches / reference agents; P: matches / generated agents; PxR: mean of the products. AP: average "
+    "precision; its "
     "score, the distance to the ego, is uninformative, so AP falls to about PxR. AP_consensus: scored by how many "
     "other samples of the condition agree. nuscenes ignores recall and precision below 0.1.",
-    "control": "Sample i against the reference whose condition it got. CCS: mean cosine of descriptors; SPG: CCS minus CCS "
+    "control": "Sample i against the reference whose condition it got. CCS: mean cosine of descriptors; SPG: "
+    "CCS minus CCS "
     "with references of other locations; CSC: correlation of distances between scenes. lane and agent describe the "
     "placement of elements, not their number; glob describes the whole scene. Compare orders, and ratios to the rows "
     "'other scene, same counts' and 'copy', not absolute values. Intervals resample locations, not pairs.",
     "gains": "Differences in CCS and CSC between two methods with the same references, with the interval of the "
-    "difference; both methods use the same bootstrap samples. Over a method with shuffled conditions and the same counts, "
+    "difference; both methods use the same bootstrap samples. Over a method with shuffled conditions and the "
+    "same counts, "
     "the gain in CCS is SPG_prompt, the contribution of the prompt: 0 for a model that ignores it.",
     "captions": "Facts of a scene and its reference, by the rules of the captioner: F1 for facts that are present or "
     "absent, otherwise share of scenes that agree. Red lights count where the reference records signals.",
@@ -37,7 +44,8 @@ NOTES = {
 }
 
 PUBLISHED_NOTE = (
-    "Other data, other numbers of scenes (50,000) and other code: do not compare with the tables above, whose floor at a "
+    "Other data, other numbers of scenes (50,000) and other code: do not compare with the tables above, whose "
+    "floor at a "
     "few hundred scenes is higher than these values. The rows of Scenario Dreamer and DriveSceneGen come from the "
     "repository of Scenario Dreamer, those of ScenarioControl from its paper."
 )

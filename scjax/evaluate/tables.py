@@ -72,7 +72,8 @@ class Section:
 def distribution_section(
     stats: Stats, real: SceneStats, retrieval_set: SceneStats | None, mode: Mode, *, draws: int = DRAWS
 ) -> Section:
-    """Lane graphs and vehicles against ``real``; the floor comes from the retrieval set, or without one from ``real``."""
+    """Lane graphs and vehicles against ``real``; the floor comes from the retrieval set, or without one from
+    ``real``."""
 
     def table(generated: Sums, reference: Sums) -> Values:
         return distribution_values(generated, reference, mode)
@@ -155,7 +156,8 @@ def gain_section(
             or not len(rows[pair[0]])
         ):
             raise ValueError(
-                f"gain {tuple(pair)!r}: give two methods that answer the same references, as ('prompt', 'nearest caption')"
+                f"gain {tuple(pair)!r}: give two methods that answer the same references, as ('prompt', "
+                f"'nearest caption')"
             )
         own, other = pair
         frame, locations = _frame(real, tuple(int(row) for row in rows[own]), seed)

@@ -49,9 +49,20 @@ def sampling_program(
     schedule = make_schedule(sampler, config.prediction, num_steps)
 
     def run(
-        coder_params: Params, params: Params, mean, std, scale, temperature,
-        keys, masks, crop, domain, known_scenes, features, negative,
-    ) -> Scene:  # fmt: skip
+        coder_params: Params,
+        params: Params,
+        mean,
+        std,
+        scale,
+        temperature,
+        keys,
+        masks,
+        crop,
+        domain,
+        known_scenes,
+        features,
+        negative,
+    ) -> Scene:
         known = known_latents = None
         if known_scenes is not None:
             tokens = codec.normalize(known_scenes)
@@ -133,9 +144,16 @@ def decode_latents(
     if codec.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
     return codec.denormalize(
-        decoded.agents, decoded.agent_type_logits.argmax(-1), masks.agents, decoded.lanes, lane_types, masks.lanes,
-        decoded.link_logits, crop, domain,
-    )  # fmt: skip
+        decoded.agents,
+        decoded.agent_type_logits.argmax(-1),
+        masks.agents,
+        decoded.lanes,
+        lane_types,
+        masks.lanes,
+        decoded.link_logits,
+        crop,
+        domain,
+    )
 
 
 def _compiled(run: Program, shared: int) -> Program:

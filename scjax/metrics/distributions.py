@@ -150,7 +150,8 @@ def table(generated: Sums, real: Sums) -> Values:
 
 
 def circles_touch(boxes: Float64[np.ndarray, "boxes 9"]) -> Bool[np.ndarray, "boxes boxes"]:
-    """Collision test of the reference code: five circles along each box, slightly larger than tangent; diagonal False."""
+    """Collision test of the reference code: five circles along each box, slightly larger than tangent; diagonal
+    False."""
     length, width = boxes[:, 6], boxes[:, 7]
     along = np.linspace(-length / 2 + width / 2, length / 2 - width / 2, _CIRCLES, axis=-1)
     heading = np.arctan2(boxes[:, 5], boxes[:, 4])

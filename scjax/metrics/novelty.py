@@ -66,7 +66,8 @@ def lane_points(scene: Scene, spacing: float = SPACING) -> Float64[np.ndarray, "
 def lane_distance(first: Scene, second: Scene) -> float:
     """Symmetric mean Chamfer distance between the lanes of two single scenes, direction included [m].
 
-    With rho(p, q) = sqrt(|xy_p - xy_q|^2 + (2 m)^2 |u_p - u_q|^2) over ``lane_points`` (u: unit direction), each side is
+    With rho(p, q) = sqrt(|xy_p - xy_q|^2 + (2 m)^2 |u_p - u_q|^2) over ``lane_points`` (u: unit direction), each side
+    is
     the mean of rho to the nearest point of the other scene; the result is the mean of both sides. 0 for equal lanes in
     any order; inf if only one scene has lanes. Both scenes stay in their ego frame.
     """
@@ -79,8 +80,8 @@ def nearest_tiles(scenes: Scene | Iterable[Scene], bank: Scene | Iterable[Scene]
     Training shifts and turns its tiles a little, so a copy may be moved against its tile. The second result therefore
     lets the scene move by up to 4 m and 15 degrees (``alignment.register``), also for the match.
 
-    The first pass compares points at 6 m spacing with every tile (also with the scene turned by +-8 degrees). The second
-    pass compares the best 5 % (at least 200) at 2 m. The scene is aligned with the best 64.
+    The first pass compares points at 6 m spacing with every tile (also with the scene turned by +-8 degrees). The
+    second pass compares the best 5 % (at least 200) at 2 m. The scene is aligned with the best 64.
 
     Raises:
       ValueError: the bank is empty.

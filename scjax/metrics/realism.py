@@ -28,7 +28,8 @@ def scene_realism(scene: Scene, *, ego: bool = True) -> Ratios:
     Returns:
       connection_gap_m: end of lane i to start of lane j of predecessor links, in xy [m]; open_connections: share > 1 m.
       vehicles_on_lane: share of vehicles within 1.5 m of a centerline.
-      lane_angle_deg: |heading - heading of the nearest segment| of vehicles on a lane [degrees]; off_heading: share > 45.
+      lane_angle_deg: |heading - heading of the nearest segment| of vehicles on a lane [degrees]; off_heading: share >
+        45.
       vehicles_overlapping: share of vehicles that overlap another vehicle (veh_obb in baselines.md).
       vehicle_overlap_pairs: overlapping pairs of vehicles per scene.
       scenes_vehicle_overlap, scenes_any_overlap: share of scenes with an overlapping pair of vehicles, of any agents.

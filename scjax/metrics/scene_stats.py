@@ -1,4 +1,5 @@
-"""Statistics of a set of scenes: cluster sums, descriptors and scored agents; parts merge and are stored as npz files."""
+"""Statistics of a set of scenes: cluster sums, descriptors and scored agents; parts merge and are stored as npz
+files."""
 
 from __future__ import annotations
 

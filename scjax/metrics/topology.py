@@ -87,8 +87,8 @@ def route_length(lanes: Lanes, mode: Mode) -> float:
     """Length of the longest route ahead of the ego [m]; NaN without lanes.
 
     The route starts at the lane point nearest to the origin and follows that lane to its end. From there, paths with
-    the fewest lanes lead to every reachable lane. Among paths with equally many lanes, ``strict`` takes the shortest and
-    ``compat`` the first that the reference search meets.
+    the fewest lanes lead to every reachable lane. Among paths with equally many lanes, ``strict`` takes the shortest
+    and ``compat`` the first that the reference search meets.
     """
     if not len(lanes.points):
         return float("nan")

@@ -223,10 +223,16 @@ class SceneCodec:
         if self.lane_classes != "signal":
             signals[: len(lanes)] = Signal.UNKNOWN  # a lane token; only light tokens have a state
         return scene.replace(
-            agents=scene.agents[keep], agent_types=scene.agent_types[keep], agent_mask=scene.agent_mask[keep],
-            agent_known=scene.agent_known[keep], lanes=scene.lanes[rows], lane_mask=scene.lane_mask[rows],
-            lane_known=scene.lane_known[rows], signals=signals, links=links,
-        )  # fmt: skip
+            agents=scene.agents[keep],
+            agent_types=scene.agent_types[keep],
+            agent_mask=scene.agent_mask[keep],
+            agent_known=scene.agent_known[keep],
+            lanes=scene.lanes[rows],
+            lane_mask=scene.lane_mask[rows],
+            lane_known=scene.lane_known[rows],
+            signals=signals,
+            links=links,
+        )
 
     def _agent_ranges(self, types: Int[AnyArray, "*b n"], crop: Int[AnyArray, "*b"]) -> tuple[Array, Array]:
         """(min, max) of the nine columns for every agent, [*b, n, 9]."""
@@ -262,7 +268,8 @@ class SceneCodec:
 
     @staticmethod
     def _signal_known(scene: Scene) -> Bool[AnyArray, "*b lanes"]:
-        """In scenes with any signal, lanes without one have none, which is known; other scenes did not record signals."""
+        """In scenes with any signal, lanes without one have none, which is known; other scenes did not record
+        signals."""
         recorded = scene.lane_mask & (scene.signals != Signal.UNKNOWN)
         return scene.lane_mask & recorded.any(-1, keepdims=True)
 

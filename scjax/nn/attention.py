@@ -38,9 +38,12 @@ def weights(logits: Float[Array, "*b k"], mask: Bool[Array, "*#b #k"]) -> tuple[
 
 
 def attend(
-    q: Float[Array, "b q hd"], k: Float[Array, "b k hd"], v: Float[Array, "b k hd"],
-    mask: Bool[Array, "b q_or_1 k"] | None, heads: int,
-) -> Float[Array, "b q hd"]:  # fmt: skip
+    q: Float[Array, "b q hd"],
+    k: Float[Array, "b k hd"],
+    v: Float[Array, "b k hd"],
+    mask: Bool[Array, "b q_or_1 k"] | None,
+    heads: int,
+) -> Float[Array, "b q hd"]:
     """softmax(q k' / sqrt(d)) v over the admitted keys, heads concatenated.
 
     ``mask`` is True where the query (or, with one row, every query) may read the key; None admits every key.

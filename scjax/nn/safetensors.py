@@ -12,9 +12,13 @@ import safetensors.numpy
 
 
 def write_arrays(
-    arrays: Mapping[str, np.ndarray], folder: Path, *, dtype: str | None = None, largest: float | None = None,
+    arrays: Mapping[str, np.ndarray],
+    folder: Path,
+    *,
+    dtype: str | None = None,
+    largest: float | None = None,
     exact: Collection[str] = (),
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """Writes ``weights.safetensors``, or ``weights-1.safetensors``, ...; returns file name -> sha256.
 
     Args:

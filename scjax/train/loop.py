@@ -66,9 +66,14 @@ class TrainingRun:
     """
 
     def __init__(
-        self, config, resolved: dict[str, Any], workdir: Path, objective: Objective, batches: BatchLoader,
+        self,
+        config,
+        resolved: dict[str, Any],
+        workdir: Path,
+        objective: Objective,
+        batches: BatchLoader,
         checkpoints: Checkpoints,
-    ):  # fmt: skip
+    ):
         self._config, self._resolved, self._workdir = config, resolved, workdir
         self._objective, self._batches, self._checkpoints = objective, batches, checkpoints
         params = objective.init(jax.random.fold_in(jax.random.key(config.seed), 0))

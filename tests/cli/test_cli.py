@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
     features = {text: Words.features(text) for text in (PROMPT, "no cars", *DEMO)}
     model = dataclasses.replace(
         tiny_model(TextCondition(Words.width)), text_encoder=Words.name, prompts=features, notes={"steps": 7}
-    )  # fmt: skip
+    )
     return scjax.save(model, tmp_path_factory.mktemp("cli") / "model")
 
 
@@ -53,10 +53,28 @@ def run(monkeypatch, capsys, tmp_path):
 
 def test_generate_writes_what_it_names(run, folder, tmp_path):
     code, out, err = run(
-        "generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 3, "--lanes", 5, "-n", 2, "--seed", 4,
-        "--negative", "no cars", "--domain", "there", "--out", tmp_path / "made",
+        "generate",
+        PROMPT,
+        "--model",
+        folder,
+        "--num-steps",
+        2,
+        "--agents",
+        3,
+        "--lanes",
+        5,
+        "-n",
+        2,
+        "--seed",
+        4,
+        "--negative",
+        "no cars",
+        "--domain",
+        "there",
+        "--out",
+        tmp_path / "made",
         *(word for kind in ("png", "svg", "json", "npz") for word in ("--format", kind)),
-    )  # fmt: skip
+    )
     assert code == 0 and "2 scenes" in err
     names = sorted(line.rpartition("/")[2] for line in out.splitlines())
     assert names == sorted(f"{slug(PROMPT)}-4-{k}.{kind}" for k in (0, 1) for kind in ("png", "svg", "json", "npz"))

@@ -35,7 +35,8 @@ def test_load_config_reads_a_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(
         "from scjax.evaluate.config import get_config as base\n\n"
-        "def get_config(variant='standard'):\n    config = base(variant)\n    config.title = 'Mine'\n    return config\n"
+        "def get_config(variant='standard'):\n    config = base(variant)\n    config.title = 'Mine'\n    "
+        "return config\n"
     )
     assert load_config(f"{path}:baselines", get_config).title == "Mine"
     assert load_config(str(path), get_config).novelty == 150

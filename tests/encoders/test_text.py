@@ -20,9 +20,13 @@ from scjax.nn.state_dict import export
 
 WORDS = ["[PAD]", "[UNK]", *"a road with two lanes and three cars that bend left".split()]
 CONFIG = bert.BertConfig(
-    vocab_size=len(WORDS), hidden_size=16, num_hidden_layers=2, num_attention_heads=2, intermediate_size=24,
+    vocab_size=len(WORDS),
+    hidden_size=16,
+    num_hidden_layers=2,
+    num_attention_heads=2,
+    intermediate_size=24,
     max_position_embeddings=40,
-)  # fmt: skip
+)
 
 
 def write_encoder(folder, config=CONFIG, kind="bert", prefix=""):
@@ -93,8 +97,10 @@ def test_load_names_weights_of_another_network(tmp_path):
         load_text_encoder(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "match"), [("config.json", "cannot be read"), ("model.safetensors", "cannot be read"),
-                                             ("tokenizer.json", "cannot be read")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [("config.json", "cannot be read"), ("model.safetensors", "cannot be read"), ("tokenizer.json", "cannot be read")],
+)
 def test_load_names_damaged_files(tmp_path, name, match):
     folder = write_encoder(tmp_path / name.partition(".")[0])
     (folder / name).write_bytes(b"{")

@@ -18,9 +18,14 @@ TEXTS = ["a road with two lanes", "a", "three cars and a bend left and a road wi
 
 def _bert():
     config = transformers.BertConfig(
-        vocab_size=12, hidden_size=32, num_hidden_layers=3, num_attention_heads=4, intermediate_size=48,
-        max_position_embeddings=40, type_vocab_size=2,
-    )  # fmt: skip
+        vocab_size=12,
+        hidden_size=32,
+        num_hidden_layers=3,
+        num_attention_heads=4,
+        intermediate_size=48,
+        max_position_embeddings=40,
+        type_vocab_size=2,
+    )
     return transformers.BertModel(config), 1e-5
 
 
@@ -30,16 +35,25 @@ def _t5(kind: str, feed: str):
         "umt5": (transformers.UMT5Config, transformers.UMT5EncoderModel),
     }[kind]
     config = cls(
-        vocab_size=12, d_model=32, d_kv=8, d_ff=48, num_layers=3, num_heads=4, feed_forward_proj=feed,
-        relative_attention_num_buckets=8, relative_attention_max_distance=12,
-    )  # fmt: skip
+        vocab_size=12,
+        d_model=32,
+        d_kv=8,
+        d_ff=48,
+        num_layers=3,
+        num_heads=4,
+        feed_forward_proj=feed,
+        relative_attention_num_buckets=8,
+        relative_attention_max_distance=12,
+    )
     return model(config), 2e-5
 
 
 MAKERS = {
-    "bert": _bert, "umt5": lambda: _t5("umt5", "gated-gelu"), "t5 1.1": lambda: _t5("t5", "gated-gelu"),
+    "bert": _bert,
+    "umt5": lambda: _t5("umt5", "gated-gelu"),
+    "t5 1.1": lambda: _t5("t5", "gated-gelu"),
     "t5": lambda: _t5("t5", "relu"),
-}  # fmt: skip
+}
 
 
 def _saved(model, folder):

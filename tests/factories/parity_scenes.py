@@ -43,13 +43,21 @@ def tokens_of(inputs: dict[str, np.ndarray], scene: str) -> NormalizedScene:
     partitioned = int(s["scene_type"]) == 1
     agents, lanes = s["agent_states"], s["lane_points"]
     single = {
-        "agents": agents, "agent_types": s["agent_types"], "agent_mask": np.ones(len(agents), bool),
-        "agent_known": np.ones(agents.shape, bool), "agent_behind": partitioned & (agents[:, 0] <= 0),
-        "lanes": lanes, "lane_types": s["lane_types"], "lane_type_known": np.ones(len(lanes), bool),
-        "lane_mask": np.ones(len(lanes), bool), "lane_known": np.ones((len(lanes), lanes.shape[-1]), bool),
-        "lane_behind": s["lane_partition_mask"], "links": s["lane_connections"],
-        "crop": s["scene_type"].astype(np.int32), "domain": s["map_id"].astype(np.int32),
-    }  # fmt: skip
+        "agents": agents,
+        "agent_types": s["agent_types"],
+        "agent_mask": np.ones(len(agents), bool),
+        "agent_known": np.ones(agents.shape, bool),
+        "agent_behind": partitioned & (agents[:, 0] <= 0),
+        "lanes": lanes,
+        "lane_types": s["lane_types"],
+        "lane_type_known": np.ones(len(lanes), bool),
+        "lane_mask": np.ones(len(lanes), bool),
+        "lane_known": np.ones((len(lanes), lanes.shape[-1]), bool),
+        "lane_behind": s["lane_partition_mask"],
+        "links": s["lane_connections"],
+        "crop": s["scene_type"].astype(np.int32),
+        "domain": s["map_id"].astype(np.int32),
+    }
     return NormalizedScene(**{name: value[None] for name, value in single.items()})
 
 

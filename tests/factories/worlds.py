@@ -22,8 +22,18 @@ from scjax.models.latents import LatentStatistics
 from scjax.synthetic.source import Worlds
 
 # One block each: these tests are about what surrounds the networks, and compiling is what takes their time.
-AUTOENCODER = AutoencoderConfig.preset("tiny", lane_width=8, lane_heads=2, lane_ff=8, agent_width=8, agent_heads=2, agent_ff=8,
-                                     edge_width=4, encoder_blocks=1, decoder_blocks=1)  # fmt: skip
+AUTOENCODER = AutoencoderConfig.preset(
+    "tiny",
+    lane_width=8,
+    lane_heads=2,
+    lane_ff=8,
+    agent_width=8,
+    agent_heads=2,
+    agent_ff=8,
+    edge_width=4,
+    encoder_blocks=1,
+    decoder_blocks=1,
+)
 DENOISER = DenoiserConfig.preset("tiny", lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
 
 

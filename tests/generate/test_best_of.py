@@ -85,8 +85,10 @@ def test_best_of_returns_the_best_candidate_of_its_key(model, seed, number, prom
     condition = Condition(prompt=prompt)
     candidates = candidates_of(model, condition, number, seed)
     chosen = sample(model, [condition], seed, best_of=number)[0]
-    equal = [all(np.array_equal(value, one.to_dict()[name]) for name, value in chosen.to_dict().items())
-             for one in candidates]  # fmt: skip
+    equal = [
+        all(np.array_equal(value, one.to_dict()[name]) for name, value in chosen.to_dict().items())
+        for one in candidates
+    ]
     assert any(equal)
     assert score_scene(prompt, chosen) == min(score_scene(prompt, one) for one in candidates)
     assert len({(int(one.num_lanes), int(one.num_agents), int(one.domain)) for one in candidates}) == 1

@@ -84,8 +84,9 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
         return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), both, (masks, masks))
 
     def squares(x: PerType) -> np.ndarray:
-        return np.stack([sum(np.square(np.asarray(part)[step == time]).sum() for part in jax.tree.leaves(x))
-                         for time in times])  # fmt: skip
+        return np.stack(
+            [sum(np.square(np.asarray(part)[step == time]).sum() for part in jax.tree.leaves(x)) for time in times]
+        )
 
     for exact, rounded in zip(
         *(estimates(compute, model.denoiser.params) for compute in ("float32", "bfloat16")), strict=True

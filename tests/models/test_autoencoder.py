@@ -127,9 +127,10 @@ def test_scene_equals_itself_in_a_padded_batch(run, params):
 
 def test_decode_without_pair_gradients_is_close():
     """Values are the same; gradients differ where an updated pair value is read again, in the second block only."""
-    latents, mask = random_nodes(5, AGENTS, LANES, np.float32), PerType(
-        agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)
-    )  # fmt: skip
+    latents, mask = (
+        random_nodes(5, AGENTS, LANES, np.float32),
+        PerType(agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)),
+    )
     for blocks in (1, 2):
         network = autoencoder(
             AutoencoderConfig.preset("tiny", decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12)
@@ -280,10 +281,12 @@ def by_hand(links, link_logits) -> tuple[Decoded, Posterior, NormalizedScene]:
     """A scene of perfect reconstruction but for the links [1, 2, 2]."""
     tokens = random_tokens(0, 1, 2, False, np.float32).replace(links=np.asarray(links, np.int32))
     decoded = Decoded(
-        agents=tokens.agents, agent_type_logits=30 * np.eye(4, dtype=np.float32)[tokens.agent_types],
-        lanes=tokens.lanes, lane_type_logits=30 * np.eye(4, dtype=np.float32)[tokens.lane_types],
+        agents=tokens.agents,
+        agent_type_logits=30 * np.eye(4, dtype=np.float32)[tokens.agent_types],
+        lanes=tokens.lanes,
+        lane_type_logits=30 * np.eye(4, dtype=np.float32)[tokens.lane_types],
         link_logits=np.asarray(link_logits, np.float32),
-    )  # fmt: skip
+    )
     zeros = PerType(agents=np.zeros((1, 1, 10), np.float32), lanes=np.zeros((1, 2, 24), np.float32))
     return decoded, Posterior(mean=zeros, logvar=zeros, lane_count_logits=np.zeros((1, 13), np.float32)), tokens
 

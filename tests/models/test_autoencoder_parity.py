@@ -81,15 +81,21 @@ def _arrays(posterior, decoded, trace) -> dict[str, jax.Array]:
     """Everything under the set's names; pairs (source, destination) as there."""
     from_name = {name: x.swapaxes(1, 2) if name.endswith("edge") else x for name, x in trace.items()}
     from_name |= {
-        "enc/lane_mu": posterior.mean.lanes, "enc/lane_logvar": posterior.logvar.lanes,
-        "enc/agent_mu": posterior.mean.agents, "enc/agent_logvar": posterior.logvar.agents,
+        "enc/lane_mu": posterior.mean.lanes,
+        "enc/lane_logvar": posterior.logvar.lanes,
+        "enc/agent_mu": posterior.mean.agents,
+        "enc/agent_logvar": posterior.logvar.agents,
         "enc/lane_count_logits": posterior.lane_count_logits,
         "enc/lane_count_prob": jax.nn.softmax(posterior.lane_count_logits),
-        "dec/agent_states": decoded.agents, "dec/lane_points": decoded.lanes,
-        "dec/agent_type_logits": decoded.agent_type_logits, "dec/lane_type_logits": decoded.lane_type_logits,
-        "dec/lane_connection_logits": decoded.link_logits, "dec/agent_type": decoded.agent_type_logits.argmax(-1),
-        "dec/lane_type": decoded.lane_type_logits.argmax(-1), "dec/lane_connection": decoded.link_logits.argmax(-1),
-    }  # fmt: skip
+        "dec/agent_states": decoded.agents,
+        "dec/lane_points": decoded.lanes,
+        "dec/agent_type_logits": decoded.agent_type_logits,
+        "dec/lane_type_logits": decoded.lane_type_logits,
+        "dec/lane_connection_logits": decoded.link_logits,
+        "dec/agent_type": decoded.agent_type_logits.argmax(-1),
+        "dec/lane_type": decoded.lane_type_logits.argmax(-1),
+        "dec/lane_connection": decoded.link_logits.argmax(-1),
+    }
     return from_name
 
 

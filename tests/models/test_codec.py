@@ -1,4 +1,5 @@
-"""Scene (metres) <-> NormalizedScene (unit): round trips of every preset, the official normalisation, consistent links."""
+"""Scene (metres) <-> NormalizedScene (unit): round trips of every preset, the official normalisation, consistent
+links."""
 
 from __future__ import annotations
 
@@ -40,9 +41,16 @@ def _decode(name: str):
 
     def scene(tokens: NormalizedScene, logits) -> Scene:
         return preset.denormalize(
-            tokens.agents, tokens.agent_types, tokens.agent_mask, tokens.lanes, tokens.lane_types, tokens.lane_mask,
-            logits, tokens.crop, tokens.domain,
-        )  # fmt: skip
+            tokens.agents,
+            tokens.agent_types,
+            tokens.agent_mask,
+            tokens.lanes,
+            tokens.lane_types,
+            tokens.lane_mask,
+            logits,
+            tokens.crop,
+            tokens.domain,
+        )
 
     return jax.jit(scene)
 
@@ -192,9 +200,16 @@ def test_normalize_parity(parity_dir, crop):
 
 def test_codec_rejects_contradictions():
     options = dict(
-        name="mine", agent_types=(AgentType.VEHICLE,), lane_classes="none", links=tuple(Link), point_dims=2,
-        agent_z=(-1.0, 1.0), lane_z=(-1.0, 1.0), speed=(0.0, 30.0), sizes=(((0.0, 1.0),) * 3,),
-    )  # fmt: skip
+        name="mine",
+        agent_types=(AgentType.VEHICLE,),
+        lane_classes="none",
+        links=tuple(Link),
+        point_dims=2,
+        agent_z=(-1.0, 1.0),
+        lane_z=(-1.0, 1.0),
+        speed=(0.0, 30.0),
+        sizes=(((0.0, 1.0),) * 3,),
+    )
     SceneCodec(**options)
     with pytest.raises(ValueError, match="1 agent types but 2 rows"):
         SceneCodec(**{**options, "sizes": options["sizes"] * 2})

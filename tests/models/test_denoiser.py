@@ -18,10 +18,21 @@ from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 SMALLEST = {
-    "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
-    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7, "known_embedding": True, "fourier_features": 2,
-    "relative_geometry": True, "cross_attention": CrossGlobalOptions(latent_tokens=3),
-}  # fmt: skip
+    "lane_width": 16,
+    "lane_heads": 2,
+    "agent_width": 8,
+    "agent_heads": 2,
+    "blocks": 1,
+    "mlp_ratio": 2,
+    "lane_latent": 5,
+    "agent_latent": 3,
+    "max_lanes": 9,
+    "max_agents": 7,
+    "known_embedding": True,
+    "fourier_features": 2,
+    "relative_geometry": True,
+    "cross_attention": CrossGlobalOptions(latent_tokens=3),
+}
 FOURIER = ("agent_fourier", "lane_fourier")
 TEXT = TextCondition(width=6)
 SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes

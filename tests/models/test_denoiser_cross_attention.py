@@ -24,19 +24,33 @@ from tests.factories import golden
 
 CONDITIONS = {"text": TextCondition(width=4), "image": ImageCondition(channels=3, grid=(2, 2), patch=2)}
 SMALL = {
-    "full": {"memory_tokens": 2}, "agent": {"tokens": 3}, "windowed": {"window": 1}, "deformable": {"points": 2},
-    "saap": {"mode": "joint", "buckets": 4, "probes": 2, "router_width": 5}, "cross_global": {"latent_tokens": 3},
+    "full": {"memory_tokens": 2},
+    "agent": {"tokens": 3},
+    "windowed": {"window": 1},
+    "deformable": {"points": 2},
+    "saap": {"mode": "joint", "buckets": 4, "probes": 2, "router_width": 5},
+    "cross_global": {"latent_tokens": 3},
     "squeezed": {"clusters": 3, "iterations": 3, "rule": "top"},
-}  # fmt: skip
+}
 STATISTICS = {"fitted", "threshold"}
 WIDTHS = PerType(agents=3, lanes=5)
 
 
 def _config(name, kind):
     return DenoiserConfig(
-        lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, mlp_ratio=1, lane_latent=5, agent_latent=3,
-        max_lanes=9, max_agents=7, condition=CONDITIONS[kind], cross_attention=from_name(name, **SMALL.get(name, {})),
-    )  # fmt: skip
+        lane_width=8,
+        lane_heads=2,
+        agent_width=8,
+        agent_heads=2,
+        blocks=1,
+        mlp_ratio=1,
+        lane_latent=5,
+        agent_latent=3,
+        max_lanes=9,
+        max_agents=7,
+        condition=CONDITIONS[kind],
+        cross_attention=from_name(name, **SMALL.get(name, {})),
+    )
 
 
 def _batch(kind):
@@ -118,9 +132,7 @@ def test_text_estimates(name):
         return network.apply(params, z, jnp.array([3, 50, 3, 50]), labels, masks, cache=cache)
 
     features = batch.condition
-    one, other = (
-        run(_params(name, "text"), part) for part in (features, features.replace(tokens=-features.tokens))
-    )  # fmt: skip
+    one, other = (run(_params(name, "text"), part) for part in (features, features.replace(tokens=-features.tokens)))
     for a, b, mask in zip(*map(jax.tree.leaves, (one, other, masks)), strict=True):
         assert np.all(np.isfinite(a)) and not np.any(a[~mask])
         np.testing.assert_array_equal(a[2:], b[2:])
@@ -143,9 +155,13 @@ def test_guidance_needs_no_null_cache(name="concat"):
         def draw(cache):
             return sample_latents(
                 with_guidance(lambda z, t: network.apply(params, z, t, labels, twice, None, cache), 2.0),
-                respace(cosine_schedule(), 2), jax.random.split(jax.random.key(0), 2), batch.masks, latent_widths=WIDTHS,
-                max_tokens=PerType(agents=7, lanes=9), prediction="velocity",
-            )  # fmt: skip
+                respace(cosine_schedule(), 2),
+                jax.random.split(jax.random.key(0), 2),
+                batch.masks,
+                latent_widths=WIDTHS,
+                max_tokens=PerType(agents=7, lanes=9),
+                prediction="velocity",
+            )
 
         return draw(encode(False)), draw(concat_branches(encode(False), encode(True)))
 

@@ -47,8 +47,12 @@ def case(request, parity_dir):
         return network.apply(params, z, t, label, masks, cache=cache, trace=trace), trace
 
     return {
-        "run": functools.partial(run, params), "expected": expected, "inputs": inputs, "names": names, "kind": kind,
-    }  # fmt: skip
+        "run": functools.partial(run, params),
+        "expected": expected,
+        "inputs": inputs,
+        "names": names,
+        "kind": kind,
+    }
 
 
 def test_denoiser_parity(case):

@@ -13,9 +13,17 @@ from scjax.scene.per_type import PerType
 from tests.factories import golden
 
 SIZES = {
-    "lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2,
-    "lane_latent": 5, "agent_latent": 3, "max_lanes": 9, "max_agents": 7,
-}  # fmt: skip
+    "lane_width": 16,
+    "lane_heads": 2,
+    "agent_width": 8,
+    "agent_heads": 2,
+    "blocks": 1,
+    "mlp_ratio": 2,
+    "lane_latent": 5,
+    "agent_latent": 3,
+    "max_lanes": 9,
+    "max_agents": 7,
+}
 
 
 def _lane(start, end):
@@ -63,19 +71,19 @@ def test_geometry_ignores_translation_and_padding():
             agents=jnp.arange(4)[None] < jnp.array([[4], [2]]), lanes=jnp.arange(5)[None] < jnp.array([[3], [5]])
         )
 
-        def told(lanes, agents):
+        def geometry(lanes, agents):
             lanes, agents = jnp.asarray(lanes), jnp.asarray(agents)
             both = agent_geometry(agents, lanes, masks), lane_geometry(lanes, masks.lanes)
             return [np.asarray(x)[np.asarray(mask)] for x, mask in zip(both, (masks.agents, masks.lanes), strict=True)]
 
-        expected = told(lanes, agents)
-        for result, expected in zip(told(lanes + 7, agents + 7), expected, strict=True):
+        unchanged = geometry(lanes, agents)
+        for result, expected in zip(geometry(lanes + 7, agents + 7), unchanged, strict=True):
             np.testing.assert_allclose(result, expected, atol=1e-12)
         spoilt = (
             np.where(np.asarray(masks.lanes)[..., None, None], lanes, 0.3),
             np.where(np.asarray(masks.agents)[..., None, None], agents, 0.3),
         )
-        for result, expected in zip(told(*spoilt), expected, strict=True):
+        for result, expected in zip(geometry(*spoilt), unchanged, strict=True):
             np.testing.assert_allclose(result, expected, atol=1e-12)
 
 

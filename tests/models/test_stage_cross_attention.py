@@ -22,11 +22,17 @@ from tests.factories import golden
 WIDTH, HEADS, STEPS = 8, 2, 4
 IMAGE = ContextSpec(kind="image", grid=(2, 2), modalities=2)
 OPTIONS = {
-    "concat": {}, "full": {"memory_tokens": 2}, "gated": {"feed_forward": True}, "linear": {"dwc": "value"},
+    "concat": {},
+    "full": {"memory_tokens": 2},
+    "gated": {"feed_forward": True},
+    "linear": {"dwc": "value"},
     "agent": {"tokens": 3, "pooling": "set", "grid_bias": True},
-    "saap": {"mode": "joint", "buckets": 4, "probes": 2, "router_width": 5}, "windowed": {"window": 1},
-    "deformable": {"points": 2}, "squeezed": {"rule": "top", "clusters": 3}, "cross_global": {"latent_tokens": 3},
-}  # fmt: skip
+    "saap": {"mode": "joint", "buckets": 4, "probes": 2, "router_width": 5},
+    "windowed": {"window": 1},
+    "deformable": {"points": 2},
+    "squeezed": {"rule": "top", "clusters": 3},
+    "cross_global": {"latent_tokens": 3},
+}
 STATISTICS = {"fitted", "threshold"}
 UNSEEN = {("stage", "cross", "k_norm", "bias"), ("stage", "k", "bias")}  # shift all logits of a row: no softmax sees it
 
@@ -36,9 +42,14 @@ class Conditioned(nnx.Module):
 
     def __init__(self, name, adaln_init, *, init):
         self.stage = AttentionStage(
-            WIDTH, HEADS, init=init, mlp_ratio=1, cross_attention=from_name(name, **OPTIONS[name]), spec=IMAGE,
+            WIDTH,
+            HEADS,
+            init=init,
+            mlp_ratio=1,
+            cross_attention=from_name(name, **OPTIONS[name]),
+            spec=IMAGE,
             cross_adaln_init=adaln_init,
-        )  # fmt: skip
+        )
 
     def __call__(self, x, mask, to, context):
         assert self.stage.cross is not None

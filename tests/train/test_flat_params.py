@@ -19,8 +19,11 @@ def params():
         return jax.random.normal(jax.random.key(i), shape)
 
     layer = {"kernel": draw(0, 3, 2), "bias": draw(1, 2)}
-    return {"layers": {0: layer, 1: {"kernel": draw(2, 2, 4), "bias": draw(3, 4)}}, "table": draw(4, 5, 1),
-            "gate": draw(5)}  # fmt: skip
+    return {
+        "layers": {0: layer, 1: {"kernel": draw(2, 2, 4), "bias": draw(3, 4)}},
+        "table": draw(4, 5, 1),
+        "gate": draw(5),
+    }
 
 
 @pytest.mark.parametrize("frozen", [frozenset(), frozenset({("table",), ("layers", 1, "kernel")})])

@@ -51,9 +51,13 @@ def run(code: str, *arguments: str, tunables: str | None = None) -> str:
     if tunables is not None:
         environment["GLIBC_TUNABLES"] = tunables
     process = subprocess.run(
-        [sys.executable, "-c", code, *arguments], env=environment, input="stdin", capture_output=True, text=True,
+        [sys.executable, "-c", code, *arguments],
+        env=environment,
+        input="stdin",
+        capture_output=True,
+        text=True,
         check=True,
-    )  # fmt: skip
+    )
     return process.stdout
 
 

@@ -119,9 +119,13 @@ def test_calibration_of_the_counts(folder, prompt_model):
 
 def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     adherence = measure(
-        model_folder=str(folder / "text" / "model"), folder=str(folder / "records"), samples=3, scales=[2.0], num_steps=2,
+        model_folder=str(folder / "text" / "model"),
+        folder=str(folder / "records"),
+        samples=3,
+        scales=[2.0],
+        num_steps=2,
         best_of=2,
-    )  # fmt: skip
+    )
     table, sound, ceiling = adherence
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
@@ -188,8 +192,11 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
 
 
 def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
-    lists = {"one": [{"prompt": "a road", "images": ["1.jpg"]}, {"prompt": " "}], "two": ["a T-intersection"],
-             "three": [{"type": "image", "condition": "1.jpg"}, {"type": "text", "condition": "a bend"}]}  # fmt: skip
+    lists = {
+        "one": [{"prompt": "a road", "images": ["1.jpg"]}, {"prompt": " "}],
+        "two": ["a T-intersection"],
+        "three": [{"type": "image", "condition": "1.jpg"}, {"type": "text", "condition": "a bend"}],
+    }
     for name, content in (("p.json", json.dumps(lists)), ("p.txt", "a road\n\na T-intersection\n a bend\n")):
         (tmp_path / name).write_text(content)
         assert gallery.read_prompts(tmp_path / name) == ["a road", "a T-intersection", "a bend"]
@@ -211,7 +218,9 @@ def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, pr
     table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, num_steps=2)
     assert len(table) == 8 and all(set(row) == set(COLUMNS) for row in table.values())
     assert all(low <= mean <= high for row in table.values() for mean, low, high in row.values())
-    assert table["with collision loss, counts of the data"] == table["without collision loss, counts of the data"], "equal weights"
+    assert table["with collision loss, counts of the data"] == table["without collision loss, counts of the data"], (
+        "equal weights"
+    )
     assert markdown_two_by_two(table, "the command").count("\n") == 14
     with pytest.raises(ValueError, match="--counts"):
         two_by_two({"without": text_model}, None, str(folder / "records"), samples=2)

@@ -56,9 +56,13 @@ def start(workdir, records, *flags, objective="autoencoder", limit=None) -> subp
     if limit:  # no file may grow beyond so many KiB
         command = ["bash", "-c", f'ulimit -f {limit}; exec "$@"', "-", *command]
     return subprocess.Popen(
-        [*command, f"--config.records={records}", *flags], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        text=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [*command, f"--config.records={records}", *flags],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
 
 
 def weights(folder: Path) -> bytes:

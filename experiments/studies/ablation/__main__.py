@@ -4,7 +4,8 @@
 
 Trains every mechanism from one base on the same batches, with several seeds, on texts and on ray-cast images;
 samples held-out scenes with their own conditions and with shuffled ones. Writes ablation.md, ablation.json
-and ablation.png into WORKDIR, or to --config.out=docs/results/ablation. The same command continues an interrupted ablation.
+and ablation.png into WORKDIR, or to --config.out=docs/results/ablation. The same command continues an interrupted
+ablation.
 
 --config.seeds="(1,)" makes one seed; --config.more="('ABLATION.JSON',)" adds runs from elsewhere to the report. Runs of
 one seed and modality need the same base. Such small models gain little from a second core: with one --config.base, run

@@ -19,8 +19,8 @@ def collision_energy(scene: Scene, *, tau: float = TAU) -> Float[Array, " b"]:
     """Overlap of vehicle boxes per scene [B], no unit: sum over ordered pairs of tanh(overlap / tau), over 2 n.
 
     n is the number of vehicles. The overlap of a pair is the shared area of both boxes over the sum of their areas. It
-    is measured in the frame of the first box, as if both had its heading. Only centers receive gradients, except that of the ego.
-    """
+    is measured in the frame of the first box, as if both had its heading. Only centers receive gradients, except that
+    of the ego."""
     agents = jnp.asarray(scene.agents)
     counted = jnp.asarray(scene.agent_mask) & (scene.agent_types == AgentType.VEHICLE)
     centers = jnp.concatenate([jax.lax.stop_gradient(agents[:, :1, :2]), agents[:, 1:, :2]], 1)

@@ -63,8 +63,10 @@ def loss(
       ValueError: ``typical_counts`` that are not two numbers above 0.
     """
     options = {
-        "official_lane_count": official_lane_count, "balanced_links": balanced_links, "typical_counts": typical_counts
-    }  # fmt: skip
+        "official_lane_count": official_lane_count,
+        "balanced_links": balanced_links,
+        "typical_counts": typical_counts,
+    }
     decoded, posterior, tokens = jax.tree.map(jnp.asarray, (decoded, posterior, tokens))
     terms = scene_losses(decoded, posterior, tokens, weights, **options)
     counted = _counted(tokens, official_lane_count)

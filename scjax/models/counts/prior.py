@@ -16,9 +16,13 @@ Table = Float[np.ndarray, "domains crops lanes agents"]
 
 
 def count_table(
-    counts: Iterable[tuple[int, int, int, int]], domains: int, *, max_lanes: int = MAX_LANES,
-    max_agents: int = MAX_AGENTS, bandwidth: float = 0.1,
-) -> Table:  # fmt: skip
+    counts: Iterable[tuple[int, int, int, int]],
+    domains: int,
+    *,
+    max_lanes: int = MAX_LANES,
+    max_agents: int = MAX_AGENTS,
+    bandwidth: float = 0.1,
+) -> Table:
     """Kernel-smoothed joint probabilities of (N_l, N_o) from (domain, crop, lanes, agents) of real scenes.
 
     The kernel is Gaussian in log counts (``bandwidth``), since thousands of scenes fill only a part of the cells.

@@ -41,10 +41,15 @@ class Block(nnx.Module):
     def __init__(self, config: DenoiserConfig, *, init: ParamInit):
         def stage(width, heads):
             return AttentionStage(
-                width, heads, init=init, mlp_ratio=config.mlp_ratio, compute=config.compute,
-                cross_adaln_init=config.cross_adaln_init, spec=config.context_spec,
+                width,
+                heads,
+                init=init,
+                mlp_ratio=config.mlp_ratio,
+                compute=config.compute,
+                cross_adaln_init=config.cross_adaln_init,
+                spec=config.context_spec,
                 cross_attention=None if config.condition is None else config.cross_attention,
-            )  # fmt: skip
+            )
 
         lane, agent = (config.lane_width, config.lane_heads), (config.agent_width, config.agent_heads)
         self.agents_up = Linear(agent[0], lane[0], init=init, compute=config.compute)
@@ -57,9 +62,7 @@ class Block(nnx.Module):
     def stages(self) -> dict[str, tuple[str, AttentionStage]]:
         """Name -> (type that the stage updates, stage), in the order of evaluation."""
         lane_stages = {name: ("lanes", stage) for name, stage in zip(_l2l_names(len(self.l2l)), self.l2l, strict=True)}
-        return {
-            "a2l": ("lanes", self.a2l), **lane_stages, "l2a": ("agents", self.l2a), "a2a": ("agents", self.a2a)
-        }  # fmt: skip
+        return {"a2l": ("lanes", self.a2l), **lane_stages, "l2a": ("agents", self.l2a), "a2a": ("agents", self.a2a)}
 
     def modulation(self, wide: PerType, narrow: PerType) -> dict:
         """AdaLN chunks of every stage from the conditioning vectors at both widths (after SiLU)."""
@@ -91,9 +94,14 @@ class Block(nnx.Module):
             stage_trace = None if trace is None else {}
             other, project = sources.get(name, (kind, None))
             updated, aux_outputs = stage(
-                getattr(x, kind), getattr(masks, kind), modulation[name], getattr(masks, other),
-                None if project is None else project(getattr(x, other)), cache[name] if cache else None, stage_trace,
-            )  # fmt: skip
+                getattr(x, kind),
+                getattr(masks, kind),
+                modulation[name],
+                getattr(masks, other),
+                None if project is None else project(getattr(x, other)),
+                cache[name] if cache else None,
+                stage_trace,
+            )
             x = x.replace(**{kind: updated})
             if aux_outputs is not None:
                 aux[name] = aux_outputs
@@ -205,9 +213,7 @@ class Denoiser(nnx.Module):
             trace |= {"c_lane": wide.lanes, "c_agent": wide.agents}
             trace |= {"c_small_lane": narrow.lanes, "c_small_agent": narrow.agents}
         wide, narrow = jax.tree.map(jax.nn.silu, (wide, narrow))
-        heads = PerType(
-            agents=self.agent_head.modulation(narrow.agents), lanes=self.lane_head.modulation(wide.lanes)
-        )  # fmt: skip
+        heads = PerType(agents=self.agent_head.modulation(narrow.agents), lanes=self.lane_head.modulation(wide.lanes))
         return {"blocks": [block.modulation(wide, narrow) for block in self.blocks], "heads": heads}
 
     def __call__(
@@ -225,7 +231,8 @@ class Denoiser(nnx.Module):
         """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
         Args:
-          z: noisy latents [B, tokens, latent] per type, in token order (scjax.data.token_order); padding may hold anything.
+          z: noisy latents [B, tokens, latent] per type, in token order (scjax.data.token_order); padding may hold
+            anything.
           t: timesteps 0..99; for a rectified flow also fractions (``diffusion.flow``).
           label: ``config.domains * crop + domain``, or ``config.null_label``.
           masks: True at valid tokens [B, tokens].
@@ -281,7 +288,7 @@ class Denoiser(nnx.Module):
         heads = modulation["heads"]
         eps = PerType(
             agents=self.agent_head(tokens.agents, heads.agents), lanes=self.lane_head(tokens.lanes, heads.lanes)
-        )  # fmt: skip
+        )
         return jax.tree.map(lambda noise, mask: jnp.where(mask[..., None], noise, 0), eps, masks)
 
 

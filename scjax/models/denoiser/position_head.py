@@ -36,8 +36,10 @@ class PositionHead(nnx.Module):
 
         self.skip = linear(latent, 2 * points)
         self.first, self.second, self.out = (
-            linear(latent, _HIDDEN), linear(_HIDDEN, _HIDDEN), linear(_HIDDEN, 2 * points)
-        )  # fmt: skip
+            linear(latent, _HIDDEN),
+            linear(_HIDDEN, _HIDDEN),
+            linear(_HIDDEN, 2 * points),
+        )
 
     def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b points 2"]:
         hidden = jax.nn.gelu(self.second(jax.nn.gelu(self.first(latents))))

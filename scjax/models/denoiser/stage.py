@@ -67,10 +67,9 @@ class AttentionStage(nnx.Module):
         self.cross_adaln, self.cross = cross_adaln, cross
         self.heads, self.cross_attention = heads, cross_attention
 
-    def modulation(
-        self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None
-    ) -> StageModulation:  # fmt: skip
-        """AdaLN chunks from the conditioning vectors (after SiLU) of the updated type and, in a bipartite stage, the sources."""
+    def modulation(self, to: Float[Array, "b d"], source: Float[Array, "b d"] | None = None) -> StageModulation:
+        """AdaLN chunks from the conditioning vectors (after SiLU) of the updated type and, in a bipartite stage, the
+        sources."""
         rows = [to] if source is None else [to, source]
         chunks = _chunks(self.adaln(jnp.concatenate(rows)), 6)
         return StageModulation(
@@ -151,7 +150,7 @@ class Head(nnx.Module):
 
 def modulate(
     x: Float[Array, "b n d"], shift: Float[Array, "b 1 d"], scale: Float[Array, "b 1 d"]
-) -> Float[Array, "b n d"]:  # fmt: skip
+) -> Float[Array, "b n d"]:
     """Layer norm without parameters (eps 1e-6), then x (1 + scale) + shift."""
     return standardize(x, 1e-6) * (1 + scale) + shift
 

@@ -12,9 +12,12 @@ from jaxtyping import Array, Bool, Float
 
 
 def attend_chunked(
-    q: Float[Array, "b h n d"], k: Float[Array, "b h m d"], v: Float[Array, "b h m d"], mask: Bool[Array, "b m"],
+    q: Float[Array, "b h n d"],
+    k: Float[Array, "b h m d"],
+    v: Float[Array, "b h m d"],
+    mask: Bool[Array, "b m"],
     size: int,
-) -> Float[Array, "b h n d"]:  # fmt: skip
+) -> Float[Array, "b h n d"]:
     """As ``attention.attend_heads`` with one mask for all queries, ``size`` keys at a time (the last may be fewer)."""
     shape, heads = q.shape, q.shape[1]
     queries, keys, values = (x.reshape(-1, *x.shape[2:]) for x in (q * q.shape[-1] ** -0.5, k, v))

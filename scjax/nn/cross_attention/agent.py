@@ -83,9 +83,15 @@ class Agent(Projections):
     """y = W_o Attn(Q, A, Attn(A, K, V)) with agents A in the space of the queries."""
 
     def __init__(
-        self, options: AgentOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: AgentOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         tokens = options.tokens or (32 if width <= 256 else 49)
         self.agents = None if options.pooling == "segment" else nnx.Param(init.normal((tokens, width), 0.02))

@@ -73,7 +73,7 @@ def fit_saap(
 
 def _centroids(
     module: Functional, params: Params, context: Float[Array, "s m d"], mask: Bool[Array, "s m"], *, iterations: int
-) -> Float[Array, "h c e"]:  # fmt: skip
+) -> Float[Array, "h c e"]:
     """Directions of each head's buckets: spherical k-means of the keys of all scenes together."""
 
     def run(params: Params) -> Array:

@@ -20,14 +20,14 @@ def nearest(x: Float[Array, "b h m d"], centers: Float[Array, "#b h c d"]) -> In
 
 def members(
     label: Int[Array, "b h m"], mask: Bool[Array, "b m"], count: int, dtype=jnp.float32
-) -> Shaped[Array, "b h m c"]:  # fmt: skip
+) -> Shaped[Array, "b h m c"]:
     """One-hot labels; zero rows at masked keys."""
     return jax.nn.one_hot(label, count, dtype=dtype) * mask[:, None, :, None]
 
 
 def kmeans(
     x: Float[Array, "b h m d"], mask: Bool[Array, "b m"], count: int, iterations: int
-) -> Float[Array, "b h c d"]:  # fmt: skip
+) -> Float[Array, "b h c d"]:
     """Directions of ``count`` clusters of the valid keys.
 
     Deterministic: the first center is the key farthest from the mean direction, each further one the key farthest from

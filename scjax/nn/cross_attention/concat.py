@@ -41,9 +41,15 @@ class Concat(Projections):
     """y = W_o Attn(Q(X), K(S), V(S)) with S = [X; F + e]."""
 
     def __init__(
-        self, options: ConcatOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: ConcatOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         self.kind = nnx.Param(init.normal((width,), 0.02))
 

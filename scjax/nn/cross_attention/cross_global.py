@@ -76,9 +76,15 @@ class CrossGlobal(Projections):
     """y = W_o Attn(Q, K, V) + tanh(gate) W_lo Attn(Q, K2, V2), with K2, V2 from latents that attended to K, V."""
 
     def __init__(
-        self, options: CrossGlobalOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: CrossGlobalOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         def linear():
             return Linear(width, width, init=init, compute=compute)
 
@@ -121,9 +127,7 @@ class CrossGlobal(Projections):
         """The sum of the direct and the coarse path."""
         query = self.query(x, x_mask)
         full = self.read(query, cache.context)
-        coarse = merge_heads(
-            attend_heads(split_heads(query, self.heads), cache.latent_key, cache.latent_value, None)
-        )  # fmt: skip
+        coarse = merge_heads(attend_heads(split_heads(query, self.heads), cache.latent_key, cache.latent_value, None))
         out_full, out_coarse = self.out(full), self.latent_out(coarse)
         if trace is not None:
             trace |= {"Q": query, "attn_full": full, "attn_coarse": coarse}

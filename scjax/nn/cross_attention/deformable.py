@@ -71,9 +71,15 @@ class Deformable(nnx.Module):
     """y = W_o sum of A V(p + offset) over levels and points, with p, offsets and weights A from the query."""
 
     def __init__(
-        self, options: DeformableOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: DeformableOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         self.axes = 1 if spec.grid is None else 2
         samples = heads * spec.modalities * options.points
         self.v, self.out = (Linear(width, width, init=init, compute=compute) for _ in range(2))
@@ -108,9 +114,13 @@ class Deformable(nnx.Module):
 
 
 def sample_values(
-    value: Float[Array, "b h m d"], mask: Bool[Array, "b m"], position: Float[Array, "b n h k axes"],
-    weights: Float[Array, "b n h k"], level: Array, spec: ContextSpec,
-) -> Float[Array, "b h n d"]:  # fmt: skip
+    value: Float[Array, "b h m d"],
+    mask: Bool[Array, "b m"],
+    position: Float[Array, "b n h k axes"],
+    weights: Float[Array, "b n h k"],
+    level: Array,
+    spec: ContextSpec,
+) -> Float[Array, "b h n d"]:
     """Sum over samples k of weight times the value at a position, interpolated linearly along each axis.
 
     Args:

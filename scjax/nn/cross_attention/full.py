@@ -63,9 +63,15 @@ class Full(Projections):
     """y = W_o Attn(Q, K, V)."""
 
     def __init__(
-        self, options: FullOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: FullOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute, inner=options.inner_ratio * width)
         shape = (options.memory_tokens, width)
         self.memory = nnx.Param(init.normal(shape, 0.02)) if options.memory_tokens else None

@@ -51,9 +51,15 @@ class Gated(Projections):
     """y = tanh(gate) W_o Attn(Q, K, V) [+ tanh(ffn_gate) MLP(LN(x + the first term))]."""
 
     def __init__(
-        self, options: GatedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: GatedOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         self.gate = nnx.Param(jnp.full(1, options.start))
         self.feed_forward = (

@@ -10,9 +10,12 @@ from scjax.nn.attention import weights
 
 
 def attend_gathered(
-    q: Float[Array, "b h n d"], k: Float[Array, "b h m d"], v: Float[Array, "b h m d"], index: Int[Array, "b h n w"],
+    q: Float[Array, "b h n d"],
+    k: Float[Array, "b h m d"],
+    v: Float[Array, "b h m d"],
+    index: Int[Array, "b h n w"],
     mask: Bool[Array, "b h n w"],
-) -> Float[Array, "b h n d"]:  # fmt: skip
+) -> Float[Array, "b h n d"]:
     """softmax(q k' / sqrt(d)) v over the keys at ``index`` where ``mask`` is True; rows without keys give zero."""
     logits = jnp.einsum("bhnd,bhnwd->bhnw", q * q.shape[-1] ** -0.5, rows_at(k, index))
     p, total = weights(logits, mask)

@@ -78,9 +78,15 @@ class FocusedLinear(nnx.Module):
     """y = W_o phi(Q) mean(phi(K) V') / (phi(Q) mean(phi(K)))."""
 
     def __init__(
-        self, options: LinearOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: LinearOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         self.q, self.k, self.v, self.out = (Linear(width, width, init=init, compute=compute) for _ in range(4))
         self.q_norm, self.k_norm = (LayerNorm(width), LayerNorm(width)) if options.qk_norm else (None, None)
         self.sigma = nnx.Param(jnp.zeros(width))

@@ -40,7 +40,7 @@ class Projections(nnx.Module):
 
     def __init__(
         self, width: int, heads: int, *, init: ParamInit, compute: Compute = "float32", inner: int | None = None
-    ):  # fmt: skip
+    ):
         inner = inner or width
         self.q, self.k, self.v = (Linear(width, inner, init=init, compute=compute) for _ in range(3))
         self.out = Linear(inner, width, init=init, compute=compute)

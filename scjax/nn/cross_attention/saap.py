@@ -92,9 +92,15 @@ class Saap(Projections):
     """y = W_o Attn(Q, K, V) where the key's bucket is among the query's ``probes`` most promising."""
 
     def __init__(
-        self, options: SaapOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: SaapOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         size = width // heads
         self.router = Router(heads, size, options.router_width or max(64, size), options.buckets, init=init)
@@ -133,9 +139,12 @@ class Saap(Projections):
         return mask_rows(rows, self.out(attended)), AuxOutputs(loss=loss, metrics=metrics)
 
     def routing_loss(
-        self, x: Float[Array, "b n d"], x_mask: Bool[Array, "b n"], context: Float[Array, "b m d"],
+        self,
+        x: Float[Array, "b n d"],
+        x_mask: Bool[Array, "b n"],
+        context: Float[Array, "b m d"],
         mask: Bool[Array, "b m"],
-    ) -> Float[Array, ""]:  # fmt: skip
+    ) -> Float[Array, ""]:
         """The loss that trains the router."""
         query, cache = self.query(x, x_mask), self.encode(context, mask)
         logits = self.router(stop_gradient(split_heads(query, self.heads)))

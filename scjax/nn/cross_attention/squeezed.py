@@ -104,9 +104,15 @@ class Squeezed(Projections):
     """y = W_o Attn(Q, K, V) over the keys of the clusters with the largest shares."""
 
     def __init__(
-        self, options: SqueezedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: SqueezedOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         self.threshold = nnx.Param(jnp.full(1, -1.0))  # no gradient reaches it
         self.options = options

@@ -72,9 +72,15 @@ class Windowed(Projections):
     """y = W_o Attn(Q, K, V) where |rank of the key - center of the query| <= window; 0 for empty windows."""
 
     def __init__(
-        self, options: WindowedOptions, width: int, heads: int, spec: ContextSpec, *, init: ParamInit,
+        self,
+        options: WindowedOptions,
+        width: int,
+        heads: int,
+        spec: ContextSpec,
+        *,
+        init: ParamInit,
         compute: Compute = "float32",
-    ):  # fmt: skip
+    ):
         super().__init__(width, heads, init=init, compute=compute)
         self.parts = spec.modalities if options.per_modality else 1
         self.window = options.window or (32 if spec.kind == "image" and options.per_modality else 64)

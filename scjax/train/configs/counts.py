@@ -40,8 +40,12 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     }
     config.optimizer = {
         "kind": "adamw",  # or "muon"
-        "learning_rate": 1e-3, "warmup": 100, "schedule": "linear", "weight_decay": 1e-3, "clip": 10.0
-    }  # fmt: skip
+        "learning_rate": 1e-3,
+        "warmup": 100,
+        "schedule": "linear",
+        "weight_decay": 1e-3,
+        "clip": 10.0,
+    }
     config.domain_dropout = 0.3  # share of examples without a domain
     config.ema_decay = 0.995
     config.log_every = 50

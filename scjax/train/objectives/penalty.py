@@ -31,9 +31,14 @@ class PenaltyWeights:
 
 
 def decoded_penalty(
-    weights: PenaltyWeights, base: Model, params: Params, estimate: PerType, level: NoiseLevel, masks: PerType,
+    weights: PenaltyWeights,
+    base: Model,
+    params: Params,
+    estimate: PerType,
+    level: NoiseLevel,
+    masks: PerType,
     scene: Scene,
-) -> Float[Array, " b"]:  # fmt: skip
+) -> Float[Array, " b"]:
     """The weighted penalties of the scene that an estimate of x_0 decodes to, one number per scene.
 
     Args:

@@ -104,10 +104,14 @@ def test_single_agent_gives_all_queries_the_same():
 
 
 SOFTMAX = {
-    "full": FULL, "wide": from_name("full", inner_ratio=2), "gated": from_name("gated"), "agent": from_name("agent", tokens=2),
-    "saap": from_name("saap", buckets=2, probes=1), "windowed": from_name("windowed", window=1),
+    "full": FULL,
+    "wide": from_name("full", inner_ratio=2),
+    "gated": from_name("gated"),
+    "agent": from_name("agent", tokens=2),
+    "saap": from_name("saap", buckets=2, probes=1),
+    "windowed": from_name("windowed", window=1),
     "squeezed": from_name("squeezed", clusters=2),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SOFTMAX)

@@ -177,9 +177,16 @@ def test_gated_is_the_cross_attention_layer_of_mllama():
         params[name] = {"kernel": kernel - kernel.mean(1, keepdims=True), "bias": zero}
         params[f"{name}_norm"] = {"scale": params[f"{name}_norm"]["scale"], "bias": zero}
     config = transformers.MllamaConfig(
-        text_config={"hidden_size": WIDTH, "num_attention_heads": 1, "num_key_value_heads": 1, "rms_norm_eps": 1e-5,
-                     "num_hidden_layers": 1, "intermediate_size": 8, "cross_attention_layers": [0]}
-    ).text_config  # fmt: skip
+        text_config={
+            "hidden_size": WIDTH,
+            "num_attention_heads": 1,
+            "num_key_value_heads": 1,
+            "rms_norm_eps": 1e-5,
+            "num_hidden_layers": 1,
+            "intermediate_size": 8,
+            "cross_attention_layers": [0],
+        }
+    ).text_config
     config._attn_implementation = "eager"
     layer = MllamaCrossAttentionDecoderLayer(config, 0).double()
     layer.input_layernorm.variance_epsilon = 0.0
@@ -272,9 +279,14 @@ def test_deformable_is_the_module_of_deformable_detr():
     x_t, context_t, reference = _tensors(x), _tensors(context), _tensors(params["reference"])
     place = torch.sigmoid(_linear(reference, x_t))[:, :, None].expand(-1, -1, 2, -1)
     theirs, _ = layer(
-        x_t, torch.tensor(mask), context_t, reference_points=place, spatial_shapes=torch.tensor([[2, 4], [2, 4]]),
-        spatial_shapes_list=[(2, 4), (2, 4)], level_start_index=torch.tensor([0, 8]),
-    )  # fmt: skip
+        x_t,
+        torch.tensor(mask),
+        context_t,
+        reference_points=place,
+        spatial_shapes=torch.tensor([[2, 4], [2, 4]]),
+        spatial_shapes_list=[(2, 4), (2, 4)],
+        level_start_index=torch.tensor([0, 8]),
+    )
     theirs = torch.where(torch.tensor(x_mask)[..., None], theirs, 0.0)
     y, (of_params, of_x, of_context) = _ours(options, params, (x, x_mask, context, mask), spec)
     theirs.sin().sum().backward()

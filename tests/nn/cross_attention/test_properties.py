@@ -85,10 +85,12 @@ def test_empty_contexts_give_zero(case):
     one = np.zeros_like(mask)
     one[:, :: KEYS // spec.modalities] = True  # a key a modality
     corners = {
-        "all keys masked": (x_mask, mask & False), "all queries masked": (x_mask & False, mask),
-        "one query": (x_mask & (np.arange(QUERIES) == 2)[None], mask), "one key": (x_mask, one),
+        "all keys masked": (x_mask, mask & False),
+        "all queries masked": (x_mask & False, mask),
+        "one query": (x_mask & (np.arange(QUERIES) == 2)[None], mask),
+        "one key": (x_mask, one),
         "one scene empty": (x_mask, mask & [[True], [False]]),
-    }  # fmt: skip
+    }
     for corner, (rows, keys) in corners.items():
         result = evaluate(case, np.where(rows[..., None], x, np.nan), rows, context, keys)
         assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(result)), corner

@@ -8,9 +8,16 @@ from scjax.nn.cross_attention import ContextSpec, from_name
 
 # MFLOP a scene and module at width 2048: of the context alone, and of a step that finds it encoded.
 TABLE = {
-    "concat": (6577, 6131), "full": (6577, 3218), "gated": (6577, 3218), "agent": (6577, 2955), "saap": (6628, 2936),
-    "windowed": (6577, 2871), "deformable": (3288, 1626), "squeezed": (6577 + 514, 2877), "cross_global": (7485, 4611),
-}  # fmt: skip
+    "concat": (6577, 6131),
+    "full": (6577, 3218),
+    "gated": (6577, 3218),
+    "agent": (6577, 2955),
+    "saap": (6628, 2936),
+    "windowed": (6577, 2871),
+    "deformable": (3288, 1626),
+    "squeezed": (6577 + 514, 2877),
+    "cross_global": (7485, 4611),
+}
 CACHED_256 = {"full": 107, "linear": 45, "windowed": 64, "deformable": 40, "squeezed": 64, "cross_global": 133}
 IMAGE = ContextSpec(kind="image", grid=(14, 14), modalities=2)
 
