@@ -50,9 +50,9 @@ def denoiser_forward(config: DenoiserConfig, lanes: int, agents: int, context: i
 
     def cross(width: int, heads: int, targets: int) -> float:
         if not context or isinstance(config.cross_attention, NoOptions):
-            return 0
+            return 0.0
         work = config.cross_attention.work(width, heads, config.context_spec, targets, context)
-        return 3 * width**2 + work.attend + (0 if cached else work.encode)
+        return float(3 * width**2 + work.attend + (0 if cached else work.encode))
 
     def stage(width: int, heads: int, targets: int, sources: int) -> float:
         tokens = targets * (2 + 2 * config.mlp_ratio) * width**2 + sources * 2 * width**2

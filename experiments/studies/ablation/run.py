@@ -207,13 +207,17 @@ class _Run:
             loss = denoising_losses(model, requests.references, conditions, self.seed).mean()
             result[which] = measure_run(scenes, requests, real, float(loss))
             result["seconds_per_scene"] = seconds
-        lanes, agents = (
-            float(np.mean([getattr(scene, name) for scene in requests.references]))
-            for name in ("num_lanes", "num_agents")
-        )
+        context = slots or round(requests.context)
         flops = {
-            f"flops{name}": denoiser_forward(
-                model.denoiser.config, lanes, agents, slots or requests.context, cached=cached
+            f"flops{name}": float(
+                np.mean(
+                    [
+                        denoiser_forward(
+                            model.denoiser.config, int(scene.num_lanes), int(scene.num_agents), context, cached
+                        )
+                        for scene in requests.references
+                    ]
+                )
             )
             for name, cached in (("", False), ("_cached", True))
         }
