@@ -229,8 +229,8 @@ def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, pr
 def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp_path):
     with pytest.raises(ValueError, match="only the synthetic world may ship"):
         ship(dataclasses.replace(prompt_model, domains=("city", "nuplan")), tmp_path / "a", Words())
-    with pytest.raises(ValueError, match="no counter"):
-        ship(dataclasses.replace(prompt_model, count_predictor=None), tmp_path / "a", Words())
+    with pytest.raises(ValueError, match="no count_predictor"):
+        ship(prompt_model.without("count_predictor"), tmp_path / "a", Words())
     assert not (tmp_path / "a").exists()
 
 
