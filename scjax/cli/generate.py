@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -15,7 +18,7 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import FORMATS, Clock, Format, say, slug, writable_folder, write_scene
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, DEFAULT_SAMPLER
 from scjax.diffusion.samplers import DEFAULT_STEPS, SAMPLERS
 
@@ -114,7 +117,6 @@ def generate(
         from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
         from scjax.generate.sample import sample_scenes
-        from scjax.language.facts import extract_facts
         from scjax.nn.startup import start_jax
 
         start_jax()
@@ -139,25 +141,32 @@ def generate(
             temperature=temperature,
             energy_guidance=energy_guidance,
         )
-    results = []
     with clock.part("files"):
-        for i, scene in enumerate(scenes):
-            prompt, number = prompts[i // num_scenes], i % num_scenes
-            files = write_scene(scene, out, f"{slug(prompt)}-{seed}-{number}", formats)
-            results.append(
-                {
-                    "prompt": prompt,
-                    "seed": seed,
-                    "number": number,
-                    "files": [str(path) for path in files],
-                    "lanes": int(scene.num_lanes),
-                    "agents": int(scene.num_agents),
-                    "facts": extract_facts(scene).to_json(),
-                }
-            )
+        results = [
+            _write_result(scene, prompts[i // num_scenes], seed, i % num_scenes, out, formats)
+            for i, scene in enumerate(scenes)
+        ]
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:
         for result in results:
             click.echo("\n".join(result["files"]))
     say(f"{len(scenes)} scenes: {clock.summary()}", quiet=as_json)
+
+
+def _write_result(
+    scene: Scene, prompt: str, seed: int, number: int, out: Path, formats: Sequence[Format]
+) -> dict[str, Any]:
+    """Writes one scene and says what it holds."""
+    from scjax.language.facts import extract_facts
+
+    files = write_scene(scene, out, f"{slug(prompt)}-{seed}-{number}", formats)
+    return {
+        "prompt": prompt,
+        "seed": seed,
+        "number": number,
+        "files": [str(path) for path in files],
+        "lanes": int(scene.num_lanes),
+        "agents": int(scene.num_agents),
+        "facts": extract_facts(scene).to_json(),
+    }

@@ -88,20 +88,10 @@ def sampling_program(
             return decode_latents(coder, coder_params, codec, latents, masks, crop, domain, **options)
 
         if energy_guidance is not None:
-            energies = energy_guidance.energies
-
-            def energy_around(start: PerType) -> Energy:
-                links = decode(start).links  # the link head, over all pairs of lanes, would be most of a gradient step
-
-                def energy(latents: PerType) -> Float[Array, ""]:
-                    scene = decode(latents, through_pairs=False).replace(links=links)
-                    return weighted_energy(scene, energies).sum()
-
-                return energy
-
+            energy = functools.partial(_energy_around, decode, energy_guidance)
             generated = generated_mask(masks, known)
             denoise = with_energy_guidance(
-                denoise, schedule.levels, config.prediction, energy_around, generated, energy_guidance
+                denoise, schedule.levels, config.prediction, energy, generated, energy_guidance
             )
         latents = sample_latents(
             denoise,
@@ -119,6 +109,17 @@ def sampling_program(
         return decode(latents)
 
     return _compiled(run, shared=6)
+
+
+def _energy_around(decode: Program, guidance: EnergyGuidance, start: PerType) -> Energy:
+    """The energy of latents near ``start``, with the lane links that ``start`` decodes to."""
+    links = decode(start).links  # the link head, over all pairs of lanes, would be most of a gradient step
+
+    def energy(latents: PerType) -> Float[Array, ""]:
+        scene = decode(latents, through_pairs=False).replace(links=links)
+        return weighted_energy(scene, guidance.energies).sum()
+
+    return energy
 
 
 @functools.lru_cache(maxsize=8)

@@ -7,4 +7,4 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def one_bucket(monkeypatch):
-    monkeypatch.setattr("scjax.generate.batching.BUCKETS", ((52, 64),))
+    monkeypatch.setattr("scjax.generate.batching.BUCKETS", ((61, 100),))
