@@ -18,9 +18,10 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import FORMATS, Clock, Format, say, slug, writable_folder, write_scene
+from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, DEFAULT_SAMPLER
 from scjax.diffusion.samplers import DEFAULT_STEPS, SAMPLERS
+from scjax.scene import Scene
 
 _DEFAULT_STEPS = ", ".join(
     f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()
@@ -155,7 +156,7 @@ def generate(
 
 
 def _write_result(
-    scene: Scene, prompt: str, seed: int, number: int, out: Path, formats: Sequence[Format]
+    scene: Scene, prompt: str, seed: int, number: int, out: Path, formats: Sequence[str]
 ) -> dict[str, Any]:
     """Writes one scene and says what it holds."""
     from scjax.language.facts import extract_facts

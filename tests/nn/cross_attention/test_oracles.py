@@ -1,7 +1,4 @@
-"""The mechanisms against independent statements of them: PyTorch, transformers, and loops in NumPy (§7).
-
-Random parameters everywhere, padded scenes, float64; gradients too where the other side has them.
-"""
+"""The mechanisms against PyTorch, transformers and loops in NumPy (§7): random parameters, padded scenes, float64."""
 
 from __future__ import annotations
 
@@ -278,14 +275,14 @@ def test_deformable_is_the_module_of_deformable_detr():
             getattr(layer, theirs).bias.copy_(torch.tensor(params[ours]["bias"]))
     x_t, context_t, reference = _tensors(x), _tensors(context), _tensors(params["reference"])
     place = torch.sigmoid(_linear(reference, x_t))[:, :, None].expand(-1, -1, 2, -1)
+    levels = {"spatial_shapes_list": [(2, 4)] * 2, "level_start_index": torch.tensor([0, 8])}
+    levels["spatial_shapes"] = torch.tensor(levels["spatial_shapes_list"])
     theirs, _ = layer(
         x_t,
         torch.tensor(mask),
         context_t,
         reference_points=place,
-        spatial_shapes=torch.tensor([[2, 4], [2, 4]]),
-        spatial_shapes_list=[(2, 4), (2, 4)],
-        level_start_index=torch.tensor([0, 8]),
+        **levels,
     )
     theirs = torch.where(torch.tensor(x_mask)[..., None], theirs, 0.0)
     y, (of_params, of_x, of_context) = _ours(options, params, (x, x_mask, context, mask), spec)
