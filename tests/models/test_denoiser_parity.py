@@ -95,7 +95,7 @@ def test_depth_resized_parity(parity_dir):
     inputs, expected = (golden.load(parity_dir, f"denoiser_{part}.npz") for part in ("inputs", "image"))
     condition = golden.denoiser_config(parity_dir, "image").condition
     for k in range(golden.scenes(inputs)):
-        expected = expected[f"s{k}/depth_resized"]
-        assert expected.shape == tuple(condition.patch * cells for cells in condition.grid)
-        value = depth_cells(jnp.asarray(inputs[f"s{k}/depth"])[None], expected.shape, 1)
-        assert golden.relative(value.reshape(expected.shape), expected) < TOLERANCE
+        resized = expected[f"s{k}/depth_resized"]
+        assert resized.shape == tuple(condition.patch * cells for cells in condition.grid)
+        value = depth_cells(jnp.asarray(inputs[f"s{k}/depth"])[None], resized.shape, 1)
+        assert golden.relative(value.reshape(resized.shape), resized) < TOLERANCE

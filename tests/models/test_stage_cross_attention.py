@@ -80,9 +80,9 @@ def _step(name):
     return optimizer, step
 
 
-def _history(name, init, **changes):
+def _history(name, adaln_init, **changes):
     """The leaves at the start and after each step, and the moving average at the end; ``changes`` of initial leaves."""
-    params = functional(lambda init: Conditioned(name, init, init=init)).init(jax.random.key(0))
+    params = functional(lambda init: Conditioned(name, adaln_init, init=init)).init(jax.random.key(0))
     leaves = flatten(params)
     params = unflatten({path: changes.get(path[-1], leaf) for path, leaf in leaves.items()})
     optimizer, step = _step(name)

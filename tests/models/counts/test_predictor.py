@@ -69,5 +69,5 @@ def test_predictor_learns_counts_from_text(network):
 
 @pytest.mark.parametrize("change", [{"width": 0}, {"width": 15}])
 def test_config_rejects_bad_sizes(change):
-    with pytest.raises(ValueError, match=r"CounterConfig\.width"):
+    with pytest.raises(ValueError, match=r"CountPredictorConfig\.width"):
         CountPredictorConfig(**{"text_width": 4, "domains": 1, **change})

@@ -18,8 +18,7 @@ from tests.factories.attention_cases import HEADS, IMAGE, KEYS, TEXT, WIDTH, app
 torch = pytest.importorskip("torch", reason="the parity extra (torch, transformers) is not installed")
 functional = torch.nn.functional
 
-SIZE = WIDTH // HEADS
-TOLERANCE = 1e-9
+SIZE, TOLERANCE = WIDTH // HEADS, 1e-9
 
 
 def _ours(options, params, batch, spec=TEXT, heads=HEADS):
