@@ -101,16 +101,16 @@ def _unlocked(history):
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_all_trained_parameters_get_gradients(name):
-    for init in ("zero", "xavier"):
-        history, ema = _history(name, init)
+    for adaln_init in ("zero", "xavier"):
+        history, ema = _history(name, adaln_init)
         unlocked = _unlocked(history)
         still = {path for path, step in unlocked.items() if step is None}
         statistics = {path for path in unlocked if path[-1] in STATISTICS}
-        assert still - UNSEEN == statistics, init
+        assert still - UNSEEN == statistics, adaln_init
         for path in statistics:
             np.testing.assert_array_equal(ema[path], history[0][path])
         assert all(np.all(np.isfinite(leaf)) for leaf in history[-1].values())
-        if init == "zero":
+        if adaln_init == "zero":
             assert unlocked["stage", "cross_adaln", "kernel"] == 1
             inside = [step for path, step in unlocked.items() if path[1] == "cross" and step is not None]
             if name != "saap":  # its own loss trains its classifier at once

@@ -126,7 +126,8 @@ def test_scenes_of_a_batch_are_independent(case):
     for scene in range(2):
         twice = evaluate(case, *(np.stack([part[scene]] * 2) for part in batch))[0][1]
         close(twice[0], y[scene])
-        np.testing.assert_array_equal(twice[0], twice[1])
+        # Float64 rounding only: XLA may compute the rows of one array by vectors and a scalar rest.
+        np.testing.assert_allclose(twice[0], twice[1], rtol=0, atol=1e-14)
 
 
 _ALIKE = {"full", "agent segment", "agent learned", "agent set", "saap", "windowed", "windowed image", "squeezed"}
