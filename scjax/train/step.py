@@ -72,7 +72,7 @@ def make_optimizer(config: Any, param_groups: ParamGroups) -> optax.GradientTran
 
 def initial_state(params: Params, param_groups: ParamGroups, optimizer: optax.GradientTransformation) -> TrainState:
     """The state of step 0; the moving average starts as a copy, since donated buffers may not be shared."""
-    groups = param_groups.pack(jax.device_get(params))
+    groups = jax.tree.map(jnp.asarray, param_groups.pack(jax.device_get(params)))
     return TrainState(
         step=jnp.zeros((), jnp.int32),
         params=groups,
