@@ -1,4 +1,5 @@
-"""Most of the time of these tests is compiling: all that they sample has one shape."""
+"""Most of the time of these tests is compiling: all that they sample has one shape,
+large enough for any count that an untrained count predictor draws."""
 
 from __future__ import annotations
 

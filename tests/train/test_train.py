@@ -21,6 +21,8 @@ from scjax.train.loop import train
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import make_records
 
+# ml_collections loads config files by a method that Python 3.12 drops.
+reads_config_files = pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -146,6 +148,7 @@ def test_train_refuses_another_model_in_the_folder(undisturbed, records):
         train(config, undisturbed)
 
 
+@reads_config_files
 @pytest.mark.parametrize(
     ("flag", "message"),
     [
@@ -165,6 +168,7 @@ def test_train_command_rejects_mistakes(records, tmp_path, flag, message, capsys
     assert not (tmp_path / "checkpoints").exists()
 
 
+@reads_config_files
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -182,6 +186,7 @@ def test_train_command_names_wrong_usage(arguments, message, capsys):
     assert text.startswith("scjax train: ") and message in text and text.count("\n") == 1
 
 
+@reads_config_files
 @pytest.mark.parametrize("name", ["autoencoder", "denoiser", "counts", "counter"])
 @pytest.mark.parametrize("form", ["{}:tiny", "experiments/configs/{}.py:tiny"])
 def test_parse_arguments_finds_packaged_configs_and_files(name, form, monkeypatch):
