@@ -11,7 +11,7 @@ import optax
 import pytest
 
 from scjax.train.ema import update_ema
-from scjax.train.optimizer import adamw, decayed, learning_rates
+from scjax.train.optimizer import adamw, is_decayed, learning_rates
 from tests.factories import golden
 
 TOLERANCE = 1e-6
@@ -72,7 +72,7 @@ def test_learning_rates_parity(vectors):
 
 def test_decay_acts_on_kernels_only():
     params = {"a": {"kernel": jnp.ones((2, 2)), "bias": jnp.ones(2)}, "blocks": {0: {"scale": jnp.ones(2)}}}
-    assert decayed(params) == {"a": {"kernel": True, "bias": False}, "blocks": {0: {"scale": False}}}
+    assert is_decayed(params) == {"a": {"kernel": True, "bias": False}, "blocks": {0: {"scale": False}}}
 
 
 def test_a_schedule_shorter_than_its_warmup_is_refused():
