@@ -1,7 +1,7 @@
 """Makes the pages of docs/results again: python -m experiments.reproduce prompt_adherence guidance ...
 
 Every page has one entry in ``PAGES``: the studies that measure, and the records that they need. Records are made once
-per folder of --runs. Without page names all pages are made, in about an hour on two CPU cores.
+per folder of --runs. Without page names all pages are made, in about half an hour on two CPU cores.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _ADHERENCE = "experiments.studies.prompt_adherence --model scjax/pretrained"
 
 PAGES = {
     "prompt_adherence": Page(
-        (f"{_ADHERENCE} --records {{runs}}/records --samples 500 --guidance 2 1 4 --out {{out}}/prompt_adherence",),
+        (f"{_ADHERENCE} --records {{runs}}/records --samples 200 --guidance 2 1 4 --out {{out}}/prompt_adherence",),
         ("records",),
     ),
     "rare_events": Page(
@@ -56,7 +56,7 @@ PAGES = {
     "guidance": Page(("experiments.studies.guidance {out}/prompt_adherence.json --out {out}/guidance",)),
     "sampling_steps": Page(
         (
-            "experiments.studies.samplers --model scjax/pretrained --records {runs}/records --samples 192"
+            "experiments.studies.samplers --model scjax/pretrained --records {runs}/records --samples 96"
             " --samplers ddpm --num-steps 10 16 25 50 100 --repeats 1"
             " --workdir {runs}/sampling_steps --out {out}/sampling_steps",
         ),
