@@ -1,0 +1,105 @@
+"""Every snippet of the README and of docs/ runs.
+
+Python snippets run as they are, one page after the other in an empty folder, with the model of the package. Commands of
+``scjax`` run with smaller numbers (``SMALLER``); those that train or evaluate for long are parsed down to their config,
+since the same entry points train and evaluate elsewhere in the tests.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from scjax.cli import main
+from scjax.cli.config_flags import load_config
+from scjax.evaluate.config import get_config
+from scjax.train.launch import parse_arguments
+from tests.factories.scene_files import write_scene_file
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SMALLER = {"--worlds 2000": "--worlds 3", " -n 4": " -n 1 --num-steps 2 --best-of 1"}
+NOT_RUN = ("pip install", "scjax demo")  # the two commands of the README: .ci/run runs them
+
+
+def _snippets(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def _commands(page: Path) -> list[str]:
+    lines = "".join(_snippets(page, "bash")).replace("\\\n", " ").splitlines()
+    return [line for line in lines if line.strip() and not line.startswith(NOT_RUN)]
+
+
+def _run(command: str) -> int:
+    """Exit status of a command of ``scjax`` in this process."""
+    for text, smaller in SMALLER.items():
+        command = command.replace(text, smaller)
+    with pytest.raises(SystemExit) as exit_info:
+        main(shlex.split(command)[1:])
+    return int(exit_info.value.code or 0)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _snippets(page, "python")], ids=lambda page: page.stem)
+def test_python_snippets_run(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_scene_file(tmp_path / "recordings")
+    names = {"__name__": f"docs_{page.stem}"}
+    for snippet in _snippets(page, "python"):
+        exec(compile(snippet, str(page), "exec"), names)
+
+
+def test_readme_commands_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert {_run(command) for command in _commands(ROOT / "README.md")} == {0}
+    assert len(list(tmp_path.rglob("*.png"))) == 1
+
+
+def test_data_commands_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_scene_file(tmp_path / "recordings")
+    commands = [command for command in _commands(ROOT / "docs/train.md") if command.startswith("scjax data")]
+    without_encoder = [command for command in commands if " embed " not in command]
+    assert len(without_encoder) == len(commands) - 1
+    assert {_run(command) for command in without_encoder} == {0}
+
+
+@pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")  # ml_collections loads config files by it
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_training_commands_have_valid_configs(page):
+    for command in _commands(page):
+        if command.startswith("scjax train"):
+            config, _, _ = parse_arguments(shlex.split(command)[2:], "scjax train")
+            assert config.steps > 0
+
+
+def test_evaluation_commands_have_valid_configs():
+    commands = [shlex.split(command) for command in _commands(ROOT / "docs/evaluate.md")]
+    assert commands
+    for _, name, config, workdir, *overrides in commands:
+        assert name == "evaluate" and workdir.startswith("--workdir=")
+        assert load_config(config.removeprefix("--config="), get_config, overrides).methods
+
+
+def test_links_lead_to_files():
+    broken = [
+        f"{page.relative_to(ROOT)}: {target}"
+        for page in [
+            *PAGES,
+            *(ROOT / "docs/results").glob("*.md"),
+            ROOT / "CONTRIBUTING.md",
+            ROOT / "benchmarks/README.md",
+        ]
+        for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8"))
+        if not (page.parent / target).exists()
+    ]
+    assert not broken
+
+
+def test_results_are_light_and_reproducible():
+    files = [path for path in (ROOT / "docs/results").rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) <= 1.5e6
+    assert not [path.name for path in files if path.suffix == ".md" and "not kept" in path.read_text(encoding="utf-8")]
