@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Array, Float
 
+from scjax.encoders.text import clean_text
 from scjax.scene import Crop, Scene
 
 STREAMS = ("text", "negative_text", "image", "depth", "attributes")
@@ -97,7 +98,8 @@ class Condition:
       crop: the window: centered on the ego (the default), or ahead of it.
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
-      prompt: text that describes the scene; the model's text encoder turns it into the stream "text".
+      prompt: text that describes the scene; the model's text encoder turns it into the stream "text". Texts are
+        stored with single spaces, in Unicode form NFC.
       negative_prompt: text that guidance leads away from, instead of from no prompt at all.
       streams: condition tokens by name (``STREAMS``), for whatever the model reads. They combine freely; ``sample``
         refuses those that the model cannot read. "image" and "depth" need ``Crop.FORWARD``; ``scjax.camera.raycast``
@@ -125,7 +127,15 @@ class Condition:
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
                 "with known[i]"
             )
+        for name, text in self.texts.items():
+            object.__setattr__(self, _PROMPTS[name], clean_text(text))
         self._check_streams()
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Stream name -> the text that fills it."""
+        texts = {name: getattr(self, field) for name, field in _PROMPTS.items()}
+        return {name: text for name, text in texts.items() if text is not None}
 
     def _check_streams(self) -> None:
         for name, stream in self.streams.items():

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scjax.encoders.base import TextEncoder
-from scjax.encoders.text import clean_text, load_text_encoder
+from scjax.encoders.text import load_text_encoder
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
 from scjax.models.denoiser.config import ConditionConfig, ImageCondition, TextCondition
@@ -35,25 +35,16 @@ def encode_conditions(
         are not among ``model.prompts``.
 
     Raises:
-      ValueError: the model cannot read a stream, the encoder is not the model's, or a prompt is empty.
+      ValueError: the model cannot read a stream, or the encoder is not the model's.
     """
-    texts = dict.fromkeys(clean_text(text) for condition in conditions for text in _prompts(condition).values())
+    texts = dict.fromkeys(text for condition in conditions for text in condition.texts.values())
     features = _encode_texts(list(texts), model, encoder) if texts else {}
     streams: list[Streams] = [
-        {
-            **condition.streams,
-            **{name: Stream(features[clean_text(text)]) for name, text in _prompts(condition).items()},
-        }
+        {**condition.streams, **{name: Stream(features[text]) for name, text in condition.texts.items()}}
         for condition in conditions
     ]
     check_readable(streams, model.denoiser.config.condition)
     return streams
-
-
-def _prompts(condition: Condition) -> dict[str, str]:
-    """Stream name -> text."""
-    texts = {"text": condition.prompt, "negative_text": condition.negative_prompt}
-    return {name: text for name, text in texts.items() if text is not None}
 
 
 def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | None) -> dict[str, np.ndarray]:

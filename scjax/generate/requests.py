@@ -52,7 +52,7 @@ class Request:
     @property
     def known_counts(self) -> tuple[int, int]:
         """Numbers of known agents and known lanes; they are the first of a scene."""
-        return _known_counts(self.known)
+        return (0, 0) if self.known is None else (len(self.known.agent_order), len(self.known.lane_order))
 
     def candidates(self, number: int) -> list[Request]:
         """``number`` requests that differ in their latents alone; the first is this request."""
@@ -89,8 +89,8 @@ def draw_request(
     Raises:
       ValueError: counts or a domain that the model cannot meet.
     """
-    known = _known_elements(condition, model)
-    num_known = _known_counts(known)
+    known = None if condition.known is None else model.codec.select(unpadded(condition.known.to_numpy()))
+    num_known = (0, 0) if known is None else (len(known.agent_mask), len(known.lane_mask))
     _check_counts(condition, num_known, model)
     domain = _domain_index(condition, model)
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
@@ -104,18 +104,8 @@ def draw_request(
         least_lanes=num_known[1],
         least_agents=num_known[0],
     )
-    return Request(key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, known)
-
-
-def _known_elements(condition: Condition, model: Model) -> KnownElements | None:
-    if condition.known is None:
-        return None
-    scene = model.codec.select(unpadded(condition.known.to_numpy()))
-    return KnownElements(scene, *sort_tokens(scene))
-
-
-def _known_counts(known: KnownElements | None) -> tuple[int, int]:
-    return (0, 0) if known is None else (len(known.agent_order), len(known.lane_order))
+    elements = None if known is None else KnownElements(known, *sort_tokens(known))
+    return Request(key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, elements)
 
 
 def _check_counts(condition: Condition, num_known: tuple[int, int], model: Model) -> None:
