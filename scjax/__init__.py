@@ -8,6 +8,7 @@
     scjax.viz.grid(scenes, path="scenes.png")
 
 Scenes:     Scene, AgentType, Signal, Link, Crop, validate, repair
+Logs:       Log, load_log, save_log, crop_log, validate_log
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
 Generation: sample, reconstruct
@@ -19,6 +20,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from scjax.data.log_crop import crop_log
 from scjax.diffusion import samplers
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
@@ -28,7 +30,7 @@ from scjax.generate.model import load_model as load
 from scjax.generate.model import save_model as save
 from scjax.generate.reconstruct import reconstruct
 from scjax.generate.sample import sample_scenes as sample
-from scjax.scene import AgentType, Crop, Link, Scene, Signal, validate
+from scjax.scene import AgentType, Crop, Link, Log, Scene, Signal, load_log, save_log, validate, validate_log
 from scjax.scene.per_type import PerType
 from scjax.scene.repair import repair
 
@@ -43,18 +45,23 @@ __all__ = [
     "EnergyGuidance",
     "Guidance",
     "Link",
+    "Log",
     "Model",
     "PerType",
     "Scene",
     "Signal",
     "Stream",
+    "crop_log",
     "load",
+    "load_log",
     "reconstruct",
     "repair",
     "sample",
     "samplers",
     "save",
+    "save_log",
     "validate",
+    "validate_log",
     "viz",
 ]
 

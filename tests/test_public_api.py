@@ -11,7 +11,7 @@ import scjax
 
 
 def test_public_names_are_there():
-    assert {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers"} <= set(scjax.__all__)
+    assert {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers", "Log", "crop_log"} <= set(scjax.__all__)
     for name in scjax.__all__:
         assert getattr(scjax, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
