@@ -11,7 +11,8 @@ import scjax
 
 
 def test_public_names_are_there():
-    assert {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers", "Log", "crop_log"} <= set(scjax.__all__)
+    names = {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers", "Log", "crop_log"}
+    assert names <= set(scjax.__all__)
     for name in scjax.__all__:
         assert getattr(scjax, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):

@@ -25,7 +25,7 @@ from PIL import Image
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.page import command_line, script_parser, write_page
+from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.generate.best_of import prompt_warnings
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import check, parse_prompt
@@ -122,26 +122,29 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         for scene in result["scenes"]:
             for name, shown in scene["checks"].items():
                 totals.setdefault(name, []).append(shown)
-    summary = ", ".join(f"{name} {sum(shown)} of {len(shown)}" for name, shown in sorted(totals.items()))
     selection = "as sampled" if args.best_of == 1 else f"each the best of {args.best_of}, repaired"
+    table = [[name, f"{sum(shown)} of {len(shown)}"] for name, shown in sorted(totals.items())]
     lines = [
         "# Gallery",
         "",
         f"`{command}`",
         "",
-        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}.",
+        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. Rules read the prompts and the scenes.",
         "",
-        f"Requests that scenes meet, by rules: {summary or 'nothing to check'}.",
+        *table_lines(["request", "scenes that meet it"], table),
         "",
     ]
     for number, result in enumerate(results, 1):
         title = textwrap.shorten(result["prompt"], 300)
         lines += [f"## {number}. {title}" if title else f"## {number}", "", f"![{number}]({result['picture']})", ""]
-        for scene in result["scenes"]:
-            checks = ", ".join(f"{name} {'yes' if shown else 'NO'}" for name, shown in scene["checks"].items())
-            lines.append(f"- {scene['facts']} ({checks or 'nothing to check'})")
-        lines += [*(f"- warning: {message}" for message in result["warnings"]), ""]
+        lines += [*table_lines(["scene", "requests"], [_scene_cells(scene) for scene in result["scenes"]]), ""]
+        lines += [line for message in result["warnings"] for line in (f"- warning: {message}", "")]
     return "\n".join(lines)
+
+
+def _scene_cells(scene: dict[str, Any]) -> list[str]:
+    checks = ", ".join(f"{name} {'yes' if shown else 'no'}" for name, shown in scene["checks"].items())
+    return [scene["facts"], checks or "none read"]
 
 
 def read_prompts(path: Path) -> list[str]:

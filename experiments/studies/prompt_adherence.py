@@ -90,7 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         adherence = measure(**options)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.prompt_adherence: {error}")
-    text = markdown(adherence, command_line("prompt_adherence", arguments))
+    title = "Prompt adherence" if args.per_event is None else "Prompt adherence on rare events"
+    text = markdown(adherence, title, command_line("prompt_adherence", arguments))
     write_page(out, text, adherence._asdict(), draw(adherence.rows))
     print(text)
 
@@ -181,19 +182,21 @@ def record_label_agreement(folder: str) -> Scores:
         return label_agreement(zip(map(json.loads, file), facts, strict=True))
 
 
-def markdown(adherence: Adherence, command: str) -> str:
+def markdown(adherence: Adherence, title: str, command: str) -> str:
     """The page: adherence in percent with the number of prompts, realism, agreement with labels."""
     names = sorted({name for row in adherence.rows.values() for name in row})
     table = [
-        [title, *(f"{100 * row[n][0] / row[n][1]:.0f} % of {row[n][1]}" if n in row else "" for n in names)]
-        for title, row in adherence.rows.items()
+        [source, *(f"{100 * row[n][0] / row[n][1]:.0f} % of {row[n][1]}" if n in row else "" for n in names)]
+        for source, row in adherence.rows.items()
     ]
-    lines = ["# Prompt adherence", "", f"`{command}`", "", *table_lines(["scenes", *names], table)]
-    table = [[title, *(_realism_cell(name, row[name]) for name in REALISM)] for title, row in adherence.realism.items()]
+    lines = [f"# {title}", "", f"`{command}`", "", *table_lines(["scenes", *names], table)]
+    table = [
+        [source, *(_realism_cell(name, row[name]) for name in REALISM)] for source, row in adherence.realism.items()
+    ]
     lines += ["", *table_lines(["scenes", *REALISM.values()], table)]
     if adherence.labels:
-        shares = (f"{name} {100 * hits / total:.1f} % of {total}" for name, (hits, total) in adherence.labels.items())
-        lines += ["", f"Agreement of the rules with the labels of the synthetic world: {', '.join(shares)}."]
+        table = [[name, f"{100 * hits / n:.1f} % of {n}"] for name, (hits, n) in adherence.labels.items()]
+        lines += ["", *table_lines(["label of the synthetic world", "the rules agree"], table)]
     return "\n".join(lines) + "\n"
 
 
@@ -204,17 +207,21 @@ def _realism_cell(name: str, value: float) -> str:
 
 
 def draw(rows: dict[str, Scores]) -> Figure:
-    """Share of prompts met per attribute, one group of bars per attribute, one bar per source of scenes."""
+    """Share of prompts met [%]: one line per source of scenes, one column per attribute."""
     names = sorted({name for row in rows.values() for name in row})
-    figure = new_figure(max(6.0, 0.5 + 0.22 * len(names) * len(rows)), 4.5)
+    shares = np.array([[100 * row[n][0] / row[n][1] if n in row else np.nan for n in names] for row in rows.values()])
+    figure = new_figure(5 + 0.6 * len(names), 2 + 0.3 * len(rows))
     axis = figure.subplots()
-    width = 0.8 / max(len(rows), 1)
-    for place, (title, row) in enumerate(rows.items()):
-        shares = [100 * row[name][0] / row[name][1] if name in row else 0.0 for name in names]
-        axis.bar(np.arange(len(names)) + place * width, shares, width, label=title)
-    axis.set_xticks(np.arange(len(names)) + 0.4 - width / 2, names, rotation=45, ha="right", fontsize=8)
-    axis.set_ylabel("prompts met [%]")
-    figure.legend(fontsize=7, loc="outside upper center", ncols=2)
+    axis.imshow(shares, vmin=0, vmax=100, cmap="Blues", aspect="auto")
+    for (line, column), share in np.ndenumerate(shares):
+        if np.isfinite(share):
+            color = "white" if share > 60 else "black"
+            axis.text(column, line, f"{share:.0f}", ha="center", va="center", fontsize=8, color=color)
+    totals = [max(row[name][1] for row in rows.values() if name in row) for name in names]
+    labels = [f"{name} ({total})" for name, total in zip(names, totals, strict=True)]
+    axis.set_xticks(range(len(names)), labels, rotation=45, ha="right", fontsize=8)
+    axis.set_yticks(range(len(rows)), list(rows), fontsize=8)
+    axis.set_title("prompts met [%], in brackets their number", fontsize=9)
     return figure
 
 

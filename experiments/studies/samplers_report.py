@@ -91,7 +91,10 @@ def verdict(rows: Sequence[Row], reference: Row) -> str:
         for row, _ in worse
     ]
     repeats = [len(worse_metrics(row, reference) or []) for row in rows if row.get("repeat")]
-    chance = f" By chance alone {reference['name']} is worse in {', '.join(map(str, repeats))}." if repeats else ""
+    counts = ", ".join(map(str, repeats))
+    chance = (
+        f" With other random numbers {reference['name']} is worse in {counts} of {len(METRICS)}." if repeats else ""
+    )
     if not judged:
         return "Nothing to compare: it takes held-out scenes of two locations or more, and a second setting."
     row, names = min(judged, key=lambda pair: (bool(pair[1]), len(pair[1]), pair[0]["evaluations"], pair[0]["seconds"]))

@@ -96,7 +96,9 @@ def test_verdict_needs_a_second_setting(sweep):
 def test_verdict_counts_what_repeats_worsen(sweep):
     _, _, six, four = sweep
     repeats = [{**four, "name": "ddpm 100, repeat 1", "repeat": 1}, {**six, "name": "ddpm 100, repeat 2", "repeat": 2}]
-    assert verdict([*sweep, *repeats], sweep[0]).endswith("s). By chance alone ddpm 100 is worse in 1, 0.")
+    assert verdict([*sweep, *repeats], sweep[0]).endswith(
+        "s). With other random numbers ddpm 100 is worse in 1, 0 of 16."
+    )
 
 
 def test_page_names_worse_metrics(sweep):

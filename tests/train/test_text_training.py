@@ -136,7 +136,7 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     )  # an untrained model may link nothing at all
     assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
     assert "prompt, guidance 2, best of 2 repaired" in sound
-    assert "nan" not in markdown(adherence, "the command")
+    assert "nan" not in markdown(adherence, "Prompt adherence", "the command")
 
 
 def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch):
@@ -182,7 +182,7 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
     assert files == ["prompt-01.png", "prompt-02.png", "prompt-03.png"]
     text = (tmp_path / "out.md").read_text()
     assert "the best of 2, repaired" in text and all(prompt in text for prompt in prompts)
-    total = sum(int(n) for n in re.findall(r"intersection (\d) of 2", text))
+    total = sum(int(n) for n in re.findall(r"intersection \| (\d) of 2", text))
     assert total == text.count("intersection yes")
     assert text.count("- warning: ") == 1 and "was read from 'a kangaroo'" in text
 

@@ -25,8 +25,8 @@ class DDPM(Sampler):
     clipped to +-5 it is the sampler of the official release. It uses the posterior variance beta-tilde, not beta, and
     neither learns the variance nor clips the x0 estimate.
 
-    The 25 steps for a velocity are the fewest whose 192 scenes show no significant difference from 100 steps in any
-    metric (recorded at commit f19532b). The number for noise is that of the release.
+    The 25 steps for a velocity are the fewest whose scenes show no significant difference from 100 steps in any metric
+    (docs/results/sampling_steps.md). The number for noise is that of the release.
     """
 
     name: ClassVar[str] = "ddpm"
