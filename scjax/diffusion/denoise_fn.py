@@ -1,12 +1,13 @@
-"""Builds ``denoise(z, t)`` from the network and a batch of conditions.
+"""Builds ``denoise(z, t)`` from the network and a batch of conditions, in two parts.
 
-What does not depend on the latents is computed once, before the sampling loop: the condition caches of both guidance
-branches, and the AdaLN modulation of all steps. One step alone would read all AdaLN weights for a few rows.
+``prepare_denoiser_inputs`` computes what does not depend on the latents, once before the sampling loop: the condition
+caches of both guidance branches, and the AdaLN modulation of all steps (one step alone would read all AdaLN weights for
+a few rows). ``denoise_fn`` is what runs in every step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +20,41 @@ from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.context import ConditionFeatures, TextFeatures
 from scjax.nn.functional import Functional, Params
 from scjax.scene.per_type import PerType, generated_mask
-
-ModulationFn = Callable[[Real[Array, " b"]], dict | None]
-"""Times [B], all equal -> precomputed modulation, or None: the network computes it itself."""
+from scjax.scene.pytree import Replaceable, pytree
 
 
-def make_denoise_fn(
+@pytree
+class Branch(Replaceable):
+    """One branch of guidance: what the network reads besides latents and time; all [B, ...].
+
+    Attributes:
+      label: rows of the label table.
+      cache: of the condition (``Denoiser.encode_condition``); None: no condition.
+      modulation: AdaLN chunks at all times of a sampler [B, S, ...]; None: the network computes them in every step.
+    """
+
+    label: Int[Array, " b"]
+    cache: Any
+    modulation: Any
+
+
+@pytree
+class DenoiserInputs:
+    """What the network reads in every step of a batch of scenes.
+
+    Attributes:
+      masks: True at valid tokens [B, tokens] per type.
+      known: True at known tokens [B, tokens] per type; None: none.
+      conditional, unconditional: the branches of guidance; without guidance the second is None.
+    """
+
+    masks: PerType
+    known: PerType | None
+    conditional: Branch
+    unconditional: Branch | None
+
+
+def prepare_denoiser_inputs(
     network: Functional,
     config: DenoiserConfig,
     params: Params,
@@ -32,51 +62,81 @@ def make_denoise_fn(
     masks: PerType,
     *,
     times: Real[Array | np.ndarray, " s"],
+    guided: bool,
     known: PerType | None = None,
     features: ConditionFeatures | None = None,
     negative: TextFeatures | None = None,
-    guidance: Guidance | None = None,
-    guidance_scale: float | Float[Array, "*b"] = 1.0,
     max_precomputed: int = MAX_PRECOMPUTED,
-) -> Denoise:
-    """``denoise`` of a batch of scenes, with classifier-free guidance if ``guidance`` is set.
+) -> DenoiserInputs:
+    """What does not depend on the latents, computed once before the sampling loop.
 
     Args:
       label: rows of the label table [B].
       masks: True at valid tokens [B, tokens] per type.
-      times: all times of the sampler [S], ascending. All scenes share one time in each call.
+      times: all times of the sampler [S], ascending.
+      guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
-      guidance: interval and rescaling. Its scale is not used.
-      guidance_scale: scale for all scenes or per scene [B]; may be traced.
       max_precomputed: limit on precomputed modulation values; above it, every step computes its own modulation.
     """
-    keep_condition, cache = jnp.zeros(label.shape, bool), None
+    cache = null_cache = None
     if features is not None:
+        keep_condition = jnp.zeros(label.shape, bool)
         cache = network.apply(params, features, keep_condition, method="encode_condition")
-    both_labels, both_masks, both_known, both_caches = label, masks, known, cache
-    if guidance is not None:
-        both_labels = concat_branches(label, jnp.full_like(label, config.null_label))
-        both_masks = concat_branches(masks, masks)
-        both_known = None if known is None else concat_branches(known, known)
-        if negative is not None:
+        if guided and negative is not None:
             absent = ~jnp.asarray(negative.mask).any(-1)
-            both_caches = concat_branches(cache, network.apply(params, negative, absent, method="encode_condition"))
-        elif features is not None and config.attend_padding:  # otherwise "no condition" needs no cache
-            dropped = network.apply(params, features, ~keep_condition, method="encode_condition")
-            both_caches = concat_branches(cache, dropped)
-    modulation_at = precompute_modulation(network, params, times, both_labels, both_masks, max_precomputed)
+            null_cache = network.apply(params, negative, absent, method="encode_condition")
+        elif guided and config.attend_padding:  # otherwise "no condition" needs no cache
+            null_cache = network.apply(params, features, ~keep_condition, method="encode_condition")
+    null_label = jnp.full_like(label, config.null_label)
+    labels, both_masks = (
+        (concat_branches(label, null_label), concat_branches(masks, masks)) if guided else (label, masks)
+    )
+    table = _modulation_table(network, params, times, labels, both_masks, max_precomputed)
+    conditional, unconditional = (jax.tree.map(lambda x, half=half: x[half], table) for half in _halves(len(label)))
+    return DenoiserInputs(
+        masks=masks,
+        known=known,
+        conditional=Branch(label=label, cache=cache, modulation=conditional),
+        unconditional=Branch(label=null_label, cache=null_cache, modulation=unconditional) if guided else None,
+    )
 
-    def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(params, z, t, both_labels, both_masks, both_known, both_caches, modulation_at(t))
+
+def denoise_fn(
+    network: Functional,
+    params: Params,
+    inputs: DenoiserInputs,
+    *,
+    times: Real[Array | np.ndarray, " s"],
+    guidance: Guidance | None = None,
+    guidance_scale: float | Float[Array, "*b"] = 1.0,
+) -> Denoise:
+    """``denoise`` of a batch of scenes, with classifier-free guidance if ``guidance`` is set.
+
+    Args:
+      inputs: from ``prepare_denoiser_inputs``, with two branches if ``guidance`` is set.
+      times: all times of the sampler [S], ascending. All scenes share one time in each call.
+      guidance: interval and rescaling. Its scale is not used.
+      guidance_scale: scale for all scenes or per scene [B]; may be traced.
+    """
+    masks, known, unconditional = inputs.masks, inputs.known, inputs.unconditional
+
+    def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
+        return network.apply(params, z, t, *_arguments(inputs.conditional, masks, known, times, t))
 
     if guidance is None:
-        return denoise_both
+        return denoise
+    assert unconditional is not None
 
-    def denoise_conditional(z: PerType, t: Real[Array, " b"]) -> PerType:
-        modulation = jax.tree.map(lambda x: x[: len(label)], modulation_at(t))
-        return network.apply(params, z, t, label, masks, known, cache, modulation)
+    def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
+        label, _, _, cache, modulation = _arguments(inputs.conditional, masks, known, times, t[: len(masks.agents)])
+        null = _arguments(unconditional, masks, known, times, t[: len(masks.agents)])
+        caches = cache if null[3] is None else concat_branches(cache, null[3])
+        modulations = None if modulation is None else concat_branches(modulation, null[4])
+        both_known = None if known is None else concat_branches(known, known)
+        labels, both_masks = concat_branches(label, null[0]), concat_branches(masks, masks)
+        return network.apply(params, z, t, labels, both_masks, both_known, caches, modulations)
 
     return with_guidance(
         denoise_both,
@@ -84,37 +144,39 @@ def make_denoise_fn(
         interval=guidance.interval,
         rescale=guidance.rescale,
         generated=generated_mask(masks, known),
-        denoise_conditional=denoise_conditional,
+        denoise_conditional=denoise,
     )
 
 
-def precompute_modulation(
+def _arguments(
+    branch: Branch, masks: PerType, known: PerType | None, times: Real[Array | np.ndarray, " s"], t: Real[Array, " b"]
+) -> tuple[Array, PerType, PerType | None, Any, Any]:
+    """The network's arguments after (params, z, t)."""
+    row = jnp.searchsorted(jnp.asarray(times), t[0])
+    modulation = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, row, 1, keepdims=False), branch.modulation)
+    return branch.label, masks, known, branch.cache, modulation
+
+
+def _halves(scenes: int) -> tuple[slice, slice]:
+    return slice(0, scenes), slice(scenes, None)
+
+
+def _modulation_table(
     network: Functional,
     params: Params,
     times: Real[Array | np.ndarray, " s"],
     label: Int[Array, " b"],
     masks: PerType,
-    max_precomputed: int = MAX_PRECOMPUTED,
-) -> ModulationFn:
-    """Computes the modulation of all ``times`` (ascending) in one batch, if it has at most ``max_precomputed`` values.
-
-    Returns:
-      Function of times [B] that looks up the modulation. It returns None if there would be too many values.
-    """
+    max_precomputed: int,
+) -> Any:
+    """The modulation of all ``times`` in one batch [B, S, ...]; None if it has more than ``max_precomputed`` values."""
     counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
 
-    def modulation_table(params: Params) -> dict:
+    def table(params: Params) -> dict:
         steps, scenes = len(times), len(label)
         repeated = jax.tree.map(lambda x: jnp.tile(x, steps), (label, counts))
         rows = network.apply(params, jnp.repeat(jnp.asarray(times), scenes), *repeated, method="modulation")
-        return jax.tree.map(lambda x: x.reshape(steps, scenes, *x.shape[1:]), rows)
+        return jax.tree.map(lambda x: x.reshape(steps, scenes, *x.shape[1:]).swapaxes(0, 1), rows)
 
-    if sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(modulation_table, params))) > max_precomputed:
-        return lambda t: None
-    table = modulation_table(params)
-
-    def modulation_at(t: Real[Array, " b"]) -> dict:
-        row = jnp.searchsorted(jnp.asarray(times), t[0])
-        return jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, row, keepdims=False), table)
-
-    return modulation_at
+    values = sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(table, params)))
+    return table(params) if values <= max_precomputed else None

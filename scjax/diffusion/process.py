@@ -49,16 +49,6 @@ def estimate_x0(level: NoiseLevel, x: PerType, output: PerType, prediction: Pred
     return _linear_combination(inverse, x, -level.sigma * inverse, output)
 
 
-def output_from_x0(level: NoiseLevel, x: PerType, x0: PerType, prediction: Prediction) -> PerType:
-    """Network output for which ``estimate_x0`` returns ``x0``. Needs sigma > 0."""
-    inverse = 1 / jnp.asarray(level.sigma)
-    if prediction == "flow":
-        return _linear_combination(inverse, x, -inverse, x0)
-    if prediction == "velocity":
-        return _linear_combination(level.alpha * inverse, x, -inverse, x0)
-    return _linear_combination(inverse, x, -level.alpha * inverse, x0)
-
-
 def posterior_mean(schedule: CosineSchedule, clean: PerType, x: PerType, step: Int[Array, " b"]) -> PerType:
     """Mean of q(x_{t-1} | x_t, x0)."""
     clean_scale, x_scale = (

@@ -1,146 +1,155 @@
-"""The compiled programs behind ``scjax.sample`` and ``scjax.reconstruct``; XLA compiles each once a padded shape."""
+"""The compiled programs behind ``scjax.sample`` and ``scjax.reconstruct``; XLA compiles each once a padded shape.
+
+Sampling is a loop on the host over small programs (``scjax.generate.loop``): each part of it is compiled once, however
+often and wherever in the loop it runs.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from scjax.diffusion.denoise_fn import make_denoise_fn
-from scjax.diffusion.energies import weighted_energy
-from scjax.diffusion.energy_guidance import Energy, EnergyGuidance, with_energy_guidance
+from scjax.diffusion.denoise_fn import DenoiserInputs, denoise_fn, prepare_denoiser_inputs
+from scjax.diffusion.energy_guidance import Descent, EnergyGuidance, descend
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, make_schedule
-from scjax.diffusion.samplers.loop import sample_latents
+from scjax.diffusion.samplers.loop import LoopInputs, LoopState, SamplingLoop
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
-from scjax.models.codec import NormalizedScene, SceneCodec
+from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.cpu.backend import fast_compile_options
 from scjax.nn.functional import Functional, Params
-from scjax.nn.sharding import spread
+from scjax.nn.stored_program import StoredProgram
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType, generated_mask
 
-Program = Callable[..., Scene]
-
 
 @functools.lru_cache(maxsize=32)
-def sampling_program(
-    codec: SceneCodec,
-    coder_config: AutoencoderConfig,
-    config: DenoiserConfig,
-    sampler: Sampler,
-    num_steps: int,
-    guidance: Guidance | None,
-    energy_guidance: EnergyGuidance | None = None,
-) -> Program:
-    """(parameters, latent statistics, guidance scale, temperature; a batch of requests) -> scenes in meters.
-
-    Args:
-      guidance: interval and rescaling; None is plain sampling.
-      energy_guidance: None leaves the estimates as they are.
-    """
-    coder, network = autoencoder(coder_config), denoiser(config)
-    schedule = make_schedule(sampler, config.prediction, num_steps)
-
-    def run(
-        coder_params: Params,
-        params: Params,
-        mean,
-        std,
-        scale,
-        temperature,
-        keys,
-        masks,
-        crop,
-        domain,
-        known_scenes,
-        features,
-        negative,
-    ) -> Scene:
-        known = known_latents = None
-        if known_scenes is not None:
-            tokens = codec.normalize(known_scenes)
-            known = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-            posterior = coder.apply(coder_params, tokens, method="encode")
-            known_latents = jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
-        denoise = make_denoise_fn(
-            network,
-            config,
-            params,
-            config.domains * crop + domain,
-            masks,
-            times=schedule.levels.time,
-            known=known,
-            features=features,
-            negative=negative,
-            guidance=guidance,
-            guidance_scale=scale,
-        )
-
-        def decode(latents: PerType, **options) -> Scene:
-            latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-            return decode_latents(coder, coder_params, codec, latents, masks, crop, domain, **options)
-
-        if energy_guidance is not None:
-            energy = functools.partial(_energy_around, decode, energy_guidance)
-            generated = generated_mask(masks, known)
-            denoise = with_energy_guidance(
-                denoise, schedule.levels, config.prediction, energy, generated, energy_guidance
-            )
-        latents = sample_latents(
-            denoise,
-            schedule,
-            keys,
-            masks,
-            sampler=sampler,
-            known=known,
-            known_latents=known_latents,
-            prediction=config.prediction,
-            latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
-            max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
-            temperature=temperature,
-        )
-        return decode(latents)
-
-    return _compiled(run, shared=6)
-
-
-def _energy_around(decode: Program, guidance: EnergyGuidance, start: PerType) -> Energy:
-    """The energy of latents near ``start``, with the lane links that ``start`` decodes to."""
-    links = decode(start).links  # the link head, over all pairs of lanes, would be most of a gradient step
-
-    def energy(latents: PerType) -> Float[Array, ""]:
-        scene = decode(latents, through_pairs=False).replace(links=links)
-        return weighted_energy(scene, guidance.energies).sum()
-
-    return energy
+def sampling_loop(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> SamplingLoop:
+    """The sampling loop for the latents of a denoiser."""
+    return SamplingLoop(
+        sampler,
+        make_schedule(sampler, config.prediction, num_steps),
+        config.prediction,
+        latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
+        max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def reconstruction_program(codec: SceneCodec, config: AutoencoderConfig) -> Program:
-    """(parameters; scenes) -> the same scenes, encoded and decoded from the posterior mean."""
-    coder = autoencoder(config)
+def encode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgram:
+    """(parameters, mean and deviation of latents; scenes) -> masks, and normalized latents: the posterior's mean."""
 
-    def run(params: Params, scenes: Scene) -> Scene:
-        tokens: NormalizedScene = codec.normalize(scenes)
-        posterior = coder.apply(params, tokens, method="encode")
+    def encode(params: Params, mean: PerType, std: PerType, scenes: Scene) -> tuple[PerType, PerType]:
+        tokens = codec.normalize(scenes)
+        posterior = autoencoder(config).apply(params, tokens, method="encode")
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
-        return decode_latents(coder, params, codec, posterior.mean, masks, tokens.crop, tokens.domain)
+        return masks, jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
 
-    return _compiled(run, shared=1)
+    return StoredProgram(encode, shared=3, options=(codec, config))
+
+
+@functools.lru_cache(maxsize=8)
+def decode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgram:
+    """(parameters, mean and deviation of latents; normalized latents, masks, crop, domain) -> scenes in meters."""
+
+    def decode(
+        params: Params, mean: PerType, std: PerType, latents: PerType, masks: PerType, crop: Array, domain: Array
+    ) -> Scene:
+        latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
+        return decode_latents(autoencoder(config), params, codec, latents, masks, crop, domain)
+
+    return StoredProgram(decode, shared=3, options=(codec, config))
+
+
+@functools.lru_cache(maxsize=32)
+def start_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> StoredProgram:
+    """(temperature; loop inputs) -> the state at the start of sampling."""
+    loop = sampling_loop(sampler, config, num_steps)
+
+    def start(temperature: PerType, inputs: LoopInputs) -> LoopState:
+        return loop.start(inputs, temperature)
+
+    return StoredProgram(start, shared=1, options=(sampler, config, num_steps), light=True)
+
+
+@functools.lru_cache(maxsize=32)
+def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> StoredProgram:
+    """(temperature, evaluation; loop inputs, state, x0 estimate) -> the next state."""
+    loop = sampling_loop(sampler, config, num_steps)
+
+    def update(temperature: PerType, evaluation: Array, inputs: LoopInputs, state: LoopState, x0: PerType) -> LoopState:
+        return loop.update(inputs, temperature, state, x0, evaluation)
+
+    return StoredProgram(update, shared=2, options=(sampler, config, num_steps), light=True)
+
+
+@functools.lru_cache(maxsize=32)
+def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
+    """(parameters; loop inputs, crop, domain, features, negative features) -> the denoiser's inputs in all steps."""
+    times = sampling_loop(sampler, config, num_steps).schedule.levels.time
+
+    def prepare(params: Params, inputs: LoopInputs, crop: Array, domain: Array, features, negative) -> DenoiserInputs:
+        return prepare_denoiser_inputs(
+            denoiser(config),
+            config,
+            params,
+            config.domains * crop + domain,
+            inputs.masks,
+            times=times,
+            guided=guided,
+            known=inputs.known,
+            features=features,
+            negative=negative,
+        )
+
+    return StoredProgram(prepare, shared=1, options=(sampler, config, num_steps, guided), light=True)
+
+
+@functools.lru_cache(maxsize=32)
+def denoise_program(
+    sampler: Sampler, config: DenoiserConfig, num_steps: int, guidance: Guidance | None
+) -> StoredProgram:
+    """(parameters, guidance scale, evaluation; loop inputs, the denoiser's inputs, latents) -> x0 estimates."""
+    loop = sampling_loop(sampler, config, num_steps)
+
+    def denoise(
+        params: Params, scale: Array, evaluation: Array, inputs: LoopInputs, denoiser_inputs: DenoiserInputs, x: PerType
+    ) -> PerType:
+        evaluate = denoise_fn(
+            denoiser(config),
+            params,
+            denoiser_inputs,
+            times=loop.schedule.levels.time,
+            guidance=guidance,
+            guidance_scale=scale,
+        )
+        output = evaluate(x, loop.times(evaluation, len(x.agents)))
+        return loop.estimate_x0(inputs, x, output, evaluation)
+
+    return StoredProgram(denoise, shared=3, options=(sampler, config, num_steps, guidance))
+
+
+@functools.lru_cache(maxsize=8)
+def descend_program(config: DenoiserConfig, options: EnergyGuidance) -> StoredProgram:
+    """(parameters; descent, scenes that its lookahead decodes to, loop inputs) -> the descent after a gradient step."""
+
+    def energy_step(params: Params, descent: Descent, scenes: Scene, inputs: LoopInputs) -> Descent:
+        points_fn = functools.partial(denoiser(config).apply, params, method="points")
+        return descend(descent, scenes, points_fn, generated_mask(inputs.masks, inputs.known), options)
+
+    return StoredProgram(energy_step, shared=1, options=(config, options), light=True)
 
 
 def decode_latents(
-    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain, **options
+    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain
 ) -> Scene:
-    """Latents [B, tokens, latent] -> scenes in meters [B]; ``options`` are the decoder's."""
-    decoded = coder.apply(params, latents, masks, method="decode", **options)
+    """Latents [B, tokens, latent] -> scenes in meters [B]."""
+    decoded = coder.apply(params, latents, masks, method="decode")
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if codec.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
@@ -155,9 +164,3 @@ def decode_latents(
         crop,
         domain,
     )
-
-
-def _compiled(run: Program, shared: int) -> Program:
-    """``run`` with its batches spread over devices (``scjax.nn.sharding.spread``); the first ``shared`` arguments are
-    no batches."""
-    return jax.jit(spread(run, shared=shared), compiler_options=fast_compile_options())

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from scjax.generate.conditions import Stream
-from scjax.generate.encode import text_features
 from scjax.generate.model import Model
-from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
+from scjax.models.counts.on_host import count_log_probabilities
+from scjax.models.counts.predictor import CountPredictorConfig
 from scjax.models.counts.prior import Table
 from scjax.scene import Crop
 
@@ -41,15 +35,10 @@ class CountTables:
 def _predicted_table(text: Stream, domain: int | None, model: Model) -> Table:
     network = model.count_predictor
     config: CountPredictorConfig = network.config
-    features = text_features([text], len(text.tokens), config.text_width)
-    label = jnp.array([config.domains if domain is None else domain])
-    logits = np.asarray(_count_program(config)(network.params, features, label)[0], np.float64)
+    tokens = np.asarray(text.tokens) if text.mask is None else np.asarray(text.tokens)[np.asarray(text.mask)]
+    logits = count_log_probabilities(config, network.params, tokens, config.domains if domain is None else domain)
+    logits = logits.astype(np.float64)
     weights = np.exp(config.sharpness * (logits - logits.max()))
     table = np.broadcast_to(weights / weights.sum(), (1, len(Crop), *weights.shape))
     shares = np.ones(config.domains) if model.counts is None else model.counts.sum((1, 2, 3))
     return (shares / shares.sum())[:, None, None, None] * table
-
-
-@functools.lru_cache(maxsize=4)
-def _count_program(config: CountPredictorConfig) -> Callable[..., Array]:
-    return jax.jit(count_predictor(config).apply)

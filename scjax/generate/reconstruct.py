@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scjax.generate.batching import in_batches
-from scjax.generate.compiled import reconstruction_program
+from scjax.generate.compiled import decode_program, encode_program
 from scjax.generate.model import Model
 from scjax.scene import Scene, stack, unpadded
 
@@ -19,11 +19,14 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     Raises:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
-    program = reconstruction_program(model.codec, model.autoencoder.config)
+    coder = model.codec, model.autoencoder.config
+    arguments = model.autoencoder.params, model.latents.mean, model.latents.std
     scenes = [scene.to_numpy() for scene in scenes]
     results: dict[int, Scene] = {}
     sizes = [(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]) for scene in scenes]
     for bucket, indices, rows in in_batches(sizes):
-        decoded = program(model.autoencoder.params, stack([scenes[i] for i in rows], bucket)).to_numpy()
+        padded = stack([scenes[i] for i in rows], bucket)
+        masks, latents = encode_program(*coder)(*arguments, padded)
+        decoded = decode_program(*coder)(*arguments, latents, masks, padded.crop, padded.domain).to_numpy()
         results.update({index: unpadded(decoded[row]) for row, index in enumerate(indices)})
     return [results[index] for index in range(len(scenes))]

@@ -7,29 +7,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import overload
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, resolve_sampler
-from scjax.generate.batching import GROUP, Bucket, in_batches
+from scjax.generate.batching import GROUP, in_batches
 from scjax.generate.best_of import best_index
-from scjax.generate.compiled import sampling_program
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
-from scjax.generate.encode import encode_conditions, network_inputs
+from scjax.generate.encode import encode_conditions
+from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model, load_model
 from scjax.generate.requests import Request, draw_request
-from scjax.models.denoiser.config import ConditionConfig
-from scjax.nn.sharding import replicated
-from scjax.scene import Scene, empty, pad, stack
+from scjax.scene import Scene, stack
 from scjax.scene.per_type import PerType
 from scjax.scene.repair import repair as repair_scene
 
@@ -151,15 +148,6 @@ def _conditions(condition: Condition | Sequence[Condition] | None, num_scenes: i
     return [one for one in condition for _ in range(num_scenes)]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Settings:
-    """Resolved options of a call: the compiled program, and its arguments that are no batch."""
-
-    program: Callable[..., Scene]
-    guidance_scale: float
-    temperature: PerType
-
-
 def _settings(
     model: Model,
     num_steps: int | None,
@@ -167,7 +155,7 @@ def _settings(
     sampler: str | Sampler | None,
     temperature: float | PerType | None,
     energy_guidance: EnergyGuidance | bool | None,
-) -> _Settings:
+) -> SamplingSettings:
     config = model.denoiser.config
     sampler = resolve_sampler(sampler, config.prediction)
     num_steps = DEFAULT_STEPS[config.prediction][sampler.name] if num_steps is None else num_steps
@@ -175,14 +163,17 @@ def _settings(
         guidance = DEFAULT_GUIDANCE_SCALE if config.condition is not None else 1.0
     if not isinstance(guidance, Guidance):
         guidance = Guidance(float(guidance))
-    # The scale is an argument of the program: every other scale is the same program.
     options = None if guidance.scale == 1 else dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE)
     if energy_guidance is None or energy_guidance is True:
         energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
-    program = sampling_program(
-        model.codec, model.autoencoder.config, config, sampler, num_steps, options, energy_guidance or None
+    return SamplingSettings(
+        sampler=sampler,
+        num_steps=num_steps,
+        guidance=options,
+        guidance_scale=guidance.scale,
+        temperature=_temperature(model.temperature if temperature is None else temperature),
+        energy_guidance=energy_guidance or None,
     )
-    return _Settings(program, guidance.scale, _temperature(model.temperature if temperature is None else temperature))
 
 
 def _temperature(value: float | PerType) -> PerType:
@@ -192,36 +183,15 @@ def _temperature(value: float | PerType) -> PerType:
     return jax.tree.map(jnp.float32, both)
 
 
-def _sample_latents_and_decode(requests: Sequence[Request], model: Model, settings: _Settings) -> list[Scene]:
-    """The scenes of the requests, unpadded, in their order; one program runs them in batches of equal shapes."""
-    group = 1 if len(requests) == 1 else GROUP
-    params = replicated((model.autoencoder.params, model.denoiser.params), group)  # once, not in every call
-    statistics = model.latents.mean, model.latents.std
-    scale = jnp.float32(settings.guidance_scale)
+def _sample_latents_and_decode(requests: Sequence[Request], model: Model, settings: SamplingSettings) -> list[Scene]:
+    """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes."""
     scenes: dict[int, Scene] = {}
-    for bucket, indices, rows in in_batches([(r.num_agents, r.num_lanes) for r in requests], group):
-        inputs = _batch([requests[i] for i in rows], bucket, model.denoiser.config.condition)
-        batch = settings.program(*params, *statistics, scale, settings.temperature, *inputs).to_numpy()
-        scenes.update({index: requests[index].restore_known(batch[row]) for row, index in enumerate(indices)})
+    sizes = [(request.num_agents, request.num_lanes) for request in requests]
+    for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP):
+        batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config.condition)
+        sampled = sample_batch(model, settings, batch)
+        scenes.update({index: requests[index].restore_known(sampled[row]) for row, index in enumerate(indices)})
     return [scenes[index] for index in range(len(requests))]
-
-
-def _batch(requests: Sequence[Request], bucket: Bucket, condition: ConditionConfig) -> tuple:
-    """Requests -> (keys, masks, crop, domain, known scenes, features, those of negative prompts), batched."""
-    agent_slots, lane_slots = bucket
-    masks = PerType(
-        agents=np.stack([np.arange(agent_slots) < request.num_agents for request in requests]),
-        lanes=np.stack([np.arange(lane_slots) < request.num_lanes for request in requests]),
-    )
-    crop = np.array([request.crop for request in requests], np.int32)
-    domain = np.array([request.domain for request in requests], np.int32)
-    known = None
-    if any(request.known is not None for request in requests):
-        nothing = empty(agent_slots, lane_slots)
-        parts = [nothing if r.known is None else pad(r.known.tokens, agent_slots, lane_slots) for r in requests]
-        known = stack([part.replace(crop=np.asarray(one)) for part, one in zip(parts, crop, strict=True)])
-    features, negative = network_inputs([request.streams for request in requests], condition)
-    return jnp.stack([request.key for request in requests]), masks, crop, domain, known, features, negative
 
 
 def _repair_generated(scene: Scene, request: Request) -> Scene:

@@ -6,6 +6,7 @@ Devices are GPUs or TPUs, or the cores of a CPU where JAX sees each core as a de
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import os
 import re
@@ -101,6 +102,7 @@ def spread(function: Callable[..., Any], shared: int) -> Callable[..., Any]:
         Scenes may not depend on each other.
     """
 
+    @functools.wraps(function)
     def run(*arguments: Any) -> Any:
         mesh = scene_mesh(len(jax.tree.leaves(arguments[shared:])[0]))
         if mesh.size == 1:

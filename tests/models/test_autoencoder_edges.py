@@ -48,6 +48,7 @@ def test_dense_edges_match_their_definition():
 
 @pytest.mark.parametrize("pairs", [1, 12, 1000], ids=["row_by_row", "uneven_blocks", "whole_scenes"])
 def test_blockwise_map_equals_the_function(monkeypatch, pairs):
+    monkeypatch.setattr(chunks, "_SMALL", 0)
     monkeypatch.setattr(chunks, "_BLOCK_PAIRS", pairs)
     shared, rows, weight = (
         {"x": normal(1, B, L, C)},
@@ -94,5 +95,6 @@ def test_layers_do_not_depend_on_block_size(monkeypatch):
         return jax.jit(jax.value_and_grad(total, (0, 1, 2), has_aux=True))(params, x, values)
 
     whole = run()
+    monkeypatch.setattr(chunks, "_SMALL", 0)
     monkeypatch.setattr(chunks, "_BLOCK_PAIRS", 2 * L)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, 1e-4, 1e-5), run(), whole)

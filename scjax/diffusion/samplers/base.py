@@ -1,4 +1,7 @@
-"""The sampler protocol: one step from a noise level to the next one towards the data."""
+"""The sampler protocol: from an x0 estimate at one noise level to the latents at the next one towards the data.
+
+The network is evaluated between two steps, not inside of one: so one compiled program of it serves every sampler.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.flow import FlowSchedule
-from scjax.diffusion.process import estimate_x0
 from scjax.diffusion.schedule import CosineSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
@@ -20,26 +22,17 @@ Step = Int[Array, ""]
 
 
 class SamplingContext(NamedTuple):
-    """What a sampler step needs besides the latents [B, tokens, latent] per type.
+    """What a sampler step needs besides latents and x0 estimates [B, tokens, latent] per type.
 
     Attributes:
-      denoise: (latents, step) -> network output. It overwrites known tokens with their clean latents first.
       step_noise: step -> noise of that step, scaled by the temperature per type.
       schedule: noise levels of all steps.
-      prediction: what the network returns.
       generated: True at generated tokens [B, tokens] per type: valid and not known.
     """
 
-    denoise: Callable[[PerType, Step], PerType]
     step_noise: Callable[[Step], PerType]
     schedule: CosineSchedule | FlowSchedule
-    prediction: Prediction
     generated: PerType
-
-    def estimate_x0(self, x: PerType, step: Step) -> PerType:
-        """The network's x0 estimate; not clipped."""
-        level = self.schedule.levels[jnp.broadcast_to(step, x.agents.shape[:1])]
-        return estimate_x0(level, x, self.denoise(x, step), self.prediction)
 
 
 @runtime_checkable
@@ -58,16 +51,23 @@ class Sampler(Protocol):
     default_steps: ClassVar[Mapping[Prediction, int]]
     last_step: ClassVar[float]
 
-    def num_evaluations(self, steps: int) -> int:
-        """Number of network evaluations in ``steps`` steps."""
-        return steps
+    def evaluated_levels(self, steps: int) -> Int[np.ndarray, " evaluations"]:
+        """Index of the noise level at which each evaluation of the network takes place; sampling counts down to 0."""
+        return np.arange(steps)
 
     def init_memory(self, x: PerType) -> Any:
-        """Memory before the first step: a PyTree that ``step`` passes on."""
+        """Memory before the first evaluation: a PyTree that ``step`` passes on."""
         return ()
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: Any) -> tuple[PerType, Any]:
-        """Latents at the next level, and the new memory."""
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: Any
+    ) -> tuple[PerType, Any]:
+        """The latents of the next evaluation, after evaluation 0 the sample; and the new memory.
+
+        Args:
+          x0: the network's x0 estimate from x, not clipped.
+          evaluation: index of the evaluation; for samplers with one per step the index of the step.
+        """
         ...
 
 

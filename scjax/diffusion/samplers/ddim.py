@@ -39,14 +39,16 @@ class DDIM(Sampler):
         if not 0 <= self.eta <= 1:
             raise ValueError(f"DDIM.eta must lie in 0 (deterministic)..1 (ancestral), not {self.eta}")
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[()]
+    ) -> tuple[PerType, tuple[()]]:
         assert isinstance(context.schedule, CosineSchedule)  # by ``default_steps``
         alpha, sigma, next_alpha, next_sigma = context.schedule.levels.transitions()
         std = self.eta * np.sqrt(np.asarray(context.schedule.posterior_variance, np.float64))
         x_scales = np.sqrt(np.maximum(next_sigma**2 - std**2, 0)) / sigma
-        x0 = threshold_x0(context.estimate_x0(x, step), context.generated, self.threshold)
-        x_scale, x0_scale = table_entry(x_scales, step), table_entry(next_alpha - x_scales * alpha, step)
+        x0 = threshold_x0(x0, context.generated, self.threshold)
+        x_scale, x0_scale = table_entry(x_scales, evaluation), table_entry(next_alpha - x_scales * alpha, evaluation)
         x = jax.tree.map(lambda x, x0: x_scale * x + x0_scale * x0, x, x0)
         if self.eta:
-            x = jax.tree.map(lambda x, z: x + table_entry(std, step) * z, x, context.step_noise(step))
+            x = jax.tree.map(lambda x, z: x + table_entry(std, evaluation) * z, x, context.step_noise(evaluation))
         return jax.tree.map(lambda x, x0: x.astype(x0.dtype), x, x0), memory

@@ -33,9 +33,11 @@ class DDPM(Sampler):
     default_steps: ClassVar[Mapping[Prediction, int]] = {"noise": NUM_TRAIN_TIMESTEPS, "velocity": 25}
     last_step: ClassVar[float] = 1.0
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[()]
+    ) -> tuple[PerType, tuple[()]]:
         assert isinstance(context.schedule, CosineSchedule)  # by ``default_steps``
-        steps = jnp.broadcast_to(step, x.agents.shape[:1])
-        mean = posterior_mean(context.schedule, context.estimate_x0(x, step), x, steps)
+        steps = jnp.broadcast_to(evaluation, x.agents.shape[:1])
+        mean = posterior_mean(context.schedule, x0, x, steps)
         std = posterior_std(context.schedule, steps)[:, None, None]
-        return jax.tree.map(lambda m, n: m + (std * n).astype(m.dtype), mean, context.step_noise(step)), memory
+        return jax.tree.map(lambda m, n: m + (std * n).astype(m.dtype), mean, context.step_noise(evaluation)), memory

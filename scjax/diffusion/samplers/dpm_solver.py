@@ -51,11 +51,13 @@ class DPMSolver(Sampler):
     def init_memory(self, x: PerType) -> PerType:
         return jax.tree.map(jnp.zeros_like, x)
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: PerType) -> tuple[PerType, PerType]:
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: PerType
+    ) -> tuple[PerType, PerType]:
         """The memory is the previous x0 estimate."""
         coefficients = multistep_coefficients(context.schedule.levels)
-        x_scale, x0_scale, difference_scale = (table_entry(table, step) for table in coefficients)
-        x0 = threshold_x0(context.estimate_x0(x, step), context.generated, self.threshold)
+        x_scale, x0_scale, difference_scale = (table_entry(table, evaluation) for table in coefficients)
+        x0 = threshold_x0(x0, context.generated, self.threshold)
         extrapolated = jax.tree.map(lambda x0, previous: x0 + difference_scale * (x0 - previous), x0, memory)
         return jax.tree.map(lambda x, x0: (x_scale * x + x0_scale * x0).astype(x.dtype), x, extrapolated), x0
 

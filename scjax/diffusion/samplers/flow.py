@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import jax
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, table_entry
 from scjax.models.denoiser.config import Prediction
@@ -26,8 +28,10 @@ class Euler(Sampler):
     default_steps: ClassVar[Mapping[Prediction, int]] = {"flow": 50}
     last_step: ClassVar[float] = 1.0
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
-        return _euler_step(x, context.denoise(x, step), _step_length(context, step)), memory
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[()]
+    ) -> tuple[PerType, tuple[()]]:
+        return _euler_step(x, _velocity(context, x, x0, evaluation), _step_length(context, evaluation)), memory
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,18 +47,36 @@ class Heun(Sampler):
     default_steps: ClassVar[Mapping[Prediction, int]] = {"flow": 25}
     last_step: ClassVar[float] = 0.5
 
-    def num_evaluations(self, steps: int) -> int:
-        return 2 * steps - 1
+    def evaluated_levels(self, steps: int) -> Int[np.ndarray, " evaluations"]:
+        """Two a step, at its start and at its end; one in the last step."""
+        return np.arange(2 * steps - 1) // 2
 
-    def step(self, context: SamplingContext, x: PerType, step: Step, memory: tuple[()]) -> tuple[PerType, tuple[()]]:
-        length, velocity = _step_length(context, step), context.denoise(x, step)
-        euler = _euler_step(x, velocity, length)
+    def init_memory(self, x: PerType) -> tuple[PerType, PerType]:
+        zeros = jax.tree.map(jnp.zeros_like, x)
+        return zeros, zeros
 
-        def trapezoidal() -> PerType:
-            mean = jax.tree.map(lambda v, w: (v + w) / 2, velocity, context.denoise(euler, step - 1))
-            return _euler_step(x, mean, length)
+    def step(
+        self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[PerType, PerType]
+    ) -> tuple[PerType, tuple[PerType, PerType]]:
+        """The memory is the latents and the velocity at the start of the step.
 
-        return jax.lax.cond(step > 0, trapezoidal, lambda: euler), memory
+        Even evaluations are at the start of step ``evaluation / 2``, odd ones at the end of the step above.
+        """
+        at_start, level, step = evaluation % 2 == 0, evaluation // 2, (evaluation + 1) // 2
+        velocity = _velocity(context, x, x0, level)
+
+        def choose(start: PerType, end: PerType) -> PerType:
+            return jax.tree.map(lambda a, b: jnp.where(at_start, a, b), start, end)
+
+        mean = jax.tree.map(lambda v, w: (v + w) / 2, memory[1], velocity)
+        start, velocity = choose(x, memory[0]), choose(velocity, mean)
+        return _euler_step(start, velocity, _step_length(context, step)), (start, velocity)
+
+
+def _velocity(context: SamplingContext, x: PerType, x0: PerType, level: Step) -> PerType:
+    """The network's estimate of eps - x0."""
+    inverse = 1 / table_entry(np.asarray(context.schedule.levels.sigma), level)
+    return jax.tree.map(lambda x, x0: (inverse * (x - x0)).astype(x.dtype), x, x0)
 
 
 def _step_length(context: SamplingContext, step: Step) -> Float[Array, ""]:

@@ -1,4 +1,4 @@
-"""The sampling loop of all samplers around one ``denoise(z, t)`` (official-spec §5.3, outpainting §3).
+"""The sampling loop of all samplers around the network (official-spec §5.3, outpainting §3).
 
 Every scene has its own key. Its noise is sampled for the largest number of tokens and then cut: a scene gets the same
 noise in any batch and under any padding, and the same start for any number of steps.
@@ -6,21 +6,25 @@ noise in any batch and under any padding, and the same start for any number of s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+import numpy as np
+from jaxtyping import Array, Int, Real
 
 from scjax.diffusion.defaults import DEFAULT_LATENT_BOUND, DEFAULT_TEMPERATURE, NUM_TRAIN_TIMESTEPS
 from scjax.diffusion.flow import FlowSchedule
 from scjax.diffusion.guidance import Denoise
+from scjax.diffusion.process import estimate_x0
 from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step
 from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.schedule import CosineSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType, generated_mask
+from scjax.scene.pytree import pytree
 
 
 def scene_noise(keys: Array, step: int | Int[Array, ""], like: PerType, max_tokens: PerType) -> PerType:
@@ -60,6 +64,96 @@ def set_known(x: PerType, known: PerType | None, known_latents: PerType | None) 
     return jax.tree.map(lambda mask, clean, x: jnp.where(mask[..., None], clean, x), known, known_latents, x)
 
 
+@pytree
+class LoopInputs:
+    """What is fixed while a batch of scenes is sampled.
+
+    Attributes:
+      keys: one typed key per scene [B].
+      masks: True at valid tokens [B, tokens] per type.
+      known, known_latents: known tokens [B, tokens] per type and their clean latents [B, tokens, latent]; None: none.
+        They overwrite the state before the first and after every step. In lane-conditioned generation all lanes are
+        known.
+    """
+
+    keys: Array
+    masks: PerType
+    known: PerType | None = None
+    known_latents: PerType | None = None
+
+
+@pytree
+class LoopState:
+    """Latents before an evaluation [B, tokens, latent] per type, and the sampler's memory."""
+
+    x: PerType
+    memory: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class SamplingLoop:
+    """The sampling loop without the network: its start, and the change of the state after each evaluation.
+
+    Attributes:
+      sampler, schedule: the rule of a step, and the levels of its steps (``samplers.make_schedule``); not traced.
+      prediction: what the network returns.
+      latent_widths: latent size per type (config.agent_latent, config.lane_latent).
+      max_tokens: as in ``scene_noise``.
+      clip: bound on the absolute value of the state after every evaluation; None: no bound.
+    """
+
+    sampler: Sampler
+    schedule: CosineSchedule | FlowSchedule
+    prediction: Prediction
+    latent_widths: PerType
+    max_tokens: PerType
+    clip: float | None = DEFAULT_LATENT_BOUND
+    dtype: Any = jnp.float32
+
+    @property
+    def levels(self) -> Int[np.ndarray, " evaluations"]:
+        """Index of the noise level of every evaluation; sampling counts down to 0."""
+        return self.sampler.evaluated_levels(self.schedule.steps)
+
+    def times(self, evaluation: Step, scenes: int) -> Real[Array, " b"]:
+        """What the network gets as time at an evaluation."""
+        level = jnp.asarray(self.levels)[evaluation]
+        return jnp.broadcast_to(jnp.asarray(self.schedule.levels.time)[level], (scenes,))
+
+    def start(self, inputs: LoopInputs, temperature: PerType) -> LoopState:
+        """Noise, scaled by the temperature per type; below 1 it favors likely scenes."""
+        noise = self._noise(inputs, temperature, max(self.schedule.steps, NUM_TRAIN_TIMESTEPS))
+        x = set_known(noise, inputs.known, inputs.known_latents)
+        return LoopState(x=x, memory=self.sampler.init_memory(x))
+
+    def estimate_x0(self, inputs: LoopInputs, x: PerType, output: PerType, evaluation: Step) -> PerType:
+        """The x0 estimate of the network's output, not clipped; known tokens have their clean latents."""
+        level = jnp.broadcast_to(jnp.asarray(self.levels)[evaluation], x.agents.shape[:1])
+        x0 = estimate_x0(self.schedule.levels[level], x, output, self.prediction)
+        return set_known(x0, inputs.known, inputs.known_latents)
+
+    def update(
+        self, inputs: LoopInputs, temperature: PerType, state: LoopState, x0: PerType, evaluation: Step
+    ) -> LoopState:
+        """The state after an evaluation whose x0 estimate is ``x0``."""
+        context = SamplingContext(
+            step_noise=lambda step: self._noise(inputs, temperature, step),
+            schedule=self.schedule,
+            generated=generated_mask(inputs.masks, inputs.known),
+        )
+        x, memory = self.sampler.step(context, state.x, x0, evaluation, state.memory)
+        limit = math.inf if self.clip is None else self.clip
+        x = jax.tree.map(lambda x: jnp.clip(x, -limit, limit), x)
+        return LoopState(x=set_known(x, inputs.known, inputs.known_latents), memory=memory)
+
+    def _noise(self, inputs: LoopInputs, temperature: PerType, step: int | Step) -> PerType:
+        zeros = jax.tree.map(
+            lambda mask, width: jnp.zeros((*mask.shape, width), self.dtype), inputs.masks, self.latent_widths
+        )
+        noise = scene_noise(inputs.keys, step, zeros, self.max_tokens)
+        return jax.tree.map(lambda noise, scale: noise * scale, noise, temperature)
+
+
 def sample_latents(
     denoise: Denoise,
     schedule: CosineSchedule | FlowSchedule,
@@ -76,42 +170,26 @@ def sample_latents(
     clip: float | None = DEFAULT_LATENT_BOUND,
     dtype=jnp.float32,
 ) -> PerType:
-    """Samples latents [B, tokens, latent] per type with one ``lax.scan`` over the steps of ``schedule``.
+    """Samples latents [B, tokens, latent] per type in one program: one ``lax.scan`` over all evaluations.
+
+    ``scjax.sample`` runs the same loop on the host, between smaller programs (``scjax.generate.compiled``).
 
     Args:
       denoise: (noisy latents, times [B], all equal) -> network output; guidance is a wrapper around it.
-      schedule: levels of the sampler's steps (``samplers.make_schedule``); not traced.
-      keys: one typed key per scene [B].
-      masks: True at valid tokens [B, tokens] per type.
-      latent_widths: latent size per type (config.agent_latent, config.lane_latent).
-      max_tokens: as in ``scene_noise``.
-      known, known_latents: known tokens [B, tokens] per type and their clean latents. They overwrite the state before
-        the first and after every step. In lane-conditioned generation all lanes are known.
-      prediction: what ``denoise`` returns.
-      temperature: scale of the initial noise and of the noise of all steps per type; below 1 favors likely scenes.
-      clip: bound on the absolute value of the state after every step; None: no bound.
+      keys, masks, known, known_latents: as in ``LoopInputs``.
+      schedule, sampler, prediction, latent_widths, max_tokens, clip: as in ``SamplingLoop``.
+      temperature: scale of the initial noise and of the noise of all steps per type.
 
     Returns:
       Latents, zero at padding.
     """
-    zeros = jax.tree.map(lambda mask, width: jnp.zeros((*mask.shape, width), dtype), masks, latent_widths)
+    loop = SamplingLoop(sampler, schedule, prediction, latent_widths, max_tokens, clip, dtype)
+    inputs = LoopInputs(keys=keys, masks=masks, known=known, known_latents=known_latents)
 
-    def step_noise(step: int | Step) -> PerType:
-        return jax.tree.map(lambda noise, scale: noise * scale, scene_noise(keys, step, zeros, max_tokens), temperature)
+    def body(state: LoopState, evaluation: Step) -> tuple[LoopState, None]:
+        output = denoise(state.x, loop.times(evaluation, len(state.x.agents)))
+        x0 = loop.estimate_x0(inputs, state.x, output, evaluation)
+        return loop.update(inputs, temperature, state, x0, evaluation), None
 
-    def denoise_at(x: PerType, step: Step) -> PerType:
-        times = jnp.broadcast_to(jnp.asarray(schedule.levels.time)[step], x.agents.shape[:1])
-        return denoise(set_known(x, known, known_latents), times)
-
-    limit = math.inf if clip is None else clip
-    context = SamplingContext(denoise_at, step_noise, schedule, prediction, generated_mask(masks, known))
-
-    def body(carry: tuple[PerType, Any], step: Array) -> tuple[tuple[PerType, Any], None]:
-        x, memory = carry
-        x, memory = sampler.step(context, x, step, memory)
-        x = jax.tree.map(lambda x: jnp.clip(x, -limit, limit), x)
-        return (set_known(x, known, known_latents), memory), None
-
-    start = set_known(step_noise(max(schedule.steps, NUM_TRAIN_TIMESTEPS)), known, known_latents)
-    (x, _), _ = jax.lax.scan(body, (start, sampler.init_memory(start)), jnp.arange(schedule.steps - 1, -1, -1))
-    return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), x, masks)
+    state, _ = jax.lax.scan(body, loop.start(inputs, temperature), jnp.arange(len(loop.levels) - 1, -1, -1))
+    return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), state.x, masks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
@@ -29,9 +30,9 @@ class Autoencoder(nnx.Module):
         """The posterior of each scene's latents."""
         return self.encoder(tokens)
 
-    def decode(self, latents: PerType, mask: PerType, *, through_pairs: bool = True) -> Decoded:
-        """Scenes from latents; ``mask`` [B, A] and [B, L] is True at real nodes; see ``SceneDecoder``."""
-        return self.decoder(latents, mask, through_pairs=through_pairs)
+    def decode(self, latents: PerType, mask: PerType) -> Decoded:
+        """Scenes from latents; ``mask`` [B, A] and [B, L] is True at real nodes."""
+        return self.decoder(latents, mask)
 
     def reconstruct(self, tokens: NormalizedScene, noise: PerType | None = None) -> tuple[Posterior, Decoded]:
         """The training pass: encodes, samples mean + exp(logvar / 2) noise (the mean without noise), and decodes."""
@@ -48,6 +49,7 @@ class Autoencoder(nnx.Module):
         return posterior, decoded, arrays | {f"dec/{name}": value for name, value in decoder.items()}
 
 
+@functools.lru_cache(maxsize=16)
 def autoencoder(config: AutoencoderConfig) -> Functional:
     """``init(key) -> params`` and ``apply(params, *args, method="encode" | "decode" | "reconstruct" | "trace")``."""
     return functional(lambda init: Autoencoder(config, init=init))

@@ -21,7 +21,8 @@ from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 
 _STD = 0.02
-_NEVER = -1e9  # logit of zero lanes and of zero agents
+NEVER = -1e9
+"""Logit of zero lanes and of zero agents."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -114,5 +115,5 @@ def count_predictor(config: CountPredictorConfig) -> Functional:
 
 
 def _log_softmax(logits: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
-    none = jnp.where(jnp.arange(logits.shape[-1]) == 0, _NEVER, 0.0).reshape((1,) * (logits.ndim - 1) + (-1,))
+    none = jnp.where(jnp.arange(logits.shape[-1]) == 0, NEVER, 0.0).reshape((1,) * (logits.ndim - 1) + (-1,))
     return jax.nn.log_softmax(logits + none)

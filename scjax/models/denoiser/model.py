@@ -5,6 +5,8 @@ A factorized block has four stages, in this order: agents to lanes, lanes to lan
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,10 +29,11 @@ from scjax.scene.per_type import PerType
 _STD = 0.02  # of tables and of the time and text MLPs
 
 
+@functools.lru_cache(maxsize=16)
 def denoiser(config: DenoiserConfig) -> Functional:
     """The network as pure functions ``init(key)`` and ``apply(params, z, t, label, masks, ...)``; see ``Denoiser``.
 
-    ``apply(..., method="encode_condition")`` and ``method="modulation"`` run these methods.
+    ``apply(..., method=...)`` runs "encode_condition", "modulation" or "points".
     """
     return functional(lambda init: Denoiser(config, init=init))
 
@@ -196,6 +199,12 @@ class Denoiser(nnx.Module):
             trace |= {"ctx_lane": context.lanes, "ctx_agent": context.agents, "ctx_mask": mask}
         return [block.encode(context, mask) for block in self.blocks]
 
+    def points(self, z: PerType) -> PerType:
+        """Points of tokens [B, tokens, points, 2] per type by the position heads, in units of ``UNIT`` meters."""
+        if self.position_heads is None:
+            raise ValueError("this denoiser has no position heads (config.relative_geometry is False)")
+        return PerType(agents=self.position_heads["agents"](z.agents), lanes=self.position_heads["lanes"](z.lanes))
+
     def modulation(
         self, t: Real[Array, " b"], label: Int[Array, " b"], counts: PerType, trace: dict | None = None
     ) -> dict:
@@ -249,11 +258,8 @@ class Denoiser(nnx.Module):
         if self.lane_fourier is not None and self.agent_fourier is not None:
             fourier_features = PerType(agents=self.agent_fourier(z.agents), lanes=self.lane_fourier(z.lanes))
             tokens = jax.tree.map(jnp.add, tokens, fourier_features)
-        if self.relative_geometry is not None and self.position_heads is not None:
-            points = PerType(
-                agents=self.position_heads["agents"](z.agents), lanes=self.position_heads["lanes"](z.lanes)
-            )
-            tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(points, masks))
+        if self.relative_geometry is not None:
+            tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(self.points(z), masks))
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config

@@ -1,8 +1,8 @@
 """Functions of lane pairs in blocks of destination rows: blocks fit the cache, and padding costs nothing.
 
 On a CPU the features of 10,000 pairs do not stay in the cache between two operations, and half of a batch's pairs are
-padding. ``blockwise_map`` therefore loops over scenes and blocks of rows, skips blocks without a real row, and
-recomputes each block for the gradient instead of storing intermediate values.
+padding. For larger batches ``blockwise_map`` therefore loops over scenes and blocks of rows, skips blocks without a
+real row, and recomputes each block for the gradient instead of storing intermediate values.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from scjax.nn.cpu.backend import on_cpu
 # of few rows have little padding. In much smaller blocks the overhead of starting them dominates.
 _BLOCK_PAIRS = 512
 
+_SMALL = 2**12
+"""Pairs of a batch that are few enough to be computed at once: loops over them would only take longer to compile."""
+
 
 def blockwise_map(
     function: Callable[[Any, Any], Any], scenes: Any, rows: Any, real: Bool[Array, "b l"], sources: int
@@ -34,7 +37,7 @@ def blockwise_map(
       real: rows to compute; others may be zero in the result.
       sources: pairs per row.
     """
-    if not on_cpu():
+    if not on_cpu() or real.size * sources <= _SMALL:
         return jax.checkpoint(function)(scenes, rows)
     length = real.shape[1]
     blocks = math.ceil(length / max(1, _BLOCK_PAIRS // max(sources, 1)))

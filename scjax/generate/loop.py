@@ -1,0 +1,138 @@
+"""The sampling loop on the host: from the requests of a batch to scenes, step by step through the compiled programs."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from scjax.diffusion.energy_guidance import Descent, EnergyGuidance, gradient_steps_per_level
+from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.samplers import Sampler
+from scjax.diffusion.samplers.loop import LoopInputs
+from scjax.generate import compiled
+from scjax.generate.batching import Bucket
+from scjax.generate.encode import NetworkInputs, network_inputs
+from scjax.generate.model import Model
+from scjax.generate.requests import Request
+from scjax.models.denoiser.config import ConditionConfig
+from scjax.nn.sharding import replicated
+from scjax.scene import Scene, empty, pad, stack
+from scjax.scene.per_type import PerType
+
+
+@dataclasses.dataclass(frozen=True)
+class SamplingSettings:
+    """Options of a call that hold for all of its scenes.
+
+    Attributes:
+      guidance: interval and rescaling; None is plain sampling.
+      guidance_scale: scale of guidance. It is an argument of the programs: every other scale is the same program.
+      energy_guidance: None leaves the estimates as they are.
+    """
+
+    sampler: Sampler
+    num_steps: int
+    guidance: Guidance | None
+    guidance_scale: float
+    temperature: PerType
+    energy_guidance: EnergyGuidance | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Batch:
+    """Requests of one padded size as arrays.
+
+    Attributes:
+      masks: True at valid tokens [B, tokens] per type.
+      known_scenes: known elements in token order, padded; None: none.
+      features, negative: of the conditions and of the negative prompts (``network_inputs``).
+    """
+
+    keys: Array
+    masks: PerType
+    crop: Int[np.ndarray, " b"]
+    domain: Int[np.ndarray, " b"]
+    known_scenes: Scene | None
+    features: NetworkInputs
+
+    @classmethod
+    def of_requests(cls, requests: Sequence[Request], bucket: Bucket, condition: ConditionConfig) -> Batch:
+        """The requests, padded to a bucket, for a network that reads ``condition``."""
+        crop = np.array([request.crop for request in requests], np.int32)
+        known = None
+        if any(request.known is not None for request in requests):
+            nothing = empty(*bucket)
+            parts = [nothing if r.known is None else pad(r.known.tokens, *bucket) for r in requests]
+            known = stack([part.replace(crop=np.asarray(one)) for part, one in zip(parts, crop, strict=True)])
+        return cls(
+            keys=jnp.stack([request.key for request in requests]),
+            masks=PerType(
+                agents=_valid(bucket[0], [request.num_agents for request in requests]),
+                lanes=_valid(bucket[1], [request.num_lanes for request in requests]),
+            ),
+            crop=crop,
+            domain=np.array([request.domain for request in requests], np.int32),
+            known_scenes=known,
+            features=network_inputs([request.streams for request in requests], condition),
+        )
+
+
+def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scene:
+    """Scenes in meters [B], as NumPy arrays."""
+    config, coder = model.denoiser.config, (model.codec, model.autoencoder.config)
+    coder_params, params = replicated((model.autoencoder.params, model.denoiser.params), len(batch.crop))
+    coder_arguments = coder_params, model.latents.mean, model.latents.std
+    options = settings.sampler, config, settings.num_steps
+    loop = compiled.sampling_loop(*options)
+
+    known = known_latents = None
+    if batch.known_scenes is not None:
+        known, known_latents = compiled.encode_program(*coder)(*coder_arguments, batch.known_scenes)
+    inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
+    prepare = compiled.prepare_program(*options, settings.guidance is not None)
+    denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *batch.features)
+    denoise = compiled.denoise_program(*options, settings.guidance)
+    update = compiled.update_program(*options)
+
+    def decode(latents: PerType) -> Scene:
+        program = compiled.decode_program(*coder)
+        return program(*coder_arguments, latents, batch.masks, batch.crop, batch.domain)
+
+    state = compiled.start_program(*options)(settings.temperature, inputs)
+    for evaluation in range(len(loop.levels) - 1, -1, -1):
+        index = np.int32(evaluation)
+        x0 = denoise(params, np.float32(settings.guidance_scale), index, inputs, denoiser_inputs, state.x)
+        if settings.energy_guidance is not None:
+            steps = gradient_steps_per_level(settings.energy_guidance, loop.schedule.levels)[loop.levels[evaluation]]
+            program = compiled.descend_program(config, settings.energy_guidance)
+            x0 = _descend(functools.partial(program, params), decode, x0, inputs, int(steps))
+        state = update(settings.temperature, index, inputs, state, x0)
+    return jax.device_get(decode(state.x))
+
+
+def _descend(
+    energy_step: Callable[[Descent, Scene, LoopInputs], Descent],
+    decode: Callable[[PerType], Scene],
+    x0: PerType,
+    inputs: LoopInputs,
+    steps: int,
+) -> PerType:
+    """The x0 estimate after gradient steps; the links are those of the first decoded scene."""
+    links = None
+    at_rest = jax.tree.map(lambda x: jax.device_put(np.zeros(x.shape, x.dtype), x.sharding), x0)  # compiles nothing
+    descent = Descent(latents=x0, velocity=at_rest, lookahead=x0)
+    for _ in range(steps):
+        scenes = decode(descent.lookahead)
+        links = scenes.links if links is None else links
+        descent = energy_step(descent, scenes.replace(links=links), inputs)
+    return descent.latents
+
+
+def _valid(slots: int, counts: Sequence[int]) -> Bool[np.ndarray, "b slots"]:
+    return np.arange(slots)[None] < np.asarray(counts)[:, None]

@@ -1,0 +1,148 @@
+"""Compiled programs that outlive the process: a second process neither traces nor compiles them.
+
+An executable is stored with a key of all that it depends on: the program's options, the shapes and places of its
+arguments, the source of this package, the versions of JAX, and the instruction set. A file that cannot be read is made
+again. (JAX's own compilation cache spares the compiler only, not tracing and lowering, which take as long as running.)
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import logging
+import os
+import pickle
+import platform
+import tempfile
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax.experimental import serialize_executable
+from jaxlib.version import __version__ as jaxlib_version
+
+import scjax
+from scjax.nn.cpu.backend import cpu_flags, fast_compile_options
+from scjax.nn.sharding import scene_mesh, spread
+from scjax.nn.startup import cache_folder
+
+_MAX_FILES = 128
+"""Stored executables; the oldest ones are removed first. One is 0.2 to 2 MB."""
+
+_CONFIG = ("jax_enable_x64", "jax_default_matmul_precision", "jax_disable_most_optimizations")
+
+_log = logging.getLogger(__name__)
+
+
+class StoredProgram:
+    """A function of batches, compiled once for each shape, spread over devices, and stored in the cache folder."""
+
+    def __init__(self, function: Callable[..., Any], *, shared: int, options: Hashable, light: bool = False):
+        """The program of a function.
+
+        Args:
+          function, shared: as for ``scjax.nn.sharding.spread``.
+          options: all that the function closes over; its ``repr`` has to tell.
+          light: as for ``fast_compile_options``.
+        """
+        compiler_options = fast_compile_options(light=light)
+        self._jitted = jax.jit(spread(function, shared=shared), compiler_options=compiler_options)
+        self._shared = shared
+        self._description = repr((getattr(function, "__name__", ""), shared, options, compiler_options))
+        self._executables: dict[Hashable, Any] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        leaves, structure = jax.tree.flatten(arguments)
+        signature = structure, tuple(map(_signature, leaves))
+        if signature not in self._executables:
+            self._executables[signature] = self._load_or_compile(arguments, signature)
+        return self._executables[signature](*arguments)
+
+    def _load_or_compile(self, arguments: tuple, signature: tuple) -> Any:
+        devices = scene_mesh(len(jax.tree.leaves(arguments[self._shared :])[0])).devices.ravel().tolist()
+        key = _digest(self._description, str(signature), _environment(devices[0]), len(devices))
+        path = cache_folder() / "executables" / f"{key}.program"
+        try:
+            data, outputs = pickle.loads(path.read_bytes())
+            inputs = jax.tree.structure((arguments, {}))
+            executable = serialize_executable.deserialize_and_load(
+                data, inputs, jax.tree.structure(outputs), execution_devices=devices
+            )
+            os.utime(path)  # used: it is among the last to be removed
+            return executable
+        except FileNotFoundError:
+            pass
+        except Exception as error:  # a file that was cut off, or is of another kind: it is made again
+            _log.info("%s cannot be read (%s): it is compiled again", path, error)
+        executable = self._compile(arguments)
+        try:
+            data, _, structure = serialize_executable.serialize(executable)
+            _write(path, pickle.dumps((data, jax.tree.unflatten(structure, range(structure.num_leaves)))))
+        except (OSError, ValueError, NotImplementedError) as error:
+            _log.info("%s is not stored: %s", path, error)
+        return executable
+
+    def _compile(self, arguments: tuple) -> Any:
+        # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may get there.
+        name = "jax_persistent_cache_min_compile_time_secs"
+        before = jax.config.values[name]
+        jax.config.update(name, float("inf"))
+        try:
+            return self._jitted.lower(*arguments).compile()
+        finally:
+            jax.config.update(name, before)
+
+
+def _signature(leaf: Any) -> tuple:
+    """Shape, type and place of an argument."""
+    place = leaf.sharding if isinstance(leaf, jax.Array) and leaf.committed else None
+    return getattr(leaf, "shape", ()), getattr(leaf, "dtype", type(leaf)), place
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
+
+
+def _environment(device: Any) -> str:
+    """What an executable depends on besides its program and arguments."""
+    return repr(
+        (
+            jax.__version__,
+            jaxlib_version,
+            device.platform,
+            device.device_kind,
+            device.client.platform_version,
+            platform.machine(),
+            sorted(cpu_flags()),
+            os.environ.get("XLA_FLAGS", ""),
+            [jax.config.values.get(name) for name in _CONFIG],
+            _source_digest(),
+        )
+    )
+
+
+@functools.cache
+def _source_digest() -> str:
+    """A digest of this package's source."""
+    folder = Path(scjax.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Writes a whole file or none, and removes the oldest ones beyond ``_MAX_FILES``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        try:
+            file.write(data)
+            file.close()
+            os.replace(file.name, path)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+    stored = sorted(path.parent.glob("*.program"), key=lambda file: file.stat().st_mtime)
+    for old in stored[:-_MAX_FILES]:
+        old.unlink(missing_ok=True)
