@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from benchmarks import workload
 from benchmarks.steps import CONTEXT, denoiser_config, features
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, MAX_PRECOMPUTED
-from scjax.diffusion.denoise_fn import make_denoise_fn
+from scjax.diffusion.denoise_fn import denoise_fn, prepare_denoiser_inputs
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import make_schedule, resolve_sampler
 from scjax.diffusion.samplers.loop import sample_latents
@@ -102,17 +102,24 @@ def guided_sampler(
     schedule = make_schedule(sampler, config.prediction, steps)
 
     def run(params, masks: PerType, condition, keys):
-        denoise = make_denoise_fn(
+        inputs = prepare_denoiser_inputs(
             network,
             config,
             params,
             jnp.zeros(keys.shape, jnp.int32),
             masks,
             times=schedule.levels.time,
+            guided=True,
             features=condition,
+            max_precomputed=max_precomputed,
+        )
+        denoise = denoise_fn(
+            network,
+            params,
+            inputs,
+            times=schedule.levels.time,
             guidance=Guidance(),
             guidance_scale=DEFAULT_GUIDANCE_SCALE,
-            max_precomputed=max_precomputed,
         )
         return sample_latents(
             denoise,

@@ -159,7 +159,7 @@ def sweep(args: argparse.Namespace) -> list[dict[str, Any]]:
             if path.exists():
                 bar.update(len(requests.conditions))
             else:
-                row = {**setting._asdict(), "evaluations": sampler.num_evaluations(setting.num_steps)}
+                row = {**setting._asdict(), "evaluations": len(sampler.evaluated_levels(setting.num_steps))}
                 row |= measure_setting(model, requests, real, setting, args.seed, bar)
                 write_text(path, json.dumps(row, indent=1))
                 # A program takes some 1,200 memory areas here, and Linux ends a process with more than 65,530.

@@ -28,7 +28,7 @@ from scjax.scene import Scene
 from scjax.scene.per_type import PerType, generated_mask
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def sampling_loop(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> SamplingLoop:
     """The sampling loop for the latents of a denoiser."""
     return SamplingLoop(
@@ -66,7 +66,7 @@ def decode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgra
     return StoredProgram(decode, shared=3, options=(codec, config))
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def start_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> StoredProgram:
     """(temperature; loop inputs) -> the state at the start of sampling."""
     loop = sampling_loop(sampler, config, num_steps)
@@ -77,7 +77,7 @@ def start_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> S
     return StoredProgram(start, shared=1, options=(sampler, config, num_steps), light=True)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> StoredProgram:
     """(temperature, evaluation; loop inputs, state, x0 estimate) -> the next state."""
     loop = sampling_loop(sampler, config, num_steps)
@@ -88,7 +88,7 @@ def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> 
     return StoredProgram(update, shared=2, options=(sampler, config, num_steps), light=True)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
     """(parameters; loop inputs, crop, domain, features, negative features) -> the denoiser's inputs in all steps."""
     times = sampling_loop(sampler, config, num_steps).schedule.levels.time
@@ -110,7 +110,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
     return StoredProgram(prepare, shared=1, options=(sampler, config, num_steps, guided), light=True)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def denoise_program(
     sampler: Sampler, config: DenoiserConfig, num_steps: int, guidance: Guidance | None
 ) -> StoredProgram:

@@ -166,6 +166,11 @@ def _settings(
     options = None if guidance.scale == 1 else dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE)
     if energy_guidance is None or energy_guidance is True:
         energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
+    if energy_guidance and not config.relative_geometry:
+        raise ValueError(
+            "energy_guidance needs position heads, and this model has none: leave it out, or train the denoiser with "
+            "relative_geometry=True"
+        )
     return SamplingSettings(
         sampler=sampler,
         num_steps=num_steps,

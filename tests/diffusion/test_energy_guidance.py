@@ -1,4 +1,4 @@
-"""Energy guidance: x0 estimates descend an energy at low noise; known tokens and noisy steps stay unchanged."""
+"""Energy guidance: latents descend the energy of the scene that they decode to; known tokens do not move."""
 
 from __future__ import annotations
 
@@ -12,26 +12,23 @@ import numpy as np
 import pytest
 
 from scjax.diffusion.defaults import DEFAULT_ENERGIES
-from scjax.diffusion.energy_guidance import EnergyGuidance, gradient_steps_per_level, with_energy_guidance
-from scjax.diffusion.samplers import make_schedule
-from scjax.scene.per_type import PerType
-from tests.factories.sampler_oracles import (
-    LATENT_WIDTHS,
-    SAMPLER_CASES,
-    gaussian_denoiser,
-    point_denoiser,
-    sample_case,
-    token_masks,
+from scjax.diffusion.energies import connection_energy, weighted_energy
+from scjax.diffusion.energy_guidance import (
+    Descent,
+    EnergyGuidance,
+    descend,
+    gradient_steps_per_level,
+    shift_points,
 )
+from scjax.diffusion.samplers import make_schedule
+from scjax.models.denoiser.position_head import ALONG, POINTS, UNIT
+from scjax.scene import Link, Scene
+from scjax.scene.per_type import PerType
+from tests.factories.examples import example_scene
+from tests.factories.sampler_oracles import SAMPLER_CASES
 
-KEYS = jax.random.split(jax.random.key(3), 2)
-SIZES = [(3, 4), (7, 9)]
-MINIMUM = 0.25
-
-
-def parabola(minimum):
-    """Half the squared distance of all latents from ``minimum``, the same energy around every estimate."""
-    return lambda start: lambda x: 0.5 * sum(jnp.square(leaf - minimum).sum() for leaf in (x.agents, x.lanes))
+WIDTHS = PerType(agents=4, lanes=10)
+"""In these tests latents are points: of an agent its center and the point ahead, of a lane its five points."""
 
 
 def case_levels(case, steps):
@@ -39,10 +36,45 @@ def case_levels(case, steps):
     return make_schedule(sampler, prediction, steps).levels
 
 
-def ones_denoiser(masks, prediction="velocity"):
-    """A denoiser whose x0 estimate is 1."""
-    clean = jax.tree.map(lambda m, width: jnp.ones((*m.shape, width)), masks, LATENT_WIDTHS)
-    return point_denoiser(clean, prediction)
+def points_fn(latents):
+    return jax.tree.map(lambda z, points: z.reshape(*z.shape[:2], points, 2), latents, POINTS)
+
+
+def batch(seed=0, agents=3, lanes=4):
+    scene = example_scene(seed, agents=agents, lanes=lanes)
+    return jax.tree.map(lambda x: jnp.asarray(x)[None], scene)
+
+
+def decode(scene, latents):
+    """``scene`` with the points of ``latents`` [m]: the decoder for which the position heads are exact."""
+    start = PerType(agents=jnp.zeros((1, scene.agents.shape[1], 4)), lanes=jnp.zeros((1, scene.lanes.shape[1], 10)))
+    shift = jax.tree.map(lambda z, z0: UNIT * (z - z0), *map(points_fn, (latents, start)))
+    return shift_points(scene, shift)
+
+
+def at_rest(scene):
+    zeros = PerType(agents=jnp.zeros((1, scene.agents.shape[1], 4)), lanes=jnp.zeros((1, scene.lanes.shape[1], 10)))
+    return Descent(latents=zeros, velocity=zeros, lookahead=zeros)
+
+
+def generated(scene):
+    return PerType(agents=scene.agent_mask, lanes=scene.lane_mask)
+
+
+def linked(scene):
+    """Lane 1 follows lane 0."""
+    links = np.zeros(scene.links.shape, np.int32)
+    links[0, 0, 1], links[0, 1, 0] = Link.PREDECESSOR, Link.SUCCESSOR
+    return scene.replace(links=jnp.asarray(links))
+
+
+def run(scene, options, steps, mask=None):
+    """Latents after gradient steps, each from the scene that the lookahead decodes to."""
+    descent = at_rest(scene)
+    step = jax.jit(lambda d, s: descend(d, s, points_fn, generated(scene) if mask is None else mask, options))
+    for _ in range(steps):
+        descent = step(descent, decode(scene, descent.lookahead))
+    return descent.latents
 
 
 def test_gradient_steps_are_spread_over_the_last_steps():
@@ -64,98 +96,77 @@ def test_a_guided_step_has_enough_gradient_steps_for_momentum():
     assert counts.tolist() == [3] + [0] * 99
 
 
-@pytest.mark.parametrize("case", [name for name in SAMPLER_CASES if "dynamic" not in name])
-def test_every_sampler_ends_at_the_guided_estimate(case):
-    """The x0 estimate is 1. One gradient step in the last step moves it half of the way to the minimum."""
-    masks, prediction = token_masks(SIZES), SAMPLER_CASES[case][1]
-    options = EnergyGuidance(gradient_steps=1, max_sigma=0.0, agent_step_size=0.5, lane_step_size=0.5)
-    denoise = with_energy_guidance(
-        ones_denoiser(masks, prediction), case_levels(case, 6), prediction, parabola(MINIMUM), masks, options
-    )
-    x = sample_case(case, denoise, KEYS, masks, steps=6)
-    expected = 1 - 0.5 * (1 - MINIMUM)
-    for name in ("agents", "lanes"):
-        np.testing.assert_allclose(getattr(x, name)[getattr(masks, name)], expected, atol=1e-4)
+CONNECTIONS = (("connections", 1.0),)
 
 
-def test_steps_without_gradient_steps_are_unchanged():
-    plain, levels, masks = gaussian_denoiser(0.5, 0.4, "velocity"), case_levels("ddpm", 16), token_masks(SIZES)
-    options = EnergyGuidance(max_sigma=0.35, agent_step_size=0.1, lane_step_size=0.1)
-    guided = jax.jit(with_energy_guidance(plain, levels, "velocity", parabola(MINIMUM), masks, options))
-    counts = gradient_steps_per_level(options, levels)
-    assert counts.nonzero()[0].tolist() == [0, 2]
-    z = PerType(agents=jnp.ones((2, 7, 3)), lanes=jnp.ones((2, 9, 5)))
-    for step in range(16):
-        t = jnp.broadcast_to(jnp.asarray(levels.time)[step], (2,))
-        outputs = (jax.tree.leaves(denoise(z, t)) for denoise in (guided, jax.jit(plain)))
-        same = [np.array_equal(a, b) for a, b in zip(*outputs, strict=True)]
-        assert not any(same) if counts[step] else all(same)
+def test_descent_closes_an_open_connection():
+    scene = linked(batch())
+    options = EnergyGuidance(momentum=0.0, lane_step_size=0.4 / UNIT**2, agent_step_size=0.0, energies=CONNECTIONS)
+    latents = run(scene, options, 40)
+    before, after = (float(connection_energy(x)[0]) for x in (scene, decode(scene, latents)))
+    assert before > 1 and after < 1e-3 * before
+    ends = np.asarray(points_fn(latents).lanes)
+    moved = np.abs(ends[0]).sum(-1) > 0
+    assert moved[0].nonzero()[0].tolist() == [len(ALONG) - 1] and moved[1].nonzero()[0].tolist() == [0]
+    assert not moved[2:].any() and not np.any(latents.agents)
+
+
+def test_one_gradient_step_is_the_gradient_in_meters():
+    """A lane's end moves by the step size times the gap, in meters."""
+    scene = linked(batch())
+    gap = np.asarray(scene.lanes[0, 1, 0, :2] - scene.lanes[0, 0, -1, :2])
+    options = EnergyGuidance(lane_step_size=0.1 / UNIT**2, energies=CONNECTIONS)
+    moved = UNIT * np.asarray(points_fn(run(scene, options, 1)).lanes)[0, 0, -1]
+    weight = 1 / np.sqrt(1 + (gap**2).sum() / 25)  # pseudo-Huber
+    np.testing.assert_allclose(moved, 0.1 * weight * gap, rtol=1e-4)
 
 
 def test_momentum_carries_over_between_gradient_steps():
-    """Two Nesterov steps by hand, from 1 towards 0."""
-    masks = token_masks(SIZES)
-    options = EnergyGuidance(gradient_steps=2, max_sigma=0.0, momentum=0.5, agent_step_size=0.1, lane_step_size=0.1)
-    denoise = with_energy_guidance(
-        ones_denoiser(masks), case_levels("ddpm", 6), "velocity", parabola(0.0), masks, options
+    """Two Nesterov steps equal those by hand, from gradients of the whole energy through the decoder."""
+    scene = linked(batch())
+    options = EnergyGuidance(
+        momentum=0.5, agent_step_size=0.3 / UNIT**2, lane_step_size=0.2 / UNIT**2, energies=DEFAULT_ENERGIES
     )
-    x, velocity = 1.0, 0.0
+    gradient = jax.jit(jax.grad(lambda z: weighted_energy(decode(scene, z), options.energies).sum()))
+    x = velocity = at_rest(scene).latents
+    sizes = PerType(agents=options.agent_step_size, lanes=options.lane_step_size)
     for _ in range(2):
-        velocity = 0.5 * velocity - 0.1 * (x + 0.5 * velocity)
-        x += velocity
-    samples = sample_case("ddpm", denoise, KEYS, masks, steps=6)
-    np.testing.assert_allclose(samples.lanes[masks.lanes], x, atol=1e-4)
+        slope = gradient(jax.tree.map(lambda x, v: x + 0.5 * v, x, velocity))
+        velocity = jax.tree.map(lambda v, g, size: 0.5 * v - size * g, velocity, slope, sizes)
+        x = jax.tree.map(jnp.add, x, velocity)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-7), run(scene, options, 2), x)
+    assert np.abs(x.lanes).max() > 1e-3
 
 
-def test_the_energy_is_built_around_the_estimate_of_each_step():
-    """An energy with its minimum at the estimate does not move it."""
-    masks = token_masks(SIZES)
-    options = EnergyGuidance(agent_step_size=0.5, lane_step_size=0.2)
-    denoise = with_energy_guidance(
-        ones_denoiser(masks),
-        case_levels("ddpm", 6),
-        "velocity",
-        lambda start: lambda x: jnp.square(x.lanes - start.lanes).sum(),
-        masks,
-        options,
-    )
-    samples = sample_case("ddpm", denoise, KEYS, masks, steps=6)
-    np.testing.assert_allclose(samples.lanes[masks.lanes], 1.0, atol=1e-4)
+def test_known_tokens_do_not_move():
+    """The connection closes from its other side alone."""
+    scene = linked(batch())
+    mask = generated(scene)
+    mask = mask.replace(lanes=mask.lanes.at[0, 0].set(False))
+    options = EnergyGuidance(momentum=0.0, lane_step_size=0.4 / UNIT**2, energies=CONNECTIONS)
+    latents = run(scene, options, 60, mask)
+    assert not np.any(latents.lanes[0, 0]) and np.any(latents.lanes[0, 1])
+    assert connection_energy(decode(scene, latents))[0] < 1e-3 * connection_energy(scene)[0]
 
 
-def test_known_tokens_enter_the_energy_clean_and_do_not_move():
-    """The energy pulls agent 1 to agent 0, which is known: it counts with its clean latents and stays."""
-    masks = token_masks([(3, 4)])
-    generated = masks.replace(agents=masks.agents.at[:, 0].set(False))
-
-    def attraction(start):
-        return lambda x: 0.5 * jnp.square(x.agents[:, 1] - x.agents[:, 0]).sum()
-
-    levels = case_levels("ddpm", 16)
-    zeros = PerType(agents=jnp.zeros((1, 7, 3)), lanes=jnp.zeros((1, 9, 5)))
-    options = EnergyGuidance(gradient_steps=60, max_sigma=0.35, momentum=0.0, agent_step_size=0.3, lane_step_size=0.3)
-    denoise = with_energy_guidance(
-        point_denoiser(zeros, "velocity"), levels, "velocity", attraction, generated, options
-    )
-    z = PerType(agents=jnp.full((1, 7, 3), 2.0), lanes=jnp.zeros((1, 9, 5)))
-    level = levels[jnp.zeros(1, int)]
-    output = denoise(z, jnp.asarray(level.time))
-    x0 = level.alpha[:, None, None] * z.agents - level.sigma[:, None, None] * output.agents
-    np.testing.assert_allclose(x0[:, 0], 2.0, atol=1e-5)
-    np.testing.assert_allclose(x0[:, 1], 2.0, atol=1e-2)
-    np.testing.assert_allclose(x0[:, 2], 0.0, atol=1e-5)
+def test_a_scene_does_not_depend_on_its_batch():
+    first, second = linked(batch(0)), linked(batch(1))
+    both: Scene = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), first, second)
+    options = EnergyGuidance(lane_step_size=0.1 / UNIT**2, agent_step_size=0.1 / UNIT**2)
+    start = jax.tree.map(lambda x: jnp.concatenate([x, x]), at_rest(first))
+    step = jax.jit(lambda descent, scene: descend(descent, scene, points_fn, generated(scene), options))
+    together, alone = step(start, both), step(at_rest(first), first)
+    chex.assert_trees_all_close(jax.tree.map(lambda x: x[:1], together), alone, atol=1e-6)
 
 
-def test_guided_scenes_are_independent_of_their_batch():
-    plain = gaussian_denoiser(0.5, 0.4, "velocity")
-    options = EnergyGuidance(agent_step_size=0.2, lane_step_size=0.2)
-
-    def run(keys, masks):
-        denoise = with_energy_guidance(plain, case_levels("ddpm", 8), "velocity", parabola(MINIMUM), masks, options)
-        return sample_case("ddpm", denoise, keys, masks, steps=8)
-
-    both, one = run(KEYS, token_masks(SIZES)), run(KEYS[:1], token_masks(SIZES[:1]))
-    chex.assert_trees_all_close(jax.tree.map(lambda x: x[:1], both), one, atol=1e-6)
+def test_points_between_the_heads_move_with_them():
+    scene = batch()
+    shift = points_fn(at_rest(scene).latents)
+    shift = shift.replace(lanes=shift.lanes.at[0, 0, -1].set(jnp.array([2.0, 1.0])))
+    moved = np.asarray(shift_points(scene, shift).lanes - scene.lanes)[0]
+    np.testing.assert_allclose(moved[0, -1], [2, 1, 0], atol=1e-5)
+    assert not moved[1:].any() and not moved[0, : ALONG[-2] + 1].any()
+    assert (np.diff(moved[0, ALONG[-2] :, 0]) > 0).all()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from scjax.convert.denoiser import convert_denoiser
 from scjax.diffusion.defaults import DEFAULT_LATENT_BOUND, DEFAULT_TEMPERATURE
 from scjax.diffusion.guidance import concat_branches, with_guidance
+from scjax.diffusion.process import estimate_x0
 from scjax.diffusion.samplers import DDPM
 from scjax.diffusion.samplers.base import SamplingContext
 from scjax.diffusion.samplers.loop import set_known
@@ -91,18 +92,13 @@ def _evaluate(config, condition, params, inputs, states, times, prefix):
     return _cut(jax.tree.map(lambda x: x[:count], eps), states)
 
 
-def _step(denoise, x, step, noise, clip=DEFAULT_LATENT_BOUND):
-    """One step of the sampling loop with stored noise."""
+def _step(output, x, step, noise, clip=DEFAULT_LATENT_BOUND):
+    """One step of the sampling loop with stored noise, after the network's output."""
     scaled = jax.tree.map(lambda noise, scale: scale * noise, noise, DEFAULT_TEMPERATURE)
     schedule = cosine_schedule()
-    context = SamplingContext(
-        denoise=lambda x, step: denoise(x, jnp.broadcast_to(jnp.asarray(schedule.timesteps)[step], len(x.agents))),
-        step_noise=lambda step: scaled,
-        schedule=schedule,
-        prediction="noise",
-        generated=None,
-    )
-    x, _ = DDPM().step(context, x, step, ())
+    x0 = estimate_x0(schedule.levels[jnp.broadcast_to(step, x.agents.shape[:1])], x, output, "noise")
+    context = SamplingContext(step_noise=lambda step: scaled, schedule=schedule, generated=None)
+    x, _ = DDPM().step(context, x, x0, step, ())
     return x if clip is None else jax.tree.map(lambda x: jnp.clip(x, -clip, clip), x)
 
 
@@ -111,7 +107,7 @@ def _steps(states, eps, times, noise, clip):
 
     def one(x, eps, step, noise):
         batched = lambda tree: jax.tree.map(lambda x: x[None], tree)  # noqa: E731
-        after = _step(lambda z, t: batched(eps), batched(x), step, batched(noise), clip)
+        after = _step(batched(eps), batched(x), step, batched(noise), clip)
         return jax.tree.map(lambda x: x[0], after)
 
     return jax.vmap(one)(states, eps, jnp.asarray(times), noise)
@@ -208,7 +204,8 @@ def test_whole_chains_parity(parity_dir):
         denoise = with_guidance(lambda z, t: network.apply(params, z, t, both[1], both[0]), GUIDANCE)
 
         def body(x, step):
-            x = _step(denoise, x, step, jax.tree.map(lambda n: n[step], noise))
+            output = denoise(x, jnp.broadcast_to(jnp.asarray(cosine_schedule().timesteps)[step], len(x.agents)))
+            x = _step(output, x, step, jax.tree.map(lambda n: n[step], noise))
             x = set_known(x, flags, values)
             return x, x
 

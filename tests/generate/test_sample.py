@@ -11,18 +11,22 @@ import pytest
 
 import scjax
 from scjax import Guidance
+from scjax.diffusion import denoise_fn
 from scjax.diffusion.energies import connection_energy, overlap_energy
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.samplers import DDIM
 from scjax.generate import compiled
 from scjax.generate.conditions import Condition, Stream
 from scjax.models.denoiser.config import TextCondition
+from scjax.nn.stored_program import StoredProgram
 from scjax.scene import Crop, unpadded, validate
 from scjax.scene.per_type import PerType
+from scjax.train.fit_position_head import position_targets
 from tests.factories.examples import example_scene
 from tests.factories.worlds import tiny_model
 
 COUNTS = {"num_lanes": 5, "num_agents": 3}
+PROGRAMS = [value for name, value in vars(compiled).items() if name.endswith("_program")]
 
 
 @pytest.fixture(scope="module")
@@ -119,15 +123,30 @@ def test_sample_adds_traffic_to_known_lanes(model):
     assert result.num_agents == 7
 
 
-def test_sample_compiles_one_program_for_each_bucket(model, monkeypatch):
-    compiled.sampling_program.cache_clear()
-    original = compiled.sample_latents
-    traced = chex.assert_max_traces(lambda *args, **kwargs: original(*args, **kwargs), n=1)
-    monkeypatch.setattr(compiled, "sample_latents", traced)
+def test_sample_compiles_each_program_once_for_a_bucket(model, monkeypatch):
+    """Another number of lanes, another scale of guidance or another temperature is the same program."""
+    for program in PROGRAMS:
+        program.cache_clear()
+    traced = chex.assert_max_traces(denoise_fn.denoise_fn, n=1)
+    monkeypatch.setattr(compiled, "denoise_fn", traced)
     for seed, (lanes, scale) in enumerate(((3, 2.0), (9, 3.0), (15, 4.0))):
         condition = Condition(num_lanes=lanes, num_agents=4)
         sample(model, condition, seed=seed, guidance=scale, temperature=scale / 4)
-    compiled.sampling_program.cache_clear()
+    for program in PROGRAMS:
+        program.cache_clear()
+
+
+def test_sample_of_a_second_process_compiles_nothing(model, monkeypatch, tmp_path):
+    monkeypatch.setenv("SCJAX_CACHE", str(tmp_path))
+    scenes = []
+    for _ in range(2):
+        for program in PROGRAMS:
+            program.cache_clear()
+        scenes.append(sample(model, Condition(**COUNTS)))
+        monkeypatch.setattr(StoredProgram, "_compile", None)
+    chex.assert_trees_all_equal(*(scene.to_dict() for scene in scenes))
+    for program in PROGRAMS:
+        program.cache_clear()
 
 
 def test_sampler_changes_the_scene_but_no_known_element(model, known):
@@ -139,12 +158,34 @@ def test_sampler_changes_the_scene_but_no_known_element(model, known):
     assert not np.allclose(scene.lanes, other.lanes)
 
 
-def test_energy_guidance_lowers_the_energy(known):
+@pytest.fixture(scope="module")
+def pointed_model():
+    """A model whose position heads are fitted to its decoder, by least squares on random latents."""
+    model = tiny_model(seed=1, relative_geometry=True)  # of seed 0 a link head is undecided, and rounding decides
+    config, params = model.denoiser.config, dict(model.denoiser.params)
+    rng = np.random.default_rng(0)
+    masks = PerType(agents=np.ones((64, 4), bool), lanes=np.ones((64, 6), bool))
+    widths = PerType(agents=config.agent_latent, lanes=config.lane_latent)
+    latents = jax.tree.map(lambda mask, width: rng.normal(size=(*mask.shape, width)).astype(np.float32), masks, widths)
+    none = np.zeros(64, np.int32)
+    decode = compiled.decode_program(model.codec, model.autoencoder.config)
+    scenes = decode(model.autoencoder.params, model.latents.mean, model.latents.std, latents, masks, none, none)
+    targets, heads = position_targets(scenes), {}
+    for name, head in params["position_heads"].items():
+        inputs = getattr(latents, name).reshape(-1, getattr(widths, name))
+        inputs = np.concatenate([inputs, np.ones((len(inputs), 1), np.float32)], 1)
+        weights = np.linalg.lstsq(inputs, targets[name].reshape(len(inputs), -1), rcond=None)[0].astype(np.float32)
+        heads[name] = jax.tree.map(np.zeros_like, head) | {"skip": {"kernel": weights[:-1], "bias": weights[-1]}}
+    return model.with_component("denoiser", config, params | {"position_heads": heads})
+
+
+def test_energy_guidance_lowers_the_energy(pointed_model, known):
     """An untrained model's scenes are heaps of boxes and lanes; guided ones are less so, with the same links."""
-    model = tiny_model(seed=1)
     condition = Condition(known=known, num_lanes=9, num_agents=6)
-    strong = EnergyGuidance(gradient_steps=30, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
-    plain, guided = (sample(model, condition, num_scenes=2, energy_guidance=option) for option in (False, strong))
+    strong = EnergyGuidance(gradient_steps=60, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
+    plain, guided = (
+        sample(pointed_model, condition, num_scenes=2, energy_guidance=option) for option in (False, strong)
+    )
     validate(guided)
     assert np.array_equal(guided.agents[0, :3], known.agents) and np.array_equal(guided.lanes[1, :4], known.lanes)
     linked = guided.replace(links=plain.links)
@@ -152,18 +193,22 @@ def test_energy_guidance_lowers_the_energy(known):
     assert after < 0.8 * before
 
 
-def test_energy_guidance_depends_on_the_scenes_own_key_only(known):
-    model = tiny_model(seed=1)  # of seed 0 a link head is undecided, and rounding errors of a batch decide
+def test_energy_guidance_depends_on_the_scenes_own_key_only(pointed_model, known):
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     many, one = (
-        sample(model, condition, num_scenes=number, energy_guidance=EnergyGuidance(gradient_steps=2))
+        sample(pointed_model, condition, num_scenes=number, energy_guidance=EnergyGuidance(gradient_steps=2))
         for number in (2, 1)
     )
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
 
-def test_energy_guidance_is_the_models_by_default(model):
-    condition = Condition(**COUNTS)
+def test_energy_guidance_needs_position_heads(model):
+    with pytest.raises(ValueError, match="energy_guidance needs position heads"):
+        sample(model, Condition(**COUNTS), energy_guidance=True)
+
+
+def test_energy_guidance_is_the_models_by_default(pointed_model):
+    model, condition = pointed_model, Condition(**COUNTS)
     plain, guided = sample(model, condition), sample(model, condition, energy_guidance=True)
     guiding = dataclasses.replace(model, energy_guidance=EnergyGuidance())
     assert not np.array_equal(plain.lanes, guided.lanes)

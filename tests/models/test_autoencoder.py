@@ -125,29 +125,6 @@ def test_scene_equals_itself_in_a_padded_batch(run, params):
     assert_close(gradient, jax.tree.map(np.add, singles[0][-1], singles[1][-1]), 1e-10)
 
 
-def test_decode_without_pair_gradients_is_close():
-    """Values are the same; gradients differ where an updated pair value is read again, in the second block only."""
-    latents, mask = (
-        random_nodes(5, AGENTS, LANES, np.float32),
-        PerType(agents=np.ones((1, AGENTS), bool), lanes=np.ones((1, LANES), bool)),
-    )
-    for blocks in (1, 2):
-        network = autoencoder(
-            AutoencoderConfig.preset("tiny", decoder_blocks=blocks, edge_width=6, points=4, max_lanes=12)
-        )
-        params = network.init(jax.random.key(0))
-        result = [
-            jax.value_and_grad(
-                lambda z, through=through, network=network, params=params: network.apply(
-                    params, z, mask, method="decode", through_pairs=through
-                ).lanes.sum()
-            )(latents)
-            for through in (True, False)
-        ]
-        assert float(result[0][0]) == float(result[1][0])
-        assert np.allclose(result[0][1].lanes, result[1][1].lanes, atol=1e-6) == (blocks == 1)
-
-
 def test_padding_values_change_no_bit(run, params, reference):
     for garbage in (np.nan, 1e30):
         for result, expected in zip(

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scjax.data.token_order import sort_tokens
-from scjax.diffusion.denoise_fn import make_denoise_fn
+from scjax.diffusion.denoise_fn import denoise_fn, prepare_denoiser_inputs
 from scjax.diffusion.loss import diffusion_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import noise_level_at
@@ -78,7 +78,11 @@ def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: Denoise
         )
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         label = config.domains * tokens.crop + tokens.domain
-        denoise = make_denoise_fn(network, config, params, label, masks, times=np.array(TIMES), features=features)
+        times = np.array(TIMES)
+        inputs = prepare_denoiser_inputs(
+            network, config, params, label, masks, times=times, guided=False, features=features
+        )
+        denoise = denoise_fn(network, params, inputs, times=times)
 
         def normal_noise(key: Array, like: PerType) -> PerType:
             keys_by_type = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))

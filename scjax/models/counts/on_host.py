@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scjax.models.counts.predictor import NEVER, CountPredictorConfig
 from scjax.nn.layers import EPS
 
-Array = Float[np.ndarray, "*n"]
+Array = Float[np.ndarray, "..."]
 
 
 def count_log_probabilities(

@@ -83,16 +83,15 @@ def test_ddim_noise_is_eta_times_the_posterior_std(eta):
     """The difference of one step with and without noise is the noise that DDIM adds."""
     schedule = schedule_for(DDIM(), "noise", 100)
     ones = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
+    half = jax.tree.map(lambda x: 0.5 * x, ones)
 
     def step_result(step, noise):
         context = SamplingContext(
-            denoise=lambda x, step: jax.tree.map(lambda x: 0.3 * x, x),
             step_noise=lambda step: jax.tree.map(lambda x: noise * x, ones),
             schedule=schedule,
-            prediction="noise",
             generated=token_masks([(2, 2)], 2, 2),
         )
-        return DDIM(eta).step(context, ones, jnp.int32(step), ())[0].lanes[0, 0, 0]
+        return DDIM(eta).step(context, ones, half, jnp.int32(step), ())[0].lanes[0, 0, 0]
 
     for step in (0, 1, 50, 99):
         noise = step_result(step, 1.0) - step_result(step, 0.0)
@@ -102,17 +101,15 @@ def test_ddim_noise_is_eta_times_the_posterior_std(eta):
 @pytest.mark.parametrize("case", ["ddim", "dpm++", "dpm++, flow", "euler", "heun"])
 def test_deterministic_samplers_add_no_noise(case):
     sampler, prediction = SAMPLER_CASES[case]
-    denoise = gaussian_denoiser(0.7, 0.4, prediction)
     x = PerType(agents=jnp.ones((1, 2, 3)), lanes=jnp.ones((1, 2, 5)))
 
     def refuse(step):
         raise AssertionError("noise was drawn")
 
-    schedule = schedule_for(sampler, prediction, 10)
-    time = jnp.asarray(schedule.levels.time[5:6])
     everything = jax.tree.map(lambda x: jnp.ones(x.shape[:2], bool), x)
-    context = SamplingContext(lambda x, step: denoise(x, time), refuse, schedule, prediction, everything)
-    result, _ = sampler.step(context, x, jnp.int32(5), sampler.init_memory(x))
+    context = SamplingContext(refuse, schedule_for(sampler, prediction, 10), everything)
+    x0 = jax.tree.map(lambda x: 0.7 * x, x)
+    result, _ = sampler.step(context, x, x0, jnp.int32(5), sampler.init_memory(x))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(result))
 
 

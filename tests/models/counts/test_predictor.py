@@ -6,6 +6,7 @@ import numpy as np
 import optax
 import pytest
 
+from scjax.models.counts.on_host import count_log_probabilities
 from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
 
@@ -44,6 +45,17 @@ def test_predictor_ignores_padding(network):
     domain = jnp.zeros(3, int)
     for other in (garbage, longer):
         np.testing.assert_allclose(made.apply(params, other, domain), made.apply(params, text, domain), atol=1e-5)
+
+
+def test_predictor_on_the_host_is_the_same(network):
+    made, params = network
+    text = texts()
+    for domain in range(CONFIG.domains + 1):
+        expected = made.apply(params, text, jnp.full(3, domain))
+        for row, (tokens, mask) in enumerate(zip(text.tokens, text.mask, strict=True)):
+            actual = count_log_probabilities(CONFIG, params, np.asarray(tokens)[np.asarray(mask)], domain)
+            np.testing.assert_allclose(actual[1:, 1:], expected[row, 1:, 1:], atol=2e-5)
+            assert actual[0].max() < -1e8 and actual[:, 0].max() < -1e8
 
 
 def test_predictor_learns_counts_from_text(network):

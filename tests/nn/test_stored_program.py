@@ -1,0 +1,89 @@
+"""Stored programs: the same results from a file as from the compiler; a file of another program is never taken."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scjax.nn import stored_program
+from scjax.nn.stored_program import StoredProgram
+from scjax.scene.per_type import PerType
+
+BATCH = PerType(agents=np.arange(6.0, dtype=np.float32).reshape(2, 3), lanes=np.ones((2, 1), np.float32))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("SCJAX_CACHE", str(tmp_path))
+    return tmp_path / "executables"
+
+
+def scaled(factor=2.0, options=("scaled", 2.0)):
+    def scale(offset, batch: PerType) -> PerType:
+        return jax.tree.map(lambda x: jnp.sin(factor * x) + offset, batch)
+
+    return StoredProgram(scale, shared=1, options=options)
+
+
+def expected(offset, factor=2.0):
+    return jax.tree.map(lambda x: np.sin(factor * x) + offset, BATCH)
+
+
+def check(program, offset=0.5, factor=2.0):
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5),
+        program(np.float32(offset), BATCH),
+        expected(offset, factor),
+    )
+
+
+def test_a_second_process_reads_what_the_first_one_compiled(folder, monkeypatch):
+    check(scaled())
+    assert len(list(folder.glob("*.program"))) == 1
+    monkeypatch.setattr(StoredProgram, "_compile", None)
+    check(scaled(), offset=-3.0)
+
+
+@pytest.mark.parametrize("change", ["options", "source", "instruction set"])
+def test_what_an_executable_depends_on_is_compiled_again(folder, monkeypatch, change):
+    check(scaled())
+    if change == "options":
+        check(scaled(3.0, ("scaled", 3.0)), factor=3.0)
+    else:
+        name = {"source": "_source_digest", "instruction set": "cpu_flags"}[change]
+        monkeypatch.setattr(stored_program, name, lambda: "other")
+        check(scaled())
+    assert len(list(folder.glob("*.program"))) == 2
+
+
+def test_other_shapes_are_other_executables(folder):
+    program = scaled()
+    check(program)
+    wide = PerType(agents=np.ones((2, 5), np.float32), lanes=BATCH.lanes)
+    np.testing.assert_allclose(program(np.float32(0), wide).agents, np.sin(2 * wide.agents), rtol=1e-5)
+    assert len(list(folder.glob("*.program"))) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"cut off", "half"])
+def test_a_damaged_file_is_made_again(folder, content):
+    check(scaled())
+    (path,) = folder.glob("*.program")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] if content == "half" else content)
+    check(scaled())
+    assert len(path.read_bytes()) > len(whole) // 2 and len(list(folder.iterdir())) == 1
+
+
+def test_without_a_folder_it_only_compiles(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("SCJAX_CACHE", str(tmp_path / "file"))
+    check(scaled())
+
+
+def test_the_oldest_files_are_removed(folder, monkeypatch):
+    monkeypatch.setattr(stored_program, "_MAX_FILES", 2)
+    for factor in (1.0, 2.0, 3.0):
+        check(scaled(factor, factor), factor=factor)
+    assert len(list(folder.glob("*.program"))) == 2
