@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import textwrap
-import time
 
 import click
 
@@ -32,6 +31,9 @@ PROMPTS = (
 )
 """Their token features ship with the model."""
 
+_PADDED_SIZE = (16, 28)
+"""(agents, lanes) that holds nearly all of these scenes, so that there is one set of programs to compile."""
+
 _DEFAULT_STEPS = DEFAULT_STEPS["velocity"][DEFAULT_SAMPLER["velocity"]]
 
 
@@ -56,7 +58,6 @@ def demo(best_of, repair, num_steps, seed, folder, model_folder, as_json) -> Non
     with clock.part("start"):
         import jax
 
-        from scjax.generate.batching import padded_size
         from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
         from scjax.generate.sample import sample_scenes
@@ -65,19 +66,19 @@ def demo(best_of, repair, num_steps, seed, folder, model_folder, as_json) -> Non
 
         start_jax()
         model = load_model(model_folder)
-    scenes, sizes = [], set()
+    scenes = []
     with click.progressbar(PROMPTS, label="scenes", file=sys.stderr) as bar:
         for i, prompt in enumerate(bar):
-            start = time.perf_counter()
-            key = jax.random.fold_in(jax.random.key(seed), i)
-            scenes += sample_scenes(
-                key, [Condition(prompt=prompt)], model=model, num_steps=num_steps, best_of=best_of, repair=repair
-            )
-            size = padded_size(int(scenes[-1].num_agents), int(scenes[-1].num_lanes))
-            first = "first scene of another size" if sizes else "first scene"
-            name = "later scenes" if size in sizes else f"{first} (with compiling)"
-            clock.add(name, time.perf_counter() - start)
-            sizes.add(size)
+            with clock.part("later scenes" if scenes else "first scene (with compiling)"):
+                scenes += sample_scenes(
+                    jax.random.fold_in(jax.random.key(seed), i),
+                    [Condition(prompt=prompt)],
+                    model=model,
+                    num_steps=num_steps,
+                    best_of=best_of,
+                    repair=repair,
+                    padded_size=_PADDED_SIZE,
+                )
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]
         picture = out / f"scjax-demo-{seed}.png"

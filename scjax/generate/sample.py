@@ -18,7 +18,7 @@ from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, resolve_sampler
-from scjax.generate.batching import GROUP, in_batches
+from scjax.generate.batching import GROUP, Bucket, in_batches
 from scjax.generate.best_of import best_index
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
@@ -45,6 +45,7 @@ def sample_scenes(
     repair: bool = False,
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
+    padded_size: tuple[int, int] | None = None,
 ) -> Scene: ...
 
 
@@ -62,6 +63,7 @@ def sample_scenes(
     repair: bool = False,
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
+    padded_size: tuple[int, int] | None = None,
 ) -> list[Scene]: ...
 
 
@@ -78,6 +80,7 @@ def sample_scenes(
     repair: bool = False,
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
+    padded_size: tuple[int, int] | None = None,
 ) -> Scene | list[Scene]:
     """Samples ``num_scenes`` scenes for one condition, or for each of several conditions.
 
@@ -102,6 +105,9 @@ def sample_scenes(
         model's. Lower gives cleaner and less varied scenes.
       energy_guidance: True, False or options: gradient steps towards closed lane connections, boxes that do not overlap
         and vehicles on lanes (``scjax.EnergyGuidance``); by default as the model has it.
+      padded_size: (agents, lanes) that every scene is padded to at least, so that scenes of several sizes share
+        compiled programs. By default each scene is padded to the smallest of a few sizes that holds it: that is the
+        fastest once all are compiled.
 
     Returns:
       For one condition a batch [num_scenes] in meters, padded to its largest scene. For a sequence of conditions a list
@@ -124,7 +130,7 @@ def sample_scenes(
         for i in range(len(conditions))
     ]
     candidates = [candidate for request in requests for candidate in request.candidates(best_of)]
-    scenes = _sample_latents_and_decode(candidates, model, settings)
+    scenes = _sample_latents_and_decode(candidates, model, settings, padded_size or (0, 0))
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
     if best_of > 1:
@@ -188,11 +194,13 @@ def _temperature(value: float | PerType) -> PerType:
     return jax.tree.map(jnp.float32, both)
 
 
-def _sample_latents_and_decode(requests: Sequence[Request], model: Model, settings: SamplingSettings) -> list[Scene]:
+def _sample_latents_and_decode(
+    requests: Sequence[Request], model: Model, settings: SamplingSettings, least: Bucket
+) -> list[Scene]:
     """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes."""
     scenes: dict[int, Scene] = {}
     sizes = [(request.num_agents, request.num_lanes) for request in requests]
-    for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP):
+    for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP, least):
         batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config.condition)
         sampled = sample_batch(model, settings, batch)
         scenes.update({index: requests[index].restore_known(sampled[row]) for row, index in enumerate(indices)})

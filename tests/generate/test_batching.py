@@ -20,6 +20,13 @@ def test_in_batches_holds_every_scene_once(sizes, group):
 
 
 def test_padded_size_is_the_smallest_bucket():
-    assert padded_size(16, 28) == BUCKETS[0] and padded_size(16, 29) == BUCKETS[1] and padded_size(33, 1) == BUCKETS[2]
+    for agents, lanes in BUCKETS:
+        assert padded_size(agents, lanes) == (agents, lanes)
+    assert padded_size(9, 3) == (16, 16) and padded_size(3, 29) == (32, 32) and padded_size(33, 1) == (61, 48)
     with pytest.raises(ValueError, match="62 agents and 1 lanes are more than"):
         padded_size(62, 1)
+
+
+def test_padded_size_holds_the_least_slots():
+    assert padded_size(2, 2, (9, 26)) == (16, 28) and padded_size(2, 40, (16, 28)) == (61, 48)
+    assert [bucket for bucket, *_ in in_batches([(2, 2), (11, 6), (9, 26)], 4, (16, 28))] == [(16, 28)]
