@@ -12,7 +12,9 @@ Logs:       Log, load_log, save_log, crop_log, validate_log
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
 Generation: sample, reconstruct
-Pictures:   viz (imports matplotlib when it is first used)
+Pictures:   viz
+
+Each name is imported when it is first used.
 """
 
 from __future__ import annotations
@@ -20,22 +22,21 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from scjax.data.log_crop import crop_log
-from scjax.diffusion import samplers
-from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.diffusion.guidance import Guidance
-from scjax.generate.conditions import Condition, Stream
-from scjax.generate.model import Model
-from scjax.generate.model import load_model as load
-from scjax.generate.model import save_model as save
-from scjax.generate.reconstruct import reconstruct
-from scjax.generate.sample import sample_scenes as sample
-from scjax.scene import AgentType, Crop, Link, Log, Scene, Signal, load_log, save_log, validate, validate_log
-from scjax.scene.per_type import PerType
-from scjax.scene.repair import repair
-
 if TYPE_CHECKING:
     from scjax import viz
+    from scjax.data.log_crop import crop_log
+    from scjax.diffusion import samplers
+    from scjax.diffusion.energy_guidance import EnergyGuidance
+    from scjax.diffusion.guidance import Guidance
+    from scjax.generate.conditions import Condition, Stream
+    from scjax.generate.model import Model
+    from scjax.generate.model import load_model as load
+    from scjax.generate.model import save_model as save
+    from scjax.generate.reconstruct import reconstruct
+    from scjax.generate.sample import sample_scenes as sample
+    from scjax.scene import AgentType, Crop, Link, Log, Scene, Signal, load_log, save_log, validate, validate_log
+    from scjax.scene.per_type import PerType
+    from scjax.scene.repair import repair
 
 __version__ = "0.1.0"
 __all__ = [
@@ -66,8 +67,45 @@ __all__ = [
 ]
 
 
+_PLACES = {
+    "scjax.data.log_crop": ("crop_log",),
+    "scjax.diffusion.energy_guidance": ("EnergyGuidance",),
+    "scjax.diffusion.guidance": ("Guidance",),
+    "scjax.generate.conditions": ("Condition", "Stream"),
+    "scjax.generate.model": ("Model", "load=load_model", "save=save_model"),
+    "scjax.generate.reconstruct": ("reconstruct",),
+    "scjax.generate.sample": ("sample=sample_scenes",),
+    "scjax.scene": (
+        "AgentType",
+        "Crop",
+        "Link",
+        "Log",
+        "Scene",
+        "Signal",
+        "load_log",
+        "save_log",
+        "validate",
+        "validate_log",
+    ),
+    "scjax.scene.per_type": ("PerType",),
+    "scjax.scene.repair": ("repair",),
+}
+"""Module -> the public names in it, and what they are called there. Each is imported when it is first used: the command
+line prints its help without JAX."""
+
+
 def __getattr__(name: str) -> Any:
-    """Imports ``scjax.viz``, and with it matplotlib, when it is first used."""
-    if name == "viz":
-        return importlib.import_module("scjax.viz")
+    """Imports a public name when it is first used."""
+    if name in ("samplers", "viz"):
+        return importlib.import_module({"samplers": "scjax.diffusion.samplers", "viz": "scjax.viz"}[name])
+    for module, places in _PLACES.items():
+        for public, _, inner in (place.partition("=") for place in places):
+            if public == name:
+                value = globals()[name] = getattr(importlib.import_module(module), inner or public)
+                return value
     raise AttributeError(f"module 'scjax' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, also those that are not imported yet."""
+    return sorted({*globals(), *__all__})

@@ -13,13 +13,12 @@ from scjax.cli.options import (
     best_of_option,
     json_option,
     model_option,
+    num_steps_option,
     out_option,
     repair_option,
     seed_option,
 )
 from scjax.cli.output import Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.defaults import DEFAULT_SAMPLER
-from scjax.diffusion.samplers import DEFAULT_STEPS
 
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
@@ -34,15 +33,11 @@ PROMPTS = (
 _PADDED_SIZE = (16, 28)
 """(agents, lanes) that holds nearly all of these scenes, so that there is one set of programs to compile."""
 
-_DEFAULT_STEPS = DEFAULT_STEPS["velocity"][DEFAULT_SAMPLER["velocity"]]
-
 
 @click.command(cls=GenerationCommand)
 @best_of_option
 @repair_option
-@click.option(
-    "--num-steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
-)
+@num_steps_option
 @seed_option
 @out_option
 @model_option

@@ -5,27 +5,44 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from scjax.cli.options import (
     GenerationCommand,
+    LateHelp,
     best_of_option,
     json_option,
     model_option,
+    num_steps_option,
     out_option,
     repair_option,
     seed_option,
 )
 from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
-from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, DEFAULT_SAMPLER
-from scjax.diffusion.samplers import DEFAULT_STEPS, SAMPLERS
-from scjax.scene import Scene
 
-_DEFAULT_STEPS = ", ".join(
-    f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()
-)
+if TYPE_CHECKING:
+    from scjax.scene import Scene
+
+
+def _guidance_help() -> str:
+    from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
+
+    return (
+        "Guidance scale: higher follows the prompt more closely, 1 is no guidance. "
+        f"[default: {DEFAULT_GUIDANCE_SCALE:g}]"
+    )
+
+
+def _sampler_help() -> str:
+    from scjax.diffusion.defaults import DEFAULT_SAMPLER
+    from scjax.diffusion.samplers import SAMPLERS
+
+    return (
+        f"{', '.join(SAMPLERS)}; euler and heun are for rectified flows. "
+        f"[default: {DEFAULT_SAMPLER['velocity']}; rectified flow: {DEFAULT_SAMPLER['flow']}]"
+    )
 
 
 @click.command(cls=GenerationCommand)
@@ -33,21 +50,9 @@ _DEFAULT_STEPS = ", ".join(
 @click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
 @best_of_option
 @repair_option
-@click.option(
-    "--num-steps", type=click.IntRange(2, 100), help=f"Sampling steps; fewer are faster. [default: {_DEFAULT_STEPS}]"
-)
-@click.option(
-    "--guidance",
-    type=float,
-    help="Guidance scale: higher follows the prompt more closely, 1 is no guidance. "
-    f"[default: {DEFAULT_GUIDANCE_SCALE:g}]",
-)
-@click.option(
-    "--sampler",
-    type=click.Choice(list(SAMPLERS)),
-    help="Sampler; euler and heun are for rectified flows. "
-    f"[default: {DEFAULT_SAMPLER['velocity']}; rectified flow: {DEFAULT_SAMPLER['flow']}]",
-)
+@num_steps_option
+@click.option("--guidance", type=float, cls=LateHelp, late_help=_guidance_help)
+@click.option("--sampler", metavar="NAME", cls=LateHelp, late_help=_sampler_help)
 @click.option(
     "--temperature",
     type=click.FloatRange(0, min_open=True),

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from scjax.cli.options import json_option, model_option
-from scjax.scene import Scene, unpadded
-from scjax.scene import io as scene_io
 
-READERS: dict[str, Callable[[str | Path], Scene]] = {".npz": scene_io.load_npz, ".json": scene_io.load_json}
-"""File ending -> function that reads a scene or a batch."""
+if TYPE_CHECKING:
+    from scjax.scene import Scene
 
 
 def read_scenes(path: str | Path) -> list[Scene]:
@@ -23,11 +21,14 @@ def read_scenes(path: str | Path) -> list[Scene]:
     Raises:
       ValueError: names the file and what is wrong with it.
     """
+    from scjax.scene import io, unpadded
+
+    readers = {".npz": io.load_npz, ".json": io.load_json}
     path = Path(path)
-    if path.suffix not in READERS:
-        raise ValueError(f"{path}: scenes are read from {' and '.join(READERS)} files, as scjax generate writes them")
+    if path.suffix not in readers:
+        raise ValueError(f"{path}: scenes are read from {' and '.join(readers)} files, as scjax generate writes them")
     try:
-        scene = READERS[path.suffix](path)
+        scene = readers[path.suffix](path)
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
     except (OSError, UnicodeDecodeError) as error:

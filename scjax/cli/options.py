@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import click
 
 from scjax.cli.output import say
@@ -43,6 +46,30 @@ def _current_flag(word: str) -> str:
     return RENAMED[flag] + equals + value
 
 
+class LateHelp(click.Option):
+    """An option whose help names defaults of modules that take a second to import: ``late_help`` is called to print
+    it."""
+
+    def __init__(self, *args: Any, late_help: Callable[[], str], **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self._late_help = late_help
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """The option and its help."""
+        self.help = self._late_help()
+        return super().get_help_record(ctx)
+
+
+def _steps_help() -> str:
+    from scjax.diffusion.samplers import DEFAULT_STEPS
+
+    defaults = ", ".join(
+        f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()
+    )
+    return f"Sampling steps; fewer are faster. [default: {defaults}]"
+
+
+num_steps_option = click.option("--num-steps", type=click.IntRange(2, 100), cls=LateHelp, late_help=_steps_help)
 seed_option = click.option(
     "--seed", default=0, show_default=True, help="Random seed: the same seed gives the same scenes."
 )

@@ -9,11 +9,12 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from scjax.scene import Scene
-from scjax.scene import io as scene_io
+if TYPE_CHECKING:
+    from scjax.scene import Scene
 
 _MAX_SLUG = 48  # characters
 
@@ -29,11 +30,23 @@ def _write_picture(scene: Scene, path: Path) -> None:
     save_figure(figure, path)
 
 
+def _write_json(scene: Scene, path: Path) -> None:
+    from scjax.scene import io
+
+    io.save_json(scene, path)
+
+
+def _write_npz(scene: Scene, path: Path) -> None:
+    from scjax.scene import io
+
+    io.save_npz(scene, path)
+
+
 WRITERS: dict[str, Callable[[Scene, Path], object]] = {
     "png": _write_picture,
     "svg": _write_picture,
-    "json": scene_io.save_json,
-    "npz": scene_io.save_npz,
+    "json": _write_json,
+    "npz": _write_npz,
 }
 """File ending -> function that writes a scene. A new format is one more line."""
 

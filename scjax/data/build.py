@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from scjax.data.build_options import BuildOptions, ReaderSource, RecordSource
+from scjax.data.build_options import BuildOptions
 from scjax.data.build_shards import INDEX_COLUMNS, MANIFEST_FORMAT, Shard, build_shard, scan_log
 from scjax.data.readers import open_folder
 from scjax.data.readers.base import LogInfo
+from scjax.data.record_source import ReaderSource, RecordSource
 from scjax.data.records import RECORD_FORMAT
 from scjax.data.statistics import SceneStatistics
 from scjax.data.workers import WorkerPool

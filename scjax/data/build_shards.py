@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from scjax.data.build_options import BuildOptions, RecordSource
+from scjax.data.build_options import BuildOptions
 from scjax.data.local_map import simplify_graph
 from scjax.data.readers.base import LogInfo
+from scjax.data.record_source import RecordSource
 from scjax.data.records import RECORD_FORMAT, encode_record, make_record, sample_scene, write_shard
 from scjax.data.statistics import SceneStatistics
 from scjax.scene.files import write_text

@@ -16,7 +16,6 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 from jaxtyping import Array
-from tokenizers import Tokenizer
 
 from scjax.encoders import bert, t5
 from scjax.encoders.base import TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
@@ -38,9 +37,7 @@ class FrozenTextEncoder:
     ``name`` changes with the weights: a model fits the features of one name only.
     """
 
-    def __init__(
-        self, network: TextNetwork, config: TextNetworkConfig, params: Params, tokenizer: Tokenizer, name: str
-    ):
+    def __init__(self, network: TextNetwork, config: TextNetworkConfig, params: Params, tokenizer: Any, name: str):
         self.config, self.params, self.tokenizer, self.name = config, params, tokenizer, name
         self._program = _program(network, config)
         tokenizer.no_padding()
@@ -113,6 +110,8 @@ def _load(folder: Path) -> FrozenTextEncoder:
         params = convert(state, network.weight_rules(config), expected, unused, dict(network.aliases))
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error
+    from tokenizers import Tokenizer  # a tenth of a second, which prompts that ship with the model do not need
+
     path = folder / "tokenizer.json"
     try:
         tokenizer = Tokenizer.from_file(str(path))

@@ -12,8 +12,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from scjax.language.road import Road, wrap_to_pi
 
@@ -92,6 +90,9 @@ def find_intersections(road: Road) -> tuple[list[Intersection], int]:
     if not len(positions) or len(positions) > len(road) * (len(road) - 1) // 2:
         return [], bridges
     is_near = np.linalg.norm(positions[:, None] - positions[None], axis=-1) < _CROSSING_DISTANCE
+    from scipy.sparse import csr_array  # slow to import
+    from scipy.sparse.csgraph import connected_components
+
     cluster = connected_components(csr_array(is_near), directed=False)[1]
     intersections = []
     for number in range(cluster.max() + 1):

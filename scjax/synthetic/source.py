@@ -8,9 +8,10 @@ import hashlib
 
 import numpy as np
 
-from scjax.data.build_options import BuildOptions, PosedLog
+from scjax.data.build_options import BuildOptions
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.readers.base import LogInfo
+from scjax.data.record_source import PosedLog
 from scjax.data.tiles import pose_of
 from scjax.language.events import EVENTS
 from scjax.synthetic.domains import draw_domain

@@ -130,7 +130,7 @@ def test_generate_repairs_and_takes_the_best_candidate(run, folder, tmp_path):
     [
         (["--steps", 2, "--pick", 2], ["--num-steps", 2, "--best-of", 2]),
         (["--steps=2", "--raw"], ["--num-steps", 2, "--no-repair"]),
-        (["--steps", 2, "--steer"], ["--num-steps", 2, "--energy-guidance"]),
+        (["--steps", 2, "--no-steer"], ["--num-steps", 2, "--no-energy-guidance"]),
     ],
 )
 def test_old_flags_work_with_a_warning(run, folder, tmp_path, old, new):

@@ -5,9 +5,10 @@ import pytest
 
 from scjax.data import records
 from scjax.data.build import build_records, load_manifest, split_of
-from scjax.data.build_options import BuildOptions, PoseOptions, ReaderSource
+from scjax.data.build_options import BuildOptions, PoseOptions
 from scjax.data.build_shards import build_shard
 from scjax.data.readers import LogInfo, LogReader
+from scjax.data.record_source import ReaderSource
 from scjax.scene import LogMetadata, validate
 from tests.factories import scene_files
 from tests.factories.logs import example_log

@@ -6,7 +6,8 @@ import collections
 
 import pytest
 
-from scjax.data.build_options import BuildOptions, PosedLog
+from scjax.data.build_options import BuildOptions
+from scjax.data.record_source import PosedLog
 from scjax.language.events import EVENTS
 from scjax.synthetic.labels import SceneLabel
 from scjax.synthetic.source import Worlds
