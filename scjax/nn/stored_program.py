@@ -49,7 +49,8 @@ class StoredProgram:
         compiler_options = fast_compile_options(light=light)
         self._jitted = jax.jit(spread(function, shared=shared), compiler_options=compiler_options)
         self._shared = shared
-        self._description = repr((getattr(function, "__name__", ""), shared, options, compiler_options))
+        self.name = getattr(function, "__name__", "")
+        self._description = repr((self.name, shared, options, compiler_options))
         self._executables: dict[Hashable, Any] = {}
 
     def __call__(self, *arguments: Any) -> Any:
@@ -58,6 +59,10 @@ class StoredProgram:
         if signature not in self._executables:
             self._executables[signature] = self._load_or_compile(arguments, signature)
         return self._executables[signature](*arguments)
+
+    def lower(self, *arguments: Any) -> Any:
+        """The program for these arguments as StableHLO, not yet compiled."""
+        return self._jitted.lower(*arguments)
 
     def _load_or_compile(self, arguments: tuple, signature: tuple) -> Any:
         devices = scene_mesh(len(jax.tree.leaves(arguments[self._shared :])[0])).devices.ravel().tolist()
@@ -89,7 +94,7 @@ class StoredProgram:
         before = jax.config.values[name]
         jax.config.update(name, float("inf"))
         try:
-            return self._jitted.lower(*arguments).compile()
+            return self.lower(*arguments).compile()
         finally:
             jax.config.update(name, before)
 
