@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from scjax.diffusion.denoise_fn import DenoiserInputs, denoise_fn, prepare_denoiser_inputs
+from scjax.diffusion.energies import ENERGIES
 from scjax.diffusion.energy_guidance import Descent, EnergyGuidance, descend
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, make_schedule
@@ -142,7 +143,8 @@ def descend_program(config: DenoiserConfig, options: EnergyGuidance) -> StoredPr
         points_fn = functools.partial(denoiser(config).apply, params, method="points")
         return descend(descent, scenes, points_fn, generated_mask(inputs.masks, inputs.known), options)
 
-    return StoredProgram(energy_step, shared=1, options=(config, options), light=True)
+    functions = (ENERGIES[name] for name, _ in options.energies)
+    return StoredProgram(energy_step, shared=1, options=(config, options, *functions), light=True)
 
 
 def decode_latents(

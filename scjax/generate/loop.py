@@ -21,7 +21,6 @@ from scjax.generate.encode import NetworkInputs, network_inputs
 from scjax.generate.model import Model
 from scjax.generate.requests import Request
 from scjax.models.denoiser.config import ConditionConfig
-from scjax.nn.sharding import replicated
 from scjax.scene import Scene, empty, pad, stack
 from scjax.scene.per_type import PerType
 
@@ -86,8 +85,8 @@ class Batch:
 def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scene:
     """Scenes in meters [B], as NumPy arrays."""
     config, coder = model.denoiser.config, (model.codec, model.autoencoder.config)
-    coder_params, params = replicated((model.autoencoder.params, model.denoiser.params), len(batch.crop))
-    coder_arguments = coder_params, model.latents.mean, model.latents.std
+    params = model.denoiser.placed_params(len(batch.crop))
+    coder_arguments = model.autoencoder.placed_params(len(batch.crop)), model.latents.mean, model.latents.std
     options = settings.sampler, config, settings.num_steps
     loop = compiled.sampling_loop(*options)
 

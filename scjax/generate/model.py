@@ -28,6 +28,7 @@ from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.latents import LatentStatistics
 from scjax.nn.functional import Params, flatten, unflatten
 from scjax.nn.safetensors import read_arrays, write_arrays
+from scjax.nn.sharding import replicated, scene_mesh
 from scjax.scene.per_type import PerType
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
@@ -52,6 +53,14 @@ class Component(Generic[Config]):
 
     config: Config
     params: Params
+    _placed: dict[int, Params] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def placed_params(self, scenes: int) -> Params:
+        """The parameters on every device over which so many scenes are spread; they are copied there once."""
+        devices = scene_mesh(scenes).size
+        if devices not in self._placed:
+            self._placed[devices] = replicated(self.params, scenes)
+        return self._placed[devices]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

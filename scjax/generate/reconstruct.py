@@ -20,12 +20,12 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
       ValueError: the model has no autoencoder, or a scene has more elements than the largest bucket.
     """
     coder = model.codec, model.autoencoder.config
-    arguments = model.autoencoder.params, model.latents.mean, model.latents.std
     scenes = [scene.to_numpy() for scene in scenes]
     results: dict[int, Scene] = {}
     sizes = [(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]) for scene in scenes]
     for bucket, indices, rows in in_batches(sizes):
         padded = stack([scenes[i] for i in rows], bucket)
+        arguments = model.autoencoder.placed_params(len(rows)), model.latents.mean, model.latents.std
         masks, latents = encode_program(*coder)(*arguments, padded)
         decoded = decode_program(*coder)(*arguments, latents, masks, padded.crop, padded.domain).to_numpy()
         results.update({index: unpadded(decoded[row]) for row, index in enumerate(indices)})

@@ -7,14 +7,16 @@ again. (JAX's own compilation cache spares the compiler only, not tracing and lo
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
+import inspect
 import logging
 import os
 import pickle
 import platform
 import tempfile
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -38,19 +40,22 @@ _log = logging.getLogger(__name__)
 class StoredProgram:
     """A function of batches, compiled once for each shape, spread over devices, and stored in the cache folder."""
 
-    def __init__(self, function: Callable[..., Any], *, shared: int, options: Hashable, light: bool = False):
+    def __init__(self, function: Callable[..., Any], *, shared: int, options: tuple[Any, ...], light: bool = False):
         """The program of a function.
 
         Args:
           function, shared: as for ``scjax.nn.sharding.spread``.
-          options: all that the function closes over; its ``repr`` has to tell.
+          options: all that the function closes over: values with a ``repr`` that tells them apart, and functions. With
+            values of classes that are not of this package nothing is stored: their source may change unnoticed.
           light: as for ``fast_compile_options``.
         """
         compiler_options = fast_compile_options(light=light)
         self._jitted = jax.jit(spread(function, shared=shared), compiler_options=compiler_options)
         self._shared = shared
         self.name = getattr(function, "__name__", "")
-        self._description = repr((self.name, shared, options, compiler_options))
+        self._is_storable = _packages(options) <= {"builtins", "scjax", "numpy"}
+        described = [option.__qualname__ if inspect.isfunction(option) else option for option in options]
+        self._description = repr((self.name, shared, described, compiler_options))
         self._executables: dict[Hashable, Any] = {}
 
     def __call__(self, *arguments: Any) -> Any:
@@ -65,6 +70,8 @@ class StoredProgram:
         return self._jitted.lower(*arguments)
 
     def _load_or_compile(self, arguments: tuple, signature: tuple) -> Any:
+        if not self._is_storable:
+            return self._compile(arguments)
         devices = scene_mesh(len(jax.tree.leaves(arguments[self._shared :])[0])).devices.ravel().tolist()
         key = _digest(self._description, str(signature), _environment(devices[0]), len(devices))
         path = cache_folder() / "executables" / f"{key}.program"
@@ -103,6 +110,19 @@ def _signature(leaf: Any) -> tuple:
     """Shape, type and place of an argument."""
     place = leaf.sharding if isinstance(leaf, jax.Array) and leaf.committed else None
     return getattr(leaf, "shape", ()), getattr(leaf, "dtype", type(leaf)), place
+
+
+def _packages(value: Any) -> set[str]:
+    """The packages of the classes and functions that a value is made of."""
+    parts: Iterable[Any] = ()
+    if isinstance(value, tuple | list):
+        parts = value
+    elif isinstance(value, dict):
+        parts = (*value.keys(), *value.values())
+    elif dataclasses.is_dataclass(value):
+        parts = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    module = value.__module__ if inspect.isfunction(value) else type(value).__module__
+    return {module.partition(".")[0]}.union(*map(_packages, parts))
 
 
 def _digest(*parts: Any) -> str:

@@ -82,8 +82,21 @@ def test_without_a_folder_it_only_compiles(tmp_path, monkeypatch):
     check(scaled())
 
 
+class Foreign:
+    """A class that is not of scjax."""
+
+    def __repr__(self):
+        return "Foreign()"
+
+
+@pytest.mark.parametrize("option", [Foreign(), check])
+def test_what_depends_on_foreign_code_is_not_stored(folder, option):
+    check(scaled(options=("scaled", ((option,),))))
+    assert not folder.exists()
+
+
 def test_the_oldest_files_are_removed(folder, monkeypatch):
     monkeypatch.setattr(stored_program, "_MAX_FILES", 2)
     for factor in (1.0, 2.0, 3.0):
-        check(scaled(factor, factor), factor=factor)
+        check(scaled(factor, (factor,)), factor=factor)
     assert len(list(folder.glob("*.program"))) == 2
