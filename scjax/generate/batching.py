@@ -32,6 +32,9 @@ def in_batches(
 ) -> Iterator[tuple[Bucket, list[int], list[int]]]:
     """Splits scenes into batches of one bucket and ``group`` rows each.
 
+    Scenes that do not fill a batch of their own bucket are put into the next larger one that is used. So one batch at
+    most has rows without a scene, and a few scenes of several sizes share one program.
+
     Args:
       sizes: (agents, lanes) of every scene.
       least: slots that every bucket has.
@@ -42,7 +45,12 @@ def in_batches(
     members: dict[Bucket, list[int]] = {}
     for index, size in enumerate(sizes):
         members.setdefault(padded_size(*size, least), []).append(index)
-    for bucket, indices in members.items():
-        for start in range(0, len(indices), group):
-            part = indices[start : start + group]
+    used = sorted(members, key=BUCKETS.index)
+    waiting: list[int] = []
+    for bucket in used:
+        indices = waiting + members[bucket]
+        rest = len(indices) % group if bucket != used[-1] else 0
+        full, waiting = indices[: len(indices) - rest], indices[len(indices) - rest :]
+        for start in range(0, len(full), group):
+            part = full[start : start + group]
             yield bucket, part, part + [part[0]] * (group - len(part))

@@ -11,12 +11,23 @@ from scjax.generate.batching import BUCKETS, in_batches, padded_size
 
 @given(st.lists(st.tuples(st.integers(0, 61), st.integers(0, 100)), max_size=30), st.integers(1, 5))
 def test_in_batches_holds_every_scene_once(sizes, group):
-    indices = []
+    indices, filled = [], 0
     for bucket, part, rows in in_batches(sizes, group):
         assert len(rows) == group and rows[: len(part)] == part and set(rows) == set(part)
-        assert all(padded_size(*sizes[index]) == bucket for index in part)
+        assert all(sizes[index][0] <= bucket[0] and sizes[index][1] <= bucket[1] for index in part)
         indices += part
-    assert sorted(indices) == list(range(len(sizes)))
+        filled += group > len(part)
+    assert sorted(indices) == list(range(len(sizes))) and filled <= 1
+
+
+def test_few_scenes_of_several_sizes_share_a_batch():
+    batches = list(in_batches([(2, 2), (40, 50), (11, 6), (3, 3)], 4))
+    assert batches == [((61, 64), [0, 3, 2, 1], [0, 3, 2, 1])]
+
+
+def test_many_scenes_have_their_own_size():
+    sizes = [(2, 2)] * 9 + [(11, 6)] * 3
+    assert [(bucket, len(part)) for bucket, part, _ in in_batches(sizes, 4)] == [((8, 8), 4)] * 2 + [((16, 16), 4)]
 
 
 def test_padded_size_is_the_smallest_bucket():

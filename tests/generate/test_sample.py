@@ -81,7 +81,7 @@ def test_sample_of_a_list_equals_single_calls(model):
     assert isinstance(scenes, list) and len(scenes) == 3
     for i, condition in enumerate(conditions):
         single = sample(model, condition, num_scenes=3)
-        chex.assert_trees_all_equal(scenes[i].to_dict(), unpadded(single[i]).to_dict())
+        chex.assert_trees_all_close(scenes[i].to_dict(), unpadded(single[i]).to_dict(), atol=2e-3)
 
 
 def test_sample_of_a_list_has_num_scenes_of_each(model):
