@@ -90,16 +90,18 @@ def prepare_denoiser_inputs(
         elif guided and config.attend_padding:  # otherwise "no condition" needs no cache
             null_cache = network.apply(params, features, ~keep_condition, method="encode_condition")
     null_label = jnp.full_like(label, config.null_label)
-    labels, both_masks = (
-        (concat_branches(label, null_label), concat_branches(masks, masks)) if guided else (label, masks)
-    )
-    table = _modulation_table(network, params, times, labels, both_masks, max_precomputed)
-    conditional, unconditional = (jax.tree.map(lambda x, half=half: x[half], table) for half in _halves(len(label)))
+    rows = (label, masks)
+    if guided:
+        rows = concat_branches(rows, (null_label, masks))
+    table = _modulation_table(network, params, times, *rows, max_precomputed)
+    scenes = len(label)
     return DenoiserInputs(
         masks=masks,
         known=known,
-        conditional=Branch(label=label, cache=cache, modulation=conditional),
-        unconditional=Branch(label=null_label, cache=null_cache, modulation=unconditional) if guided else None,
+        conditional=Branch(label=label, cache=cache, modulation=jax.tree.map(lambda x: x[:scenes], table)),
+        unconditional=Branch(label=null_label, cache=null_cache, modulation=jax.tree.map(lambda x: x[scenes:], table))
+        if guided
+        else None,
     )
 
 
@@ -120,45 +122,52 @@ def denoise_fn(
       guidance: interval and rescaling. Its scale is not used.
       guidance_scale: scale for all scenes or per scene [B]; may be traced.
     """
-    masks, known, unconditional = inputs.masks, inputs.known, inputs.unconditional
+
+    def evaluate(branch: Branch, masks: PerType, known: PerType | None, z: PerType, t: Real[Array, " b"]) -> PerType:
+        return network.apply(params, z, t, branch.label, masks, known, branch.cache, branch.modulation)
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(params, z, t, *_arguments(inputs.conditional, masks, known, times, t))
+        return evaluate(_at_time(inputs.conditional, times, t), inputs.masks, inputs.known, z, t)
 
     if guidance is None:
         return denoise
+    unconditional = inputs.unconditional
     assert unconditional is not None
 
     def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
-        label, _, _, cache, modulation = _arguments(inputs.conditional, masks, known, times, t[: len(masks.agents)])
-        null = _arguments(unconditional, masks, known, times, t[: len(masks.agents)])
-        caches = cache if null[3] is None else concat_branches(cache, null[3])
-        modulations = None if modulation is None else concat_branches(modulation, null[4])
-        both_known = None if known is None else concat_branches(known, known)
-        labels, both_masks = concat_branches(label, null[0]), concat_branches(masks, masks)
-        return network.apply(params, z, t, labels, both_masks, both_known, caches, modulations)
+        branch = _concat(_at_time(inputs.conditional, times, t), _at_time(unconditional, times, t))
+        masks, known = concat_branches((inputs.masks, inputs.known), (inputs.masks, inputs.known))
+        return evaluate(branch, masks, known, z, t)
 
     return with_guidance(
         denoise_both,
         guidance_scale,
         interval=guidance.interval,
         rescale=guidance.rescale,
-        generated=generated_mask(masks, known),
+        generated=generated_mask(inputs.masks, inputs.known),
         denoise_conditional=denoise,
     )
 
 
-def _arguments(
-    branch: Branch, masks: PerType, known: PerType | None, times: Real[Array | np.ndarray, " s"], t: Real[Array, " b"]
-) -> tuple[Array, PerType, PerType | None, Any, Any]:
-    """The network's arguments after (params, z, t)."""
+def _at_time(branch: Branch, times: Real[Array | np.ndarray, " s"], t: Real[Array, " b"]) -> Branch:
+    """The branch with the modulation [B, ...] at one time."""
     row = jnp.searchsorted(jnp.asarray(times), t[0])
-    modulation = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, row, 1, keepdims=False), branch.modulation)
-    return branch.label, masks, known, branch.cache, modulation
+    table = branch.modulation
+    return branch.replace(
+        modulation=jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, row, 1, keepdims=False), table)
+    )
 
 
-def _halves(scenes: int) -> tuple[slice, slice]:
-    return slice(0, scenes), slice(scenes, None)
+def _concat(conditional: Branch, unconditional: Branch) -> Branch:
+    """Both branches as one of 2 B scenes. A condition of the first half alone needs no cache for the second."""
+    cache = conditional.cache
+    if unconditional.cache is not None:
+        cache = concat_branches(cache, unconditional.cache)
+    return Branch(
+        label=concat_branches(conditional.label, unconditional.label),
+        cache=cache,
+        modulation=concat_branches(conditional.modulation, unconditional.modulation),
+    )
 
 
 def _modulation_table(
