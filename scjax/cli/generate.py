@@ -45,6 +45,15 @@ def _sampler_help() -> str:
     )
 
 
+def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None) -> str | None:
+    if name is not None:
+        from scjax.diffusion.samplers import SAMPLERS
+
+        if name not in SAMPLERS:
+            raise click.BadParameter(f"{name!r} is not one of {', '.join(SAMPLERS)}")
+    return name
+
+
 @click.command(cls=GenerationCommand)
 @click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
 @click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
@@ -52,7 +61,7 @@ def _sampler_help() -> str:
 @repair_option
 @num_steps_option
 @click.option("--guidance", type=float, cls=LateHelp, late_help=_guidance_help)
-@click.option("--sampler", metavar="NAME", cls=LateHelp, late_help=_sampler_help)
+@click.option("--sampler", metavar="NAME", callback=_known_sampler, cls=LateHelp, late_help=_sampler_help)
 @click.option(
     "--temperature",
     type=click.FloatRange(0, min_open=True),

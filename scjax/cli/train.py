@@ -11,9 +11,10 @@ import click
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def train_command(arguments: tuple[str, ...]) -> int:
     """Trains a network on records; `scjax train --help` has the options and configs."""
+    from scjax.train.launch import HELP_OPTIONS, main
     from scjax.train.malloc import keep_memory_by_option
 
-    keep_memory_by_option(arguments)
-    from scjax.train.launch import main
-
-    return main(arguments or ("--help",), "scjax train")
+    arguments = arguments or ("--help",)
+    if not HELP_OPTIONS & set(arguments):
+        keep_memory_by_option(arguments)
+    return main(arguments, "scjax train")

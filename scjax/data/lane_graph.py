@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.spatial import KDTree
 
 from scjax.data.neighbors import infer_neighbors, recorded_neighbors
 from scjax.data.ragged import arc_lengths
 from scjax.scene import Log, MapLane
 from scjax.scene.lane_chains import merge_degree2_chains
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 DROPPED_LANE_TYPES = ("bike_lane", "undefined")  # cars do not drive on them
 JOIN_DISTANCE = 0.05  # m between an end and a start that are one point, where the source has no topology
@@ -104,6 +107,8 @@ def _recorded_joins(lanes: list[MapLane]) -> set[tuple[int, int]]:
 
 
 def _infer_joins(points: list[np.ndarray]) -> set[tuple[int, int]]:
+    from scipy.spatial import KDTree
+
     first, last = np.stack([p[0, :2] for p in points]), np.stack([p[-1, :2] for p in points])
     matches = KDTree(last).query_ball_tree(KDTree(first), JOIN_DISTANCE)
     return {(i, j) for i, followers in enumerate(matches) for j in followers}
@@ -130,6 +135,8 @@ class SegmentIndex:
 
 def index_segments(graph: LaneGraph, max_length: float = 2.0) -> SegmentIndex:
     """Search structure for ``nearest_lane``; segments are split into parts of at most ``max_length`` [m]."""
+    from scipy.spatial import KDTree
+
     inner = np.ones(len(graph.points) - 1, bool)
     inner[graph.offsets[1:-1] - 1] = False
     first = np.flatnonzero(inner)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float64, Int
-from scipy.spatial import KDTree
 
 from scjax.data.ragged import arc_lengths
 from scjax.scene import MapLane
@@ -81,6 +80,8 @@ def infer_neighbors(points: Float64[np.ndarray, "points 3"], offsets: Int[np.nda
     Returns:
       as ``recorded_neighbors``.
     """
+    from scipy.spatial import KDTree
+
     lane, sample_arc, cell, position, tangent = _sample_lanes(points, offsets)
     pairs = KDTree(position[:, :2]).query_pairs(np.hypot(MAX_LATERAL, SAMPLE_SPACING), output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])

@@ -195,7 +195,7 @@ def _temperature(value: float | PerType) -> PerType:
 
 
 def _sample_latents_and_decode(
-    requests: Sequence[Request], model: Model, settings: SamplingSettings, least: Bucket
+    requests: Sequence[Request], model: Model, settings: SamplingSettings, least: Bucket = (0, 0)
 ) -> list[Scene]:
     """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes."""
     scenes: dict[int, Scene] = {}

@@ -22,17 +22,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-import jax
 from absl import flags, logging
-from ml_collections import config_flags
 
-from scjax.nn.startup import start_jax
 from scjax.train.configs.renamed import check_renamed, dotted_fields
-from scjax.train.loop import train
 from scjax.train.malloc import without_memory_option
 
 _CONFIGS = Path(__file__).parent / "configs"
 _ALIASES = {"counter": "counts"}
+HELP_OPTIONS = {"-h", "--help", "--helpfull"}
 
 
 def main(arguments: Sequence[str], program: str) -> int:
@@ -42,7 +39,7 @@ def main(arguments: Sequence[str], program: str) -> int:
       The exit code: 0 done or stopped by a signal, 1 refused, 2 wrong usage.
     """
     arguments = without_memory_option(arguments)
-    if {"-h", "--help", "--helpfull"} & set(arguments):
+    if HELP_OPTIONS & set(arguments):
         print((__doc__ or "").replace("PROGRAM", program))
         return 0
     try:
@@ -50,6 +47,11 @@ def main(arguments: Sequence[str], program: str) -> int:
     except (AttributeError, KeyError, TypeError, ValueError, OSError, flags.Error) as error:
         print(f"{program}: {_one_line(error)}", file=sys.stderr)
         return 2
+    import jax
+
+    from scjax.nn.startup import start_jax
+    from scjax.train.loop import train
+
     # orbax reports every file that it touches, and logs errors with a traceback before it raises them.
     logging.set_verbosity(logging.FATAL)
     if distributed:
@@ -76,6 +78,8 @@ def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, 
       ValueError, AttributeError, KeyError, TypeError, flags.Error: a flag or field is unknown, renamed, missing or of
         another type; the message names the nearest one.
     """
+    from ml_collections import config_flags
+
     arguments = _with_config_path(arguments)
     check_renamed(match[1] for match in map(_FIELD.match, arguments) if match)
     flags.FLAGS.mark_as_parsed()  # libraries read flags of their own

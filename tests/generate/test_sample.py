@@ -129,7 +129,7 @@ def test_sample_compiles_each_program_once_for_a_bucket(model, monkeypatch):
         program.cache_clear()
     traced = chex.assert_max_traces(denoise_fn.denoise_fn, n=1)
     monkeypatch.setattr(compiled, "denoise_fn", traced)
-    for seed, (lanes, scale) in enumerate(((3, 2.0), (9, 3.0), (15, 4.0))):
+    for seed, (lanes, scale) in enumerate(((9, 2.0), (12, 3.0), (15, 4.0))):
         condition = Condition(num_lanes=lanes, num_agents=4)
         sample(model, condition, seed=seed, guidance=scale, temperature=scale / 4)
     for program in PROGRAMS:
