@@ -1,7 +1,7 @@
 """The compiled programs behind ``scjax.sample`` and ``scjax.reconstruct``; XLA compiles each once a padded shape.
 
-Sampling is a loop on the host over small programs (``scjax.generate.loop``): each part of it is compiled once, however
-often and wherever in the loop it runs.
+Sampling goes from one small program to the next (``scjax.generate.loop``): each part of it is compiled once, however
+often and wherever it runs.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler, make_schedule
 from scjax.diffusion.samplers.loop import LoopInputs, LoopState, SamplingLoop
 from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.autoencoder.model import autoencoder
+from scjax.models.autoencoder.model import autoencoder, decoder
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
-from scjax.nn.functional import Functional, Params
+from scjax.models.denoiser.position_head import position_heads
+from scjax.nn.functional import Params
 from scjax.nn.stored_program import StoredProgram
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType, generated_mask
@@ -56,13 +57,14 @@ def encode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgra
 
 @functools.lru_cache(maxsize=8)
 def decode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgram:
-    """(parameters, mean and deviation of latents; normalized latents, masks, crop, domain) -> scenes in meters."""
+    """(the decoder's parameters, mean and deviation of latents; normalized latents, masks, crop, domain) -> scenes in
+    meters."""
 
     def decode(
         params: Params, mean: PerType, std: PerType, latents: PerType, masks: PerType, crop: Array, domain: Array
     ) -> Scene:
         latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-        return decode_latents(autoencoder(config), params, codec, latents, masks, crop, domain)
+        return decode_latents(config, params, codec, latents, masks, crop, domain)
 
     return StoredProgram(decode, shared=3, options=(codec, config))
 
@@ -112,16 +114,25 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
 
 
 @functools.lru_cache(maxsize=8)
-def denoise_program(
+def advance_program(
     sampler: Sampler, config: DenoiserConfig, num_steps: int, guidance: Guidance | None
 ) -> StoredProgram:
-    """(parameters, guidance scale, evaluation; loop inputs, the denoiser's inputs, latents) -> x0 estimates."""
+    """(parameters, guidance scale, temperature, first and last evaluation; loop inputs, the denoiser's inputs, state,
+    x0 estimates) -> state and x0 estimates at the last evaluation; see ``SamplingLoop.advance``."""
     loop = sampling_loop(sampler, config, num_steps)
 
-    def denoise(
-        params: Params, scale: Array, evaluation: Array, inputs: LoopInputs, denoiser_inputs: DenoiserInputs, x: PerType
-    ) -> PerType:
-        evaluate = denoise_fn(
+    def advance(
+        params: Params,
+        scale: Array,
+        temperature: PerType,
+        first: Array,
+        last: Array,
+        inputs: LoopInputs,
+        denoiser_inputs: DenoiserInputs,
+        state: LoopState,
+        x0: PerType,
+    ) -> tuple[LoopState, PerType]:
+        denoise = denoise_fn(
             denoiser(config),
             params,
             denoiser_inputs,
@@ -129,29 +140,30 @@ def denoise_program(
             guidance=guidance,
             guidance_scale=scale,
         )
-        output = evaluate(x, loop.times(evaluation, len(x.agents)))
-        return loop.estimate_x0(inputs, x, output, evaluation)
+        return loop.advance(inputs, temperature, denoise, state, x0, first, last)
 
-    return StoredProgram(denoise, shared=3, options=(sampler, config, num_steps, guidance))
+    return StoredProgram(advance, shared=5, options=(sampler, config, num_steps, guidance))
 
 
 @functools.lru_cache(maxsize=8)
 def descend_program(config: DenoiserConfig, options: EnergyGuidance) -> StoredProgram:
-    """(parameters; descent, scenes that its lookahead decodes to, loop inputs) -> the descent after a gradient step."""
+    """(the position heads' parameters; descent, scenes that its lookahead decodes to, loop inputs) -> the descent after
+    a gradient step."""
 
     def energy_step(params: Params, descent: Descent, scenes: Scene, inputs: LoopInputs) -> Descent:
-        points_fn = functools.partial(denoiser(config).apply, params, method="points")
-        return descend(descent, scenes, points_fn, generated_mask(inputs.masks, inputs.known), options)
+        heads = position_heads(config.agent_latent, config.lane_latent)
+        generated = generated_mask(inputs.masks, inputs.known)
+        return descend(descent, scenes, functools.partial(heads.apply, params), generated, options)
 
     functions = (ENERGIES[name] for name, _ in options.energies)
     return StoredProgram(energy_step, shared=1, options=(config, options, *functions), light=True)
 
 
 def decode_latents(
-    coder: Functional, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain
+    config: AutoencoderConfig, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain
 ) -> Scene:
-    """Latents [B, tokens, latent] -> scenes in meters [B]."""
-    decoded = coder.apply(params, latents, masks, method="decode")
+    """Latents [B, tokens, latent] -> scenes in meters [B]; ``params`` are the decoder's."""
+    decoded = decoder(config).apply(params, latents, masks)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if codec.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)

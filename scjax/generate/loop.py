@@ -1,4 +1,4 @@
-"""The sampling loop on the host: from the requests of a batch to scenes, step by step through the compiled programs."""
+"""From the requests of a batch to scenes, through the compiled programs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 from scjax.diffusion.energy_guidance import Descent, EnergyGuidance, gradient_steps_per_level
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import Sampler
-from scjax.diffusion.samplers.loop import LoopInputs
+from scjax.diffusion.samplers.loop import LoopInputs, SamplingLoop
 from scjax.generate import compiled
 from scjax.generate.batching import Bucket
 from scjax.generate.encode import NetworkInputs, network_inputs
@@ -86,33 +86,44 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
     """Scenes in meters [B], as NumPy arrays."""
     config, coder = model.denoiser.config, (model.codec, model.autoencoder.config)
     params = model.denoiser.placed_params(len(batch.crop))
-    coder_arguments = model.autoencoder.placed_params(len(batch.crop)), model.latents.mean, model.latents.std
+    coder_params, statistics = model.autoencoder.placed_params(len(batch.crop)), (model.latents.mean, model.latents.std)
     options = settings.sampler, config, settings.num_steps
     loop = compiled.sampling_loop(*options)
 
     known = known_latents = None
     if batch.known_scenes is not None:
-        known, known_latents = compiled.encode_program(*coder)(*coder_arguments, batch.known_scenes)
+        known, known_latents = compiled.encode_program(*coder)(coder_params, *statistics, batch.known_scenes)
     inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
     prepare = compiled.prepare_program(*options, settings.guidance is not None)
     denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *batch.features)
-    denoise = compiled.denoise_program(*options, settings.guidance)
-    update = compiled.update_program(*options)
+    advance = compiled.advance_program(*options, settings.guidance)
 
     def decode(latents: PerType) -> Scene:
         program = compiled.decode_program(*coder)
-        return program(*coder_arguments, latents, batch.masks, batch.crop, batch.domain)
+        return program(coder_params["decoder"], *statistics, latents, batch.masks, batch.crop, batch.domain)
 
     state = compiled.start_program(*options)(settings.temperature, inputs)
-    for evaluation in range(len(loop.levels) - 1, -1, -1):
-        index = np.int32(evaluation)
-        x0 = denoise(params, np.float32(settings.guidance_scale), index, inputs, denoiser_inputs, state.x)
-        if settings.energy_guidance is not None:
-            steps = gradient_steps_per_level(settings.energy_guidance, loop.schedule.levels)[loop.levels[evaluation]]
+    x0, first = state.x, len(loop.levels) - 1
+    scale, gradient_steps = np.float32(settings.guidance_scale), _gradient_steps(loop, settings.energy_guidance)
+    for last in sorted({0, *gradient_steps}, reverse=True):
+        bounds = np.int32(first), np.int32(last)
+        state, x0 = advance(params, scale, settings.temperature, *bounds, inputs, denoiser_inputs, state, x0)
+        if settings.energy_guidance is not None and last in gradient_steps:
             program = compiled.descend_program(config, settings.energy_guidance)
-            x0 = _descend(functools.partial(program, params), decode, x0, inputs, int(steps))
-        state = update(settings.temperature, index, inputs, state, x0)
+            x0 = _descend(
+                functools.partial(program, params["position_heads"]), decode, x0, inputs, gradient_steps[last]
+            )
+        first = last - 1
+    state = compiled.update_program(*options)(settings.temperature, np.int32(0), inputs, state, x0)
     return jax.device_get(decode(state.x))
+
+
+def _gradient_steps(loop: SamplingLoop, options: EnergyGuidance | None) -> dict[int, int]:
+    """Evaluation -> number of gradient steps, where there are any."""
+    if options is None:
+        return {}
+    steps = gradient_steps_per_level(options, loop.schedule.levels)[loop.levels]
+    return {int(evaluation): int(steps[evaluation]) for evaluation in np.flatnonzero(steps)}
 
 
 def _descend(

@@ -25,8 +25,10 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
     sizes = [(scene.agent_mask.shape[-1], scene.lane_mask.shape[-1]) for scene in scenes]
     for bucket, indices, rows in in_batches(sizes):
         padded = stack([scenes[i] for i in rows], bucket)
-        arguments = model.autoencoder.placed_params(len(rows)), model.latents.mean, model.latents.std
-        masks, latents = encode_program(*coder)(*arguments, padded)
-        decoded = decode_program(*coder)(*arguments, latents, masks, padded.crop, padded.domain).to_numpy()
+        params, statistics = model.autoencoder.placed_params(len(rows)), (model.latents.mean, model.latents.std)
+        masks, latents = encode_program(*coder)(params, *statistics, padded)
+        decoded = decode_program(*coder)(
+            params["decoder"], *statistics, latents, masks, padded.crop, padded.domain
+        ).to_numpy()
         results.update({index: unpadded(decoded[row]) for row, index in enumerate(indices)})
     return [results[index] for index in range(len(scenes))]

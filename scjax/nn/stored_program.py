@@ -49,10 +49,12 @@ class StoredProgram:
             values of classes that are not of this package nothing is stored: their source may change unnoticed.
           light: as for ``fast_compile_options``.
         """
+        self.name = function.__name__
         compiler_options = fast_compile_options(light=light)
-        self._jitted = jax.jit(spread(function, shared=shared), compiler_options=compiler_options)
+        program = spread(function, shared=shared)
+        program.__name__ = f"{self.name}_stored"  # a name that JAX's own cache never has, see ``_compile``
+        self._jitted = jax.jit(program, compiler_options=compiler_options)
         self._shared = shared
-        self.name = getattr(function, "__name__", "")
         self._is_storable = _packages(options) <= {"builtins", "scjax", "numpy"}
         described = [option.__qualname__ if inspect.isfunction(option) else option for option in options]
         self._description = repr((self.name, shared, described, compiler_options))
@@ -96,7 +98,7 @@ class StoredProgram:
         return executable
 
     def _compile(self, arguments: tuple) -> Any:
-        # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may get there.
+        # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may get into it.
         name = "jax_persistent_cache_min_compile_time_secs"
         before = jax.config.values[name]
         jax.config.update(name, float("inf"))
@@ -107,8 +109,10 @@ class StoredProgram:
 
 
 def _signature(leaf: Any) -> tuple:
-    """Shape, type and place of an argument."""
-    place = leaf.sharding if isinstance(leaf, jax.Array) and leaf.committed else None
+    """Shape, type and place of an argument; None for what lies on the first device or on the host."""
+    place = None
+    if isinstance(leaf, jax.Array) and leaf.sharding.device_set != {jax.devices()[0]}:
+        place = leaf.sharding
     return getattr(leaf, "shape", ()), getattr(leaf, "dtype", type(leaf)), place
 
 

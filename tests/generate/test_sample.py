@@ -162,21 +162,23 @@ def test_sampler_changes_the_scene_but_no_known_element(model, known):
 def pointed_model():
     """A model whose position heads are fitted to its decoder, by least squares on random latents."""
     model = tiny_model(seed=1, relative_geometry=True)  # of seed 0 a link head is undecided, and rounding decides
-    config, params = model.denoiser.config, dict(model.denoiser.params)
+    config = model.denoiser.config
     rng = np.random.default_rng(0)
     masks = PerType(agents=np.ones((64, 4), bool), lanes=np.ones((64, 6), bool))
     widths = PerType(agents=config.agent_latent, lanes=config.lane_latent)
     latents = jax.tree.map(lambda mask, width: rng.normal(size=(*mask.shape, width)).astype(np.float32), masks, widths)
     none = np.zeros(64, np.int32)
     decode = compiled.decode_program(model.codec, model.autoencoder.config)
-    scenes = decode(model.autoencoder.params, model.latents.mean, model.latents.std, latents, masks, none, none)
+    scenes = decode(
+        model.autoencoder.params["decoder"], model.latents.mean, model.latents.std, latents, masks, none, none
+    )
     targets, heads = position_targets(scenes), {}
-    for name, head in params["position_heads"].items():
+    for name, head in model.denoiser.params["position_heads"].items():
         inputs = getattr(latents, name).reshape(-1, getattr(widths, name))
         inputs = np.concatenate([inputs, np.ones((len(inputs), 1), np.float32)], 1)
         weights = np.linalg.lstsq(inputs, targets[name].reshape(len(inputs), -1), rcond=None)[0].astype(np.float32)
         heads[name] = jax.tree.map(np.zeros_like, head) | {"skip": {"kernel": weights[:-1], "bias": weights[-1]}}
-    return model.with_component("denoiser", config, params | {"position_heads": heads})
+    return model.with_component("denoiser", config, {**model.denoiser.params, "position_heads": heads})
 
 
 def test_energy_guidance_lowers_the_energy(pointed_model, known):

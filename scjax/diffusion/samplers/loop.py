@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int, Real
+from jaxtyping import Array, Int
 
 from scjax.diffusion.defaults import DEFAULT_LATENT_BOUND, DEFAULT_TEMPERATURE, NUM_TRAIN_TIMESTEPS
 from scjax.diffusion.flow import FlowSchedule
@@ -115,22 +115,44 @@ class SamplingLoop:
         """Index of the noise level of every evaluation; sampling counts down to 0."""
         return self.sampler.evaluated_levels(self.schedule.steps)
 
-    def times(self, evaluation: Step, scenes: int) -> Real[Array, " b"]:
-        """What the network gets as time at an evaluation."""
-        level = jnp.asarray(self.levels)[evaluation]
-        return jnp.broadcast_to(jnp.asarray(self.schedule.levels.time)[level], (scenes,))
-
     def start(self, inputs: LoopInputs, temperature: PerType) -> LoopState:
         """Noise, scaled by the temperature per type; below 1 it favors likely scenes."""
         noise = self._noise(inputs, temperature, max(self.schedule.steps, NUM_TRAIN_TIMESTEPS))
         x = set_known(noise, inputs.known, inputs.known_latents)
         return LoopState(x=x, memory=self.sampler.init_memory(x))
 
-    def estimate_x0(self, inputs: LoopInputs, x: PerType, output: PerType, evaluation: Step) -> PerType:
-        """The x0 estimate of the network's output, not clipped; known tokens have their clean latents."""
-        level = jnp.broadcast_to(jnp.asarray(self.levels)[evaluation], x.agents.shape[:1])
-        x0 = estimate_x0(self.schedule.levels[level], x, output, self.prediction)
-        return set_known(x0, inputs.known, inputs.known_latents)
+    def advance(
+        self,
+        inputs: LoopInputs,
+        temperature: PerType,
+        denoise: Denoise,
+        state: LoopState,
+        x0: PerType,
+        first: Step,
+        last: Step,
+    ) -> tuple[LoopState, PerType]:
+        """The state before evaluation ``last``, and its x0 estimate.
+
+        Args:
+          denoise: (noisy latents, times [B], all equal) -> network output; guidance is a wrapper around it.
+          state, x0: from the evaluation before ``first``; the x0 estimate may have been changed. At the start of
+            sampling, where ``first`` is the highest evaluation, ``x0`` is ignored.
+          first, last: evaluations, ``first`` not below ``last``; may be traced.
+        """
+
+        def evaluate(i: Array, carry: tuple[LoopState, PerType]) -> tuple[LoopState, PerType]:
+            evaluation, (before, x0) = first - i, carry
+            state = jax.tree.map(
+                lambda start, moved: jnp.where(evaluation + 1 == len(self.levels), start, moved),
+                before,
+                self.update(inputs, temperature, before, x0, evaluation + 1),
+            )
+            level = jnp.broadcast_to(jnp.asarray(self.levels)[evaluation], state.x.agents.shape[:1])
+            output = denoise(state.x, jnp.asarray(self.schedule.levels.time)[level])
+            estimate = estimate_x0(self.schedule.levels[level], state.x, output, self.prediction)
+            return state, set_known(estimate, inputs.known, inputs.known_latents)
+
+        return jax.lax.fori_loop(0, first - last + 1, evaluate, (state, x0))
 
     def update(
         self, inputs: LoopInputs, temperature: PerType, state: LoopState, x0: PerType, evaluation: Step
@@ -170,9 +192,9 @@ def sample_latents(
     clip: float | None = DEFAULT_LATENT_BOUND,
     dtype=jnp.float32,
 ) -> PerType:
-    """Samples latents [B, tokens, latent] per type in one program: one ``lax.scan`` over all evaluations.
+    """Samples latents [B, tokens, latent] per type in one program.
 
-    ``scjax.sample`` runs the same loop on the host, between smaller programs (``scjax.generate.compiled``).
+    ``scjax.sample`` runs the same loop in several smaller programs (``scjax.generate.loop``).
 
     Args:
       denoise: (noisy latents, times [B], all equal) -> network output; guidance is a wrapper around it.
@@ -186,10 +208,7 @@ def sample_latents(
     loop = SamplingLoop(sampler, schedule, prediction, latent_widths, max_tokens, clip, dtype)
     inputs = LoopInputs(keys=keys, masks=masks, known=known, known_latents=known_latents)
 
-    def body(state: LoopState, evaluation: Step) -> tuple[LoopState, None]:
-        output = denoise(state.x, loop.times(evaluation, len(state.x.agents)))
-        x0 = loop.estimate_x0(inputs, state.x, output, evaluation)
-        return loop.update(inputs, temperature, state, x0, evaluation), None
-
-    state, _ = jax.lax.scan(body, loop.start(inputs, temperature), jnp.arange(len(loop.levels) - 1, -1, -1))
+    start, highest = loop.start(inputs, temperature), len(loop.levels) - 1
+    state, x0 = loop.advance(inputs, temperature, denoise, start, start.x, jnp.int32(highest), jnp.int32(0))
+    state = loop.update(inputs, temperature, state, x0, jnp.int32(0))
     return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), state.x, masks)

@@ -55,6 +55,12 @@ def autoencoder(config: AutoencoderConfig) -> Functional:
     return functional(lambda init: Autoencoder(config, init=init))
 
 
+@functools.lru_cache(maxsize=16)
+def decoder(config: AutoencoderConfig) -> Functional:
+    """The decoder alone, for the part "decoder" of an autoencoder's parameters: ``apply(params, latents, mask)``."""
+    return functional(lambda init: SceneDecoder(config, init=init))
+
+
 def noise_like(key: jax.Array, tokens: NormalizedScene, config: AutoencoderConfig) -> PerType:
     """Standard normal noise for ``reconstruct``: [B, A, agent_latent] and [B, L, lane_latent].
 

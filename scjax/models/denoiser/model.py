@@ -17,7 +17,7 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.fourier_features import FourierFeatures
-from scjax.models.denoiser.position_head import POINTS, PositionHead
+from scjax.models.denoiser.position_head import PositionHeads
 from scjax.models.denoiser.relative_geometry import RelativeGeometry
 from scjax.models.denoiser.stage import AttentionStage, Head
 from scjax.nn.cross_attention import AuxOutputs, NoOptions
@@ -33,7 +33,7 @@ _STD = 0.02  # of tables and of the time and text MLPs
 def denoiser(config: DenoiserConfig) -> Functional:
     """The network as pure functions ``init(key)`` and ``apply(params, z, t, label, masks, ...)``; see ``Denoiser``.
 
-    ``apply(..., method=...)`` runs "encode_condition", "modulation" or "points".
+    ``apply(..., method=...)`` runs "encode_condition" or "modulation".
     """
     return functional(lambda init: Denoiser(config, init=init))
 
@@ -136,11 +136,9 @@ class Denoiser(nnx.Module):
             if fourier_features
             else None
         )
-        sizes = {"agents": (config.agent_latent, POINTS.agents), "lanes": (config.lane_latent, POINTS.lanes)}
-        position_heads = (
-            {kind: PositionHead(*size, init=init) for kind, size in sizes.items()} if config.relative_geometry else None
+        self.position_heads = (
+            PositionHeads(config.agent_latent, config.lane_latent, init=init) if config.relative_geometry else None
         )
-        self.position_heads = None if position_heads is None else nnx.Dict(position_heads)
         self.relative_geometry = (
             RelativeGeometry(PerType(agents=agent, lanes=lane), init=init, compute=compute)
             if config.relative_geometry
@@ -199,12 +197,6 @@ class Denoiser(nnx.Module):
             trace |= {"ctx_lane": context.lanes, "ctx_agent": context.agents, "ctx_mask": mask}
         return [block.encode(context, mask) for block in self.blocks]
 
-    def points(self, z: PerType) -> PerType:
-        """Points of tokens [B, tokens, points, 2] per type by the position heads, in units of ``UNIT`` meters."""
-        if self.position_heads is None:
-            raise ValueError("this denoiser has no position heads (config.relative_geometry is False)")
-        return PerType(agents=self.position_heads["agents"](z.agents), lanes=self.position_heads["lanes"](z.lanes))
-
     def modulation(
         self, t: Real[Array, " b"], label: Int[Array, " b"], counts: PerType, trace: dict | None = None
     ) -> dict:
@@ -258,8 +250,8 @@ class Denoiser(nnx.Module):
         if self.lane_fourier is not None and self.agent_fourier is not None:
             fourier_features = PerType(agents=self.agent_fourier(z.agents), lanes=self.lane_fourier(z.lanes))
             tokens = jax.tree.map(jnp.add, tokens, fourier_features)
-        if self.relative_geometry is not None:
-            tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(self.points(z), masks))
+        if self.relative_geometry is not None and self.position_heads is not None:
+            tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(self.position_heads(z), masks))
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config

@@ -5,11 +5,14 @@ The autoencoder's decoder is more exact, since it reads all tokens together, but
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import numpy as np
 from flax import nnx
 from jaxtyping import Array, Float
 
+from scjax.nn.functional import Functional, functional
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.scene import POINTS_PER_LANE
@@ -44,3 +47,23 @@ class PositionHead(nnx.Module):
     def __call__(self, latents: Float[Array, "*b latent"]) -> Float[Array, "*b points 2"]:
         hidden = jax.nn.gelu(self.second(jax.nn.gelu(self.first(latents))))
         return (self.skip(latents) + self.out(hidden)).reshape(*latents.shape[:-1], -1, 2)
+
+
+class PositionHeads(nnx.Module):
+    """One head for agents and one for lanes: latents -> points, per type."""
+
+    def __init__(self, agent_latent: int, lane_latent: int, *, init: ParamInit):
+        self.agents = PositionHead(agent_latent, POINTS.agents, init=init)
+        self.lanes = PositionHead(lane_latent, POINTS.lanes, init=init)
+
+    def __call__(self, latents: PerType) -> PerType:
+        return PerType(agents=self.agents(latents.agents), lanes=self.lanes(latents.lanes))
+
+
+@functools.lru_cache(maxsize=16)
+def position_heads(agent_latent: int, lane_latent: int) -> Functional:
+    """The heads alone, for the part "position_heads" of a denoiser's parameters.
+
+    ``apply(params, latents)`` gives points [B, tokens, points, 2] per type.
+    """
+    return functional(lambda init: PositionHeads(agent_latent, lane_latent, init=init))

@@ -12,7 +12,6 @@ from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.relation_loss import connection_error, lateral_offset_error, relation_weight
 from scjax.generate.compiled import decode_latents
 from scjax.generate.model import Model
-from scjax.models.autoencoder.model import autoencoder
 from scjax.nn.functional import Params
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType
@@ -48,7 +47,7 @@ def decoded_penalty(
     """
     latents = base.latents.denormalize(estimate)
     decoded = decode_latents(
-        autoencoder(base.autoencoder.config), params, base.codec, latents, masks, scene.crop, scene.domain
+        base.autoencoder.config, params["decoder"], base.codec, latents, masks, scene.crop, scene.domain
     )
     total = jnp.zeros(len(scene.crop))
     if weights.collision:
