@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 
-@pytest.fixture(autouse=True, scope="package")
+@pytest.fixture(autouse=True, scope="module")
 def one_bucket():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("scjax.generate.batching.BUCKETS", ((61, 100),))
