@@ -24,7 +24,6 @@ import jax
 from jax.experimental import serialize_executable
 from jaxlib.version import __version__ as jaxlib_version
 
-import scjax
 from scjax.nn.cpu.backend import cpu_flags, fast_compile_options
 from scjax.nn.sharding import scene_mesh, spread
 from scjax.nn.startup import cache_folder
@@ -154,7 +153,7 @@ def _environment(device: Any) -> str:
 @functools.cache
 def _source_digest() -> str:
     """A digest of this package's source."""
-    folder = Path(scjax.__file__).parent
+    folder = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         digest.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
