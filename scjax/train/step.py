@@ -14,7 +14,7 @@ import optax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Integer
 
-from scjax.nn.cpu.backend import scenes_per_step
+from scjax.nn.cpu.backend import fast_compile_options, scenes_per_step
 from scjax.nn.functional import Params, Path
 from scjax.nn.random import row_keys
 from scjax.nn.sharding import AXIS, RULES, partition_specs, scene_mesh, sharded_axis
@@ -107,7 +107,9 @@ class TrainingStep:
     at_once: int | None = None
 
     def __post_init__(self):
-        object.__setattr__(self, "_program", jax.jit(self._step, donate_argnums=0))
+        object.__setattr__(
+            self, "_program", jax.jit(self._step, donate_argnums=0, compiler_options=fast_compile_options())
+        )
 
     @property
     def mesh(self) -> Mesh:

@@ -23,9 +23,9 @@ def on_cpu() -> bool:
 
 
 def fast_compile_options(*, light: bool = False) -> dict[str, Any] | None:
-    """Compiler options for programs that sample; None where XLA's defaults serve.
+    """Compiler options of large programs, that sample or train; None where XLA's defaults serve.
 
-    On a CPU, LLVM's expensive passes take a sixth of the time until the first scene. No later scene is faster for them.
+    On a CPU, LLVM's expensive passes take a sixth of the time to compile, and no program is faster for them.
 
     Args:
       light: the program runs seldom or does little: without any optimization it compiles in two thirds of the time.
