@@ -21,8 +21,9 @@ def padded_size(agents: int, lanes: int, least: Bucket = (0, 0)) -> Bucket:
     Raises:
       ValueError: they are more than the largest bucket holds.
     """
+    agents, lanes = max(agents, least[0]), max(lanes, least[1])
     for bucket in BUCKETS:
-        if max(agents, least[0]) <= bucket[0] and max(lanes, least[1]) <= bucket[1]:
+        if agents <= bucket[0] and lanes <= bucket[1]:
             return bucket
     raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
 

@@ -92,7 +92,7 @@ class StoredProgram:
         try:
             data, _, structure = serialize_executable.serialize(executable)
             _write(path, pickle.dumps((data, jax.tree.unflatten(structure, range(structure.num_leaves)))))
-        except (OSError, ValueError, NotImplementedError) as error:
+        except (OSError, RuntimeError, ValueError) as error:  # it runs, but is compiled again in the next process
             _log.info("%s is not stored: %s", path, error)
         return executable
 
