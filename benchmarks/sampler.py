@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -50,24 +50,15 @@ def main(arguments: list[str] | None = None) -> None:
     steps = 2 if args.smoke else args.steps
     parts = workload.batches(args.batch)
     num_scenes = args.batch if args.smoke else args.scenes or (64 if args.batch > 1 else 8)
-    stride = max(len(parts) * args.batch // num_scenes, 1)
-    parts = parts[stride // 2 :: stride]  # evenly over the sizes
+    parts = workload.evenly(parts, max(num_scenes // args.batch, 1))
 
     config = denoiser_config(args.kind, args.compute)
-    run, params = guided_sampler(config, args.sampler, steps, max_precomputed=0 if args.per_step else MAX_PRECOMPUTED)
-    jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
-    jobs, programs = [], {}
+    sampler = guided_sampler(config, args.sampler, steps, max_precomputed=0 if args.per_step else MAX_PRECOMPUTED)
     start = time.perf_counter()
-    for part in parts:
-        inputs = (params, *workload_inputs(part, args.kind))
-        shape = (part.agent_mask.shape, part.lane_mask.shape)
-        if shape not in programs:
-            programs[shape] = jitted.lower(*inputs).compile()
-        jobs.append((programs[shape], inputs))
+    run = sampling_pass(sampler, args.kind, parts)
     compile_seconds = time.perf_counter() - start
     start = time.perf_counter()
-    for program, inputs in jobs:
-        jax.block_until_ready(program(*inputs))
+    run()
     seconds = time.perf_counter() - start
     scenes = len(parts) * args.batch
     rate = sum(useful_flops(config, args.kind, steps, part) for part in parts) / seconds / 1e9
@@ -86,7 +77,7 @@ def main(arguments: list[str] | None = None) -> None:
         "GFLOP/s": rate,
         **{f"share of {name}": rate / roof for name, roof in roofs.items()},
         "scenes": scenes,
-        "programs": len(programs),
+        "programs": len({part.lane_mask.shape for part in parts}),
         "compile s": compile_seconds,
         "peak GB": workload.peak_memory_gb(),
     }
@@ -133,6 +124,25 @@ def guided_sampler(
         )
 
     return run, network.init(jax.random.key(0))
+
+
+def sampling_pass(sampler: tuple[Callable[..., Any], Params], kind: str, parts: Sequence[Scene]) -> Callable[[], None]:
+    """One pass over batches; compiles their programs."""
+    run, params = sampler
+    jitted = jax.jit(spread(run, shared=1))  # as scjax.sample does
+    jobs, programs = [], {}
+    for part in parts:
+        inputs = (params, *workload_inputs(part, kind))
+        shape = (part.agent_mask.shape, part.lane_mask.shape)
+        if shape not in programs:
+            programs[shape] = jitted.lower(*inputs).compile()
+        jobs.append((programs[shape], inputs))
+
+    def one_pass() -> None:
+        for program, inputs in jobs:
+            jax.block_until_ready(program(*inputs))
+
+    return one_pass
 
 
 def workload_inputs(scenes: Scene, kind: str) -> tuple[PerType, Any, jax.Array]:

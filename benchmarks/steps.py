@@ -51,11 +51,11 @@ class Step(NamedTuple):
     useful_flops: Callable[[int, int], float]
 
 
-def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
-    """A step on ``scenes`` of the workload, ``batch`` at a time."""
+def step_of(kind: str, batch: int, scenes: int, compute: str, size: str = "small") -> Step:
+    """A step on ``scenes`` of the workload, ``batch`` at a time; ``size`` is a preset of the networks."""
     parts = workload.batches(batch, scenes)
     if kind == "autoencoder":
-        config = AutoencoderConfig.preset("small", compute=compute)
+        config = autoencoder_config(compute, size)
         network, codec = autoencoder(config), presets.scjax()
 
         def reconstruction(params, batch, key):
@@ -67,7 +67,7 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
             network, reconstruction, parts, lambda lanes, agents: 3 * flops.autoencoder_forward(config, lanes, agents)
         )
 
-    config = denoiser_config(kind, compute)
+    config = denoiser_config(kind, compute, size)
     network, schedule = denoiser(config), cosine_schedule()
 
     def denoising(params, batch, key):
@@ -83,10 +83,17 @@ def step_of(kind: str, batch: int, scenes: int, compute: str) -> Step:
     )
 
 
-def denoiser_config(kind: str, compute: str) -> DenoiserConfig:
-    """The small denoiser of the reference, with its condition."""
+def autoencoder_config(compute: str, size: str = "small") -> AutoencoderConfig:
+    """The autoencoder with scjax's own classes and points of three coordinates."""
+    own = AutoencoderConfig.preset("small")
+    classes = {name: getattr(own, name) for name in ("lane_types", "agent_types", "link_types", "point_dims")}
+    return AutoencoderConfig.preset(size, compute=compute, **classes)
+
+
+def denoiser_config(kind: str, compute: str, size: str = "small") -> DenoiserConfig:
+    """The denoiser of a preset, with its condition."""
     condition = {"unconditional": None, "text": TEXT, "image": IMAGE}[kind]
-    return DenoiserConfig.preset("small", condition=condition, compute=compute)
+    return DenoiserConfig.preset(size, condition=condition, compute=compute)
 
 
 def features(kind: str, scenes: int) -> TextFeatures | ImageFeatures | None:

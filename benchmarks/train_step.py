@@ -14,12 +14,13 @@ if __name__ == "__main__":
 import argparse
 import json
 import time
+from collections.abc import Callable
 
 import jax
 import numpy as np
 
 from benchmarks import workload
-from benchmarks.steps import REFERENCE, step_of
+from benchmarks.steps import REFERENCE, Step, step_of
 from scjax.nn.sharding import use_every_core
 from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
@@ -40,20 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
     if scenes % args.batch:
         parser.error(f"--scenes {scenes} are no whole number of batches of {args.batch}")
     timed = step_of(args.kind, args.batch, scenes, args.compute)
-
-    # The step of experiments.train itself, with its moving average and its use of every core.
-    optimizer = adamw(learning_rate=1e-4, steps=1000)
-    params = timed.network.init(jax.random.key(0))
-    groups, index = FlatParams.of(params), np.arange(args.batch, dtype=np.uint32)
-    step = TrainingStep(timed.objective, groups, optimizer, ema_decay=0.999, seed=1, batch_size=args.batch)
-    state = initial_state(params, groups, optimizer)
-
-    def run() -> None:
-        nonlocal state
-        for batch in timed.inputs:
-            state, metrics = step(state, batch, index)
-            jax.block_until_ready(metrics)
-
+    run = training_pass(timed, args.batch)
     start = time.perf_counter()
     run()
     first_pass = time.perf_counter() - start
@@ -78,6 +66,23 @@ def main(arguments: list[str] | None = None) -> None:
     }
     print(workload.table([row]))
     print(json.dumps({**row, "rooflines": roofs, "machine": workload.machine()}))
+
+
+def training_pass(timed: Step, batch_size: int) -> Callable[[], None]:
+    """One pass over the workload: steps of a training itself, with their moving average and use of every core."""
+    optimizer = adamw(learning_rate=1e-4, steps=1000)
+    params = timed.network.init(jax.random.key(0))
+    groups, index = FlatParams.of(params), np.arange(batch_size, dtype=np.uint32)
+    step = TrainingStep(timed.objective, groups, optimizer, ema_decay=0.999, seed=1, batch_size=batch_size)
+    state = initial_state(params, groups, optimizer)
+
+    def run() -> None:
+        nonlocal state
+        for batch in timed.inputs:
+            state, metrics = step(state, batch, index)
+            jax.block_until_ready(metrics)
+
+    return run
 
 
 if __name__ == "__main__":

@@ -40,20 +40,35 @@ def random_scene(rng: np.random.Generator, lanes: int, agents: int, slots: tuple
     return scene
 
 
-def batches(batch_size: int, scenes: int = 64) -> list[Scene]:
-    """The workload in batches of ``batch_size`` real scenes, sorted by size so that a batch fits a small bucket.
+def batch_counts(batch_size: int, scenes: int = 64) -> list[list[tuple[int, int]]]:
+    """(lanes, agents) in batches of ``batch_size`` real scenes, sorted by size so that a batch fits a small bucket.
 
     Within a batch small and large scenes take turns, so that every device's share is about the same work.
     """
-    rng = np.random.default_rng(1)
     ordered = sorted(counts(scenes))
+    parts = [ordered[start : start + batch_size] for start in range(0, scenes, batch_size)]
+    return [part[::2] + part[1::2] for part in parts]
+
+
+def batches(batch_size: int, scenes: int = 64) -> list[Scene]:
+    """The scenes of ``batch_counts``, padded to the bucket of their batch."""
+    return padded(batch_counts(batch_size, scenes))
+
+
+def padded(parts: Sequence[Sequence[tuple[int, int]]]) -> list[Scene]:
+    """Random scenes of these (lanes, agents), each batch padded to its bucket."""
+    rng = np.random.default_rng(1)
     result = []
-    for start in range(0, scenes, batch_size):
-        part = ordered[start : start + batch_size]
-        part = part[::2] + part[1::2]
+    for part in parts:
         slots = bucket(max(lanes for lanes, _ in part), max(agents for _, agents in part))
         result.append(stack([random_scene(rng, lanes, agents, slots) for lanes, agents in part]))
     return result
+
+
+def evenly(parts: Sequence[Any], number: int) -> list[Any]:
+    """``number`` of the batches, spread evenly over the sizes."""
+    stride = max(len(parts) // number, 1)
+    return list(parts[stride // 2 :: stride])
 
 
 def bucket(lanes: int, agents: int) -> tuple[int, int]:

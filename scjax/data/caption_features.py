@@ -21,6 +21,7 @@ from scjax.encoders.base import TextEncoder
 
 FORMAT = 1
 _BATCH_SIZE = 256  # texts
+_SLOT_STEP = 16  # tokens
 
 
 class TextStore:
@@ -58,6 +59,11 @@ class TextStore:
     def __len__(self) -> int:
         """Number of records."""
         return len(self._text_starts) - 1
+
+    def slots(self, most: int) -> int:
+        """Token slots that hold every text of the store, in steps of 16, but ``most`` at most."""
+        longest = int(np.diff(self._token_starts).max(initial=1))
+        return min(-(-longest // _SLOT_STEP) * _SLOT_STEP, most)
 
     def texts_of(self, record: int) -> np.ndarray:
         """Indices of the texts of a record, [texts]."""

@@ -65,7 +65,8 @@ class LoaderConfig:
       jitter_position: largest shift of the pose along x and along y [m].
       jitter_heading: largest rotation of the pose [degrees].
       order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
-      text_slots: largest number of tokens of a caption; the rest is cut off.
+      text_slots: largest number of tokens of a caption; the rest is cut off. Batches have as many slots as the
+        longest caption needs (``TextStore.slots``), so that few are padding.
       seed: seed of everything random in the stream.
       workers: threads that prepare examples ahead of their step.
     """
@@ -304,7 +305,7 @@ class _Examples:
             return TrainingExample(scene=drawn.scene)
         none = np.zeros((0, self.texts.width), np.float16)
         features = none if drawn.caption is None else self.texts.features(drawn.caption)
-        return with_caption(drawn.scene, features, self.config.text_slots)
+        return with_caption(drawn.scene, features, self.texts.slots(self.config.text_slots))
 
 
 class _Numbered:

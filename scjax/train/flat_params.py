@@ -35,11 +35,12 @@ class FlatParams(NamedTuple):
         return cls(group_members(params, frozen))
 
     def pack(self, params: Params) -> dict[str, Float[Array, " numbers"]]:
-        """The vectors of parameters, or of their gradients."""
+        """The vectors of parameters, or of their gradients; without groups of which ``params`` has nothing."""
         leaves = flatten(params)
         return {
             name: jnp.concatenate([leaves[path].reshape(-1) for path, _ in members])
             for name, members in self.groups.items()
+            if any(path in leaves for path, _ in members)
         }
 
     def unpack(self, groups: Groups) -> Params:

@@ -11,6 +11,7 @@ trainings ran at down to half their speed.)
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pathlib
 import platform
@@ -58,6 +59,12 @@ def keep_memory(gigantic: bool = _GIGANTIC.exists()) -> bool:
         return False
     del os.environ[_NAME]
     return True
+
+
+def give_back_memory() -> None:
+    """Gives freed memory back to the kernel, also where it is kept; without effect where glibc is not used."""
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _tunables(gigantic: bool) -> str:

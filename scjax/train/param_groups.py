@@ -20,10 +20,18 @@ REST, FROZEN = "rest", "frozen"
 Groups = dict[str, Any]
 """Group name -> its parameters, in the form of a ``ParamGroups``; empty groups are left out."""
 
+Members = dict[str, tuple[tuple[Path, tuple[int, ...]], ...]]
+"""Group name -> paths (``functional.flatten``) and shapes of its parameters."""
+
 
 @runtime_checkable
 class ParamGroups(Protocol):
     """Conversion between a parameter tree and the groups of a training state."""
+
+    @property
+    def groups(self) -> Members:
+        """The parameters of each group."""
+        ...
 
     @property
     def sharding(self) -> Sharding:
@@ -55,10 +63,6 @@ class ParamGroups(Protocol):
 def trained(groups: Groups) -> Groups:
     """All groups except the frozen one."""
     return {name: group for name, group in groups.items() if name != FROZEN}
-
-
-Members = dict[str, tuple[tuple[Path, tuple[int, ...]], ...]]
-"""Group name -> paths (``functional.flatten``) and shapes of its parameters."""
 
 
 def group_members(params: Params, frozen: frozenset[Path] = frozenset()) -> Members:

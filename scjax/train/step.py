@@ -14,20 +14,18 @@ import optax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Integer
 
-from scjax.nn.cpu.backend import fast_compile_options, scenes_per_step
+from scjax.nn.cpu.backend import fast_compile_options, scenes_at_once
 from scjax.nn.functional import Params, Path
-from scjax.nn.random import row_keys
-from scjax.nn.sharding import AXIS, RULES, partition_specs, scene_mesh, sharded_axis
+from scjax.nn.sharding import AXIS, RULES, partition_specs, scene_mesh
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.train.ema import update_ema
 from scjax.train.flat_params import FlatParams
+from scjax.train.gradients import FlatGradients, Gradients, LossFn, ShardedGradients
+from scjax.train.malloc import give_back_memory
 from scjax.train.muon import muon
 from scjax.train.optimizer import adamw
 from scjax.train.param_groups import Groups, ParamGroups, trained
 from scjax.train.tree_params import TreeParams
-
-LossFn = Callable[[Params, Any, Array], tuple[Array, dict[str, Array]]]
-"""(parameters, batch [B], keys [B]) -> loss and terms, both means over the scenes of the batch."""
 
 Metrics = dict[str, Array]
 
@@ -88,13 +86,14 @@ class TrainingStep:
     The random numbers of a scene come from ``seed`` and the scene's index in the stream. So neither the number of
     devices nor that of processes changes a step, apart from rounding.
 
+    A step is three programs (``Gradients``). Only the one in the middle is compiled for every padded size.
+
     Attributes:
       loss: see ``LossFn``.
       param_groups: how the state holds the parameters; those of the frozen group stay as they are.
       batch_size: scenes in a step over all processes; as many devices are used as divide it.
       devices: default: all.
-      at_once: largest number of scenes that a device works on at once; gradients of the parts of its share add up.
-        Default: ``scenes_per_step``.
+      at_once: largest number of scenes that a device works on at once. Default: ``scenes_at_once``.
     """
 
     loss: LossFn
@@ -105,11 +104,6 @@ class TrainingStep:
     batch_size: int
     devices: Sequence[jax.Device] | None = None  # pyright: ignore[reportInvalidTypeForm]
     at_once: int | None = None
-
-    def __post_init__(self):
-        object.__setattr__(
-            self, "_program", jax.jit(self._step, donate_argnums=0, compiler_options=fast_compile_options())
-        )
 
     @property
     def mesh(self) -> Mesh:
@@ -125,112 +119,56 @@ class TrainingStep:
     ) -> tuple[TrainState, Metrics]:
         """(state, rows of this process, their indices in the stream) -> (new state, metrics); donates ``state``."""
         spread = NamedSharding(self.mesh, PartitionSpec(AXIS))
-        batch, index = jax.tree.map(
+        rows, numbers = jax.tree.map(
             lambda x: jax.make_array_from_process_local_data(spread, np.asarray(x)), (batch, index)
         )
         # A device whose share is still being copied starts late, and the others wait for its gradients.
-        jax.block_until_ready((batch, index))
+        jax.block_until_ready((rows, numbers))
         if not isinstance(state.step.sharding, NamedSharding):  # to look at every leaf in every step takes long
             state = self.place(state)
-        return self._program(state, batch, index)  # pyright: ignore[reportAttributeAccessIssue]
+        params = self._gather(state.params)
+        (loss, terms), gradients = self._program_of(params, rows, numbers)(params, rows, numbers)
+        state, norms = self._update(state, gradients)
+        return state, {"loss": loss, **terms, **norms}
 
-    def _specs(self, tree: Any) -> Any:
-        return partition_specs(tree, RULES[self.param_groups.sharding], self.mesh.size)
+    def _program_of(self, params: Any, batch: Any, index: Array) -> Callable[..., Any]:
+        """The gradient of batches of this size, compiled at the first one."""
+        size = tuple((x.shape, x.dtype) for x in jax.tree.leaves(batch))
+        if size not in self._programs:
+            # What compiling took, and what smaller sizes worked with, is not kept: it would add up over the sizes.
+            give_back_memory()
+            program = jax.jit(self._gradients.of_batch, compiler_options=fast_compile_options())
+            self._programs[size] = program.lower(params, batch, index).compile()
+            give_back_memory()
+        return self._programs[size]
+
+    @functools.cached_property
+    def _programs(self) -> dict[tuple[Any, ...], Callable[..., Any]]:
+        return {}
+
+    @functools.cached_property
+    def _gradients(self) -> Gradients:
+        kind = ShardedGradients if self.param_groups.sharding == "fsdp" else FlatGradients
+        at_once = self.at_once or scenes_at_once(self.batch_size)
+        return kind(self.loss, self.param_groups, self.mesh, self.seed, at_once)
+
+    @functools.cached_property
+    def _gather(self) -> Callable[[Groups], Any]:
+        return jax.jit(self._gradients.gather, compiler_options=fast_compile_options())
+
+    @functools.cached_property
+    def _update(self) -> Callable[[TrainState, Any], tuple[TrainState, Metrics]]:
+        def update(state: TrainState, gradients: Any) -> tuple[TrainState, Metrics]:
+            gradients = self._gradients.reduce(gradients)
+            updates, moments = self.optimizer.update(gradients, state.optimizer, trained(state.params))
+            params = {**state.params, **cast(Groups, optax.apply_updates(trained(state.params), updates))}
+            ema = update_ema(state.ema, params, state.step + 1, self.ema_decay)
+            norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
+            new = TrainState(step=state.step + 1, params=params, ema=ema, optimizer=moments)
+            return jax.lax.with_sharding_constraint(new, self._shardings(new)), norms
+
+        return jax.jit(update, donate_argnums=0, compiler_options=fast_compile_options())
 
     def _shardings(self, tree: Any) -> Any:
-        return jax.tree.map(lambda spec: NamedSharding(self.mesh, spec), self._specs(tree))
-
-    def _step(self, state: TrainState, batch: Any, index: Array) -> tuple[TrainState, Metrics]:
-        specs = self._specs(state.params)
-        gradients_of = jax.shard_map(
-            functools.partial(self._share_gradients, specs),
-            mesh=self.mesh,
-            in_specs=(specs, PartitionSpec(AXIS), PartitionSpec(AXIS)),
-            out_specs=(PartitionSpec(), trained(specs)),
-            check_vma=False,
-        )
-        (loss, terms), gradients = gradients_of(state.params, batch, index)
-        updates, moments = self.optimizer.update(gradients, state.optimizer, trained(state.params))
-        params = {**state.params, **cast(Groups, optax.apply_updates(trained(state.params), updates))}
-        ema = update_ema(state.ema, params, state.step + 1, self.ema_decay)
-        norms = {"gradient_norm": optax.tree.norm(gradients), "update_norm": optax.tree.norm(updates)}
-        new = TrainState(step=state.step + 1, params=params, ema=ema, optimizer=moments)
-        return jax.lax.with_sharding_constraint(new, self._shardings(new)), {"loss": loss, **terms, **norms}
-
-    def _share_gradients(self, specs: Any, shards: Groups, batch: Any, index: Array) -> tuple[Any, Groups]:
-        """((loss, terms), gradients of the shards): means over all devices; this one computes its share of scenes."""
-        base_key = jax.random.fold_in(jax.random.key(self.seed), 1)
-        parts = _num_parts(len(index), self.at_once or scenes_per_step(self.batch_size))
-        gradient = self._tree_gradient if self.param_groups.sharding == "fsdp" else self._flat_gradient
-        part_gradient = gradient(specs, shards)
-        result, gradients = _mean_of_parts(
-            lambda rows, numbers: part_gradient(rows, row_keys(base_key, numbers)), parts, batch, index
-        )
-        reduce = _mean_of_shards if self.param_groups.sharding == "fsdp" else _scatter_mean
-        return jax.lax.pmean(result, AXIS), jax.tree.map(
-            functools.partial(reduce, self.mesh.size), gradients, trained(specs)
-        )
-
-    def _flat_gradient(self, specs: Any, shards: Groups) -> Callable[[Any, Array], tuple[Any, Groups]]:
-        """(batch, keys) -> (loss, terms), gradients of the whole vectors.
-
-        By arrays that are packed afterwards: by vectors, the gradient of every array would be padded to their length.
-        """
-        params = self.param_groups.unpack(jax.tree.map(_gather, shards, specs))
-
-        def gradient(batch: Any, keys: Array) -> tuple[Any, Groups]:
-            result, gradients = jax.value_and_grad(self.loss, has_aux=True)(params, batch, keys)
-            return result, trained(self.param_groups.pack(gradients))
-
-        return gradient
-
-    def _tree_gradient(self, specs: Any, shards: Groups) -> Callable[[Any, Array], tuple[Any, Groups]]:
-        """(batch, keys) -> (loss, terms), gradients of the shards, summed over devices where an axis is sharded.
-
-        Arrays are gathered where they are used, and gathered again on the way back instead of kept.
-        """
-
-        @functools.partial(jax.checkpoint, policy=lambda primitive, *_, **__: primitive.name != "all_gather")
-        def loss(trained_shards: Groups, batch: Any, keys: Array) -> tuple[Array, dict[str, Array]]:
-            groups = jax.tree.map(_gather, shards | trained_shards, specs)
-            return self.loss(self.param_groups.unpack(groups), batch, keys)
-
-        return functools.partial(jax.value_and_grad(loss, has_aux=True), trained(shards))
-
-
-def _gather(shard: Array, spec: PartitionSpec) -> Array:
-    axis = sharded_axis(spec)
-    return shard if axis is None else jax.lax.all_gather(shard, AXIS, axis=axis, tiled=True)
-
-
-def _scatter_mean(devices: int, gradient: Array, spec: PartitionSpec) -> Array:
-    """The mean over devices of gradients of the whole array, of which each device gets its shard."""
-    axis = sharded_axis(spec)
-    if axis is None:
-        return jax.lax.pmean(gradient, AXIS)
-    return jax.lax.psum_scatter(gradient, AXIS, scatter_dimension=axis, tiled=True) / devices
-
-
-def _mean_of_shards(devices: int, gradient: Array, spec: PartitionSpec) -> Array:
-    """The mean over devices of gradients; those of sharded arrays are sums already."""
-    return jax.lax.pmean(gradient, AXIS) if sharded_axis(spec) is None else gradient / devices
-
-
-def _mean_of_parts(function: Callable[[Any, Array], Any], parts: int, batch: Any, index: Integer[Array, " b"]) -> Any:
-    """The mean of ``function`` over equal parts of the rows, one part after another."""
-    if parts == 1:
-        return function(batch, index)
-    split = jax.tree.map(lambda x: x.reshape(parts, -1, *x.shape[1:]), (batch, index))
-
-    def add(total: Any, part: tuple[Any, Array]) -> tuple[Any, None]:
-        return jax.tree.map(jnp.add, total, function(*part)), None
-
-    shapes = jax.eval_shape(function, *jax.tree.map(lambda x: x[0], split))
-    zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    total, _ = jax.lax.scan(add, zeros, split)
-    return jax.tree.map(lambda x: x / parts, total)
-
-
-def _num_parts(scenes: int, most: int) -> int:
-    """The smallest number of equal parts of at most ``most`` scenes."""
-    return next(n for n in range(1, scenes + 1) if scenes % n == 0 and scenes // n <= most)
+        specs = partition_specs(tree, RULES[self.param_groups.sharding], self.mesh.size)
+        return jax.tree.map(lambda spec: NamedSharding(self.mesh, spec), specs)

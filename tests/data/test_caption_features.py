@@ -69,6 +69,15 @@ def test_training_batches_carry_captions(folder):
     np.testing.assert_array_equal(next(resumed).tokens, expected.tokens)
 
 
+def test_batches_have_slots_for_the_longest_caption(folder):
+    store = TextStore(folder, "train")
+    longest = max(len(store.features(text)) for text in range(store.num_texts))
+    assert longest <= store.slots(512) < longest + 16 and store.slots(512) % 16 == 0
+    assert store.slots(longest - 1) == longest - 1
+    config = LoaderConfig(batch_size=2, buckets=((61, 100),), text_slots=512)
+    assert next(training_batches(folder, scjax(), config, texts=store)).tokens.shape[1] == store.slots(512)
+
+
 def test_text_store_refuses_missing_and_stale_files(folder, tmp_path):
     with pytest.raises(ValueError, match=r"python -m scjax\.data embed"):
         TextStore(tmp_path, "train")

@@ -46,6 +46,25 @@ subprocess.run([sys.executable, "-c", "import os; print(os.environ.get('GLIBC_TU
 """
 
 
+HELD = """
+import re, sys
+from scjax.train.malloc import give_back_memory, keep_memory
+
+def held():
+    with open("/proc/self/status") as status:
+        return int(re.search(r"VmRSS:\\s+(\\d+)", status.read())[1]) / 1e3
+
+assert keep_memory(gigantic=False)
+block = bytearray(256_000_000)
+block[::4096] = b"1" * len(block[::4096])
+full = held()
+del block
+kept = held()
+give_back_memory()
+print(full, kept, held())
+"""
+
+
 def run(code: str, *arguments: str, tunables: str | None = None) -> str:
     environment = {name: value for name, value in os.environ.items() if name != "GLIBC_TUNABLES"}
     if tunables is not None:
@@ -77,6 +96,13 @@ def test_keep_memory_reuses_freed_blocks(heaps):
 @needs_glibc
 def test_without_keep_memory_freed_blocks_are_given_back():
     assert all(int(faults) > 10 for faults in run(FAULTS, "plain").split())  # NumPy asks for huge pages itself
+
+
+@needs_glibc
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_give_back_memory_gives_back_what_is_kept():
+    full, kept, after = map(float, run(HELD).split())
+    assert kept > full - 50 and after < full - 200  # MB of 256
 
 
 @needs_glibc

@@ -35,7 +35,7 @@ def fast_compile_options(*, light: bool = False) -> dict[str, Any] | None:
     return None
 
 
-def scenes_per_step(batch_size: int) -> int:
+def scenes_at_once(batch_size: int) -> int:
     """How many scenes of a training batch a device works on at once: 16 on a CPU, all elsewhere.
 
     On a CPU memory is scarce, and more scenes at once are no faster.

@@ -43,7 +43,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.seed = 0
     config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps
-    config.model = dataclasses.asdict(AutoencoderConfig.preset(variant))
+    config.model = dataclasses.asdict(AutoencoderConfig.preset(variant, compute="auto"))
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((12, 16), (16, 28), (32, 48), (61, 64), (61, 100)),  # (agent, lane) slots

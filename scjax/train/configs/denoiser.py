@@ -59,7 +59,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.seed = 0
     config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps
-    config.model = size_fields(DenoiserConfig.preset(variant))
+    config.model = size_fields(DenoiserConfig.preset(variant, compute="auto"))
     config.cross_attention = (
         "cross_global"  # how scene tokens read the condition: a name of scjax.nn.cross_attention.OPTIONS
     )

@@ -32,11 +32,9 @@ def validation_examples(
 def first_captions(records: str, scenes: Sequence[Scene], text_slots: int) -> list[TrainingExample]:
     """The held-back scenes of ``records``, in record order, each with the first of its captions."""
     store = TextStore(records, "val")
+    slots = store.slots(text_slots)
     return _numbered(
-        [
-            with_caption(scene, store.features(int(store.texts_of(row)[0])), text_slots)
-            for row, scene in enumerate(scenes)
-        ]
+        [with_caption(scene, store.features(int(store.texts_of(row)[0])), slots) for row, scene in enumerate(scenes)]
     )
 
 

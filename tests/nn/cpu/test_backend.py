@@ -2,7 +2,7 @@
 
 import pytest
 
-from scjax.nn.cpu.backend import attention_parts, bfloat16_is_faster, cpu_flags, on_cpu, scenes_per_step
+from scjax.nn.cpu.backend import attention_parts, bfloat16_is_faster, cpu_flags, on_cpu, scenes_at_once
 
 CPUS = [
     ("AuthenticAMD", "fma avx512f avx512_bf16", True),
@@ -47,8 +47,8 @@ def test_cpu_flags_are_empty_without_linux(tmp_path):
 
 
 @pytest.mark.parametrize("batch_size", [1, 16, 64])
-def test_scenes_per_step_is_bounded_on_cpu_only(batch_size):
-    assert scenes_per_step(batch_size) == (16 if on_cpu() else batch_size)
+def test_scenes_at_once_is_bounded_on_cpu_only(batch_size):
+    assert scenes_at_once(batch_size) == (16 if on_cpu() else batch_size)
 
 
 @pytest.mark.parametrize("scenes, scores, parts", [(8, 10, 1), (8, 10**6, 4), (6, 10**6, 2), (4, 10**8, 4)])
