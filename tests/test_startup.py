@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -49,3 +50,18 @@ def test_public_names_import_no_seldom_used_package():
     packages = _imported_packages("import scjax; [getattr(scjax, name) for name in scjax.__all__ if name != 'viz']")
     assert "jax" in packages
     assert not packages & SELDOM_USED
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="does not tell the number of cores")
+def test_reading_training_configs_leaves_the_choice_of_devices_open():
+    """A backend that starts too early would see one device, and the training would run on one core."""
+    code = (
+        "import os, sys, jax\n"
+        "from scjax.nn.sharding import use_every_core\n"
+        "from scjax.train.configs import autoencoder, counts, denoiser\n"
+        "[config.get_config() for config in (autoencoder, counts, denoiser)]\n"
+        "use_every_core()\n"
+        "sys.exit(jax.local_device_count() != len(os.sched_getaffinity(0)))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_NUM_CPU_DEVICES"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment | {"JAX_PLATFORMS": "cpu"})

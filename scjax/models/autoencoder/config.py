@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from scjax.nn.cpu.precision import Compute, operands
+from scjax.nn.cpu.precision import Compute, check_compute
 
 # State that a source may not have recorded: z, length, width, height of an agent; z of a lane.
 _UNCERTAIN_AGENT_COLUMNS = (2, 6, 7, 8)
@@ -129,7 +129,7 @@ class AutoencoderConfig:
             raise ValueError(
                 f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off"
             )
-        operands(self.compute)  # raises ValueError
+        check_compute(self.compute)
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> AutoencoderConfig:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Literal, get_args
 
-from scjax.nn.cpu.precision import Compute, operands
+from scjax.nn.cpu.precision import Compute, check_compute
 from scjax.nn.cross_attention import (
     ContextSpec,
     CrossAttentionOptions,
@@ -140,7 +140,7 @@ class DenoiserConfig:
             )
         if self.prediction not in get_args(Prediction):
             raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
-        operands(self.compute)  # raises ValueError
+        check_compute(self.compute)
 
     def to_json(self) -> dict[str, Any]:
         """The fields as plain values; those of ``cross_attention`` with the mechanism's name."""

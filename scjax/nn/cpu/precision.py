@@ -29,14 +29,23 @@ def matmul(x: Float[Array, "*b i"], w: Float[Array, "i o"], compute: Compute) ->
     return flat.reshape(*x.shape[:-1], w.shape[-1])
 
 
-def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
-    """The precision of the operands on this machine: "auto" is resolved, the others stay as they are.
+def check_compute(compute: str) -> None:
+    """Checks the name of a precision. Does not ask JAX for its backend: configs are read before devices are chosen.
 
     Raises:
       ValueError: no such precision.
     """
     if compute not in typing.get_args(Compute):
         raise ValueError(f"compute must be one of {', '.join(typing.get_args(Compute))}, not {compute!r}")
+
+
+def operands(compute: Compute) -> Literal["float32", "bfloat16"]:
+    """The precision of the operands on this machine: "auto" is resolved, the others stay as they are.
+
+    Raises:
+      ValueError: no such precision.
+    """
+    check_compute(compute)
     if compute != "auto":
         return compute
     return "bfloat16" if bfloat16_is_faster() else "float32"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.nn.cpu.backend import bfloat16_is_faster
-from scjax.nn.cpu.precision import matmul, operands
+from scjax.nn.cpu.precision import check_compute, matmul, operands
 
 # Each operand is rounded to 8 bits of mantissa.
 TOLERANCE = 2**-7
@@ -49,3 +49,8 @@ def test_operands_resolves_auto_by_the_machine():
 @pytest.mark.parametrize("compute", ["float32", "bfloat16"])
 def test_operands_keeps_named_precisions(compute):
     assert operands(compute) == compute
+
+
+def test_check_compute_names_the_known_precisions():
+    with pytest.raises(ValueError, match="must be one of float32, bfloat16, auto, not 'float16'"):
+        check_compute("float16")
