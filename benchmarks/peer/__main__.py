@@ -2,9 +2,11 @@
 
 FOLDER is a checkout of the release (github.com/princeton-computational-imaging/ScenarioControl), PYTHON an interpreter
 with torch, torch-geometric and tqdm. Both sides work on the same scenes with random weights and given features. In a
-turn each side has a process of its own, one after the other; the faster one of two passes counts. Prints seconds a
-scene (the median over the turns, with all turns), the ratio, useful work as a share of the rate of a large matrix
-product, peak memory, and how long the first turn compiled. Rows are named by what is done: train-autoencoder, sample-text-8 (100 guided steps in batches of 8).
+turn each side has a process of its own, one after the other; the faster one of two passes counts.
+
+Prints seconds a scene (the median over the turns, with all turns), the ratio, useful work as a share of the rate of a
+large matrix product, peak memory, and how long the first turn compiled. Rows are named by what is done:
+train-autoencoder, sample-text-8 (100 guided steps in batches of 8).
 """
 
 from __future__ import annotations
