@@ -4,7 +4,7 @@ A large matrix product shows what the processor can do, but the products of a ne
 program of a training step (with --sampling, of a guided sampling step), runs every product in it alone, at its own
 sizes, with every core at work, and finds at which rate they all run together. Useful work at that rate is the most that
 XLA's products allow, whatever lies between them (norms, softmax, gathers, the optimiser) and however little is padded
-or computed twice. Prints that bound, and the one by the large product, as ratios against the PyTorch reference.
+or computed twice. Prints that bound, and the one by the large product.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from tqdm import tqdm
 
 from benchmarks import workload
-from benchmarks.sampler import REFERENCE as SAMPLING
 from benchmarks.sampler import guided_sampler, useful_flops, workload_inputs
-from benchmarks.steps import REFERENCE, denoiser_config, step_of
+from benchmarks.steps import KINDS, denoiser_config, step_of
 from scjax.nn.sharding import spread, use_every_core
 
 _ENOUGH = 0.1  # s of timed calls of one product
@@ -93,7 +92,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.products", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="autoencoder")
+    parser.add_argument("kind", choices=KINDS, nargs="?", default="autoencoder")
     parser.add_argument("--batch", type=int, default=16, help="scenes a step (default: 16)")
     parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
     parser.add_argument("--sampling", action="store_true", help=f"{_STEPS} guided steps of sampling")
@@ -116,9 +115,6 @@ def main(arguments: list[str] | None = None) -> None:
     rate = alone / sum(times * seconds[product] for product, times in times_of.items())
 
     peak = workload.rooflines()[args.compute]
-    reference = (SAMPLING if args.sampling else REFERENCE)[args.kind].get(args.batch)
-    if reference and args.sampling:
-        reference = 1 / reference  # scenes/s
     rates = {"products alone": rate, "large product": peak}
     most = {name: value * 1e9 * scenes / work for name, value in rates.items()}  # scenes/s
     row = {
@@ -129,7 +125,6 @@ def main(arguments: list[str] | None = None) -> None:
         "sizes of products": len(times_of),
         **{f"{name} GFLOP/s": value for name, value in rates.items()},
         **{f"most scenes/s, {name}": value for name, value in most.items()},
-        **{f"ratio, {name}": value / reference for name, value in most.items() if reference},
     }
     print(workload.table([row]))
     print(json.dumps({**row, "machine": workload.machine()}))

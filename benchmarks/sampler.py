@@ -1,8 +1,8 @@
 """How fast is sampling? python -m benchmarks.sampler [unconditional|text|image] --batch 8
 
-100 steps with guidance 4 (two branches) on scenes of the reference workload, without decoding. Condition and modulation
-are computed once (--per-step: modulation in every step). Prints seconds per scene and the ratio to the float32 PyTorch
-reference at the same batch size.
+100 steps with guidance 4 (two branches) on scenes of the workload, without decoding. Condition and modulation are
+computed once (--per-step: modulation in every step). Prints seconds per scene; ``benchmarks.peer`` compares with the
+official release.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks import workload
-from benchmarks.steps import CONTEXT, denoiser_config, features
+from benchmarks.steps import CONTEXT, KINDS, denoiser_config, features
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE, MAX_PRECOMPUTED
 from scjax.diffusion.denoise_fn import denoise_fn, prepare_denoiser_inputs
 from scjax.diffusion.guidance import Guidance
@@ -31,13 +31,10 @@ from scjax.nn.sharding import spread, use_every_core
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType
 
-# Official PyTorch code at these sizes on such a machine (2 cores), seconds a scene by batch, float32.
-REFERENCE = {"unconditional": {1: 8.8, 8: 3.5}, "text": {1: 16.6, 8: 7.4}, "image": {1: 14.2, 8: 5.5}}
-
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sampler", description=__doc__)
-    parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="unconditional")
+    parser.add_argument("kind", choices=KINDS[1:], nargs="?", default="unconditional")
     parser.add_argument("--batch", type=int, default=8, help="scenes at once (default: 8)")
     parser.add_argument("--scenes", type=int, default=0, help="scenes of the workload (default: 64; 8 at batch 1)")
     parser.add_argument("--sampler", choices=["ddpm", "ddim", "dpm++"], default="ddpm")
@@ -64,7 +61,6 @@ def main(arguments: list[str] | None = None) -> None:
     rate = sum(useful_flops(config, args.kind, steps, part) for part in parts) / seconds / 1e9
 
     roofs = workload.rooflines()
-    reference = REFERENCE[args.kind].get(args.batch)
     row = {
         "sampling": args.kind,
         "batch": args.batch,
@@ -72,8 +68,6 @@ def main(arguments: list[str] | None = None) -> None:
         "steps": steps,
         "compute": args.compute,
         "s/scene": seconds / scenes,
-        "reference": reference or "-",
-        "ratio": reference / (seconds / scenes) if reference and (args.sampler, steps) == ("ddpm", 100) else "-",
         "GFLOP/s": rate,
         **{f"share of {name}": rate / roof for name, roof in roofs.items()},
         "scenes": scenes,

@@ -1,4 +1,4 @@
-"""The training steps and samplers' networks that are timed: the small models of the reference, on its workload."""
+"""The training steps and samplers' networks that are timed: small models on the workload."""
 
 from __future__ import annotations
 
@@ -23,13 +23,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import Functional
 from scjax.scene.per_type import PerType
 
-# Official PyTorch code at these sizes on such a machine (2 cores), scenes/s by batch, float32.
-REFERENCE = {
-    "autoencoder": {16: 9.7, 64: 5.5},
-    "unconditional": {16: 15.5},
-    "text": {16: 8.7},
-    "image": {16: 12.3},
-}
+KINDS = ("autoencoder", "unconditional", "text", "image")
 TEXT = TextCondition(width=4096)
 IMAGE = ImageCondition()
 CONTEXT = {"unconditional": 0, "text": 512, "image": 392}

@@ -1,7 +1,7 @@
 """How fast is a training step? python -m benchmarks.train_step [autoencoder|unconditional|text|image] --batch 16
 
-Prints scenes/s (real scenes of the reference workload), GFLOP/s of useful work and its share of the measured rooflines,
-compile time, peak memory, and the ratio to the float32 PyTorch reference at the same batch size.
+Prints scenes/s (real scenes of the workload), GFLOP/s of useful work and its share of the measured rooflines, compile
+time and peak memory. ``benchmarks.peer`` compares with the official release.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from benchmarks import workload
-from benchmarks.steps import REFERENCE, Step, step_of
+from benchmarks.steps import KINDS, Step, step_of
 from scjax.nn.sharding import use_every_core
 from scjax.train.flat_params import FlatParams
 from scjax.train.optimizer import adamw
@@ -29,7 +29,7 @@ from scjax.train.step import TrainingStep, initial_state
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.train_step", description=__doc__)
-    parser.add_argument("kind", choices=list(REFERENCE), nargs="?", default="autoencoder")
+    parser.add_argument("kind", choices=KINDS, nargs="?", default="autoencoder")
     parser.add_argument("--batch", type=int, default=16, help="scenes a step (default: 16)")
     parser.add_argument("--scenes", type=int, help="scenes of the workload (default: 64, a batch at least)")
     parser.add_argument("--compute", choices=["float32", "bfloat16"], default="float32")
@@ -49,15 +49,12 @@ def main(arguments: list[str] | None = None) -> None:
     programs = {tuple(leaf.shape for leaf in jax.tree.leaves(batch)) for batch in timed.inputs}
     work = sum(timed.useful_flops(lanes, agents) for lanes, agents in workload.counts(scenes)) / seconds / 1e9
     roofs = workload.rooflines()
-    reference = REFERENCE[args.kind].get(args.batch)
     row = {
         "step": args.kind,
         "batch": args.batch,
         "scenes": scenes,
         "compute": args.compute,
         "scenes/s": scenes / seconds,
-        "reference": reference or "-",
-        "ratio": scenes / seconds / reference if reference else "-",
         "GFLOP/s": work,
         **{f"share of {name}": work / roof for name, roof in roofs.items()},
         "programs": len(programs),

@@ -20,7 +20,7 @@ BUCKETS = ((61, 44), (61, 64), (61, 80), (61, 100))  # (agent, lane) slots
 
 
 def counts(scenes: int = 64) -> list[tuple[int, int]]:
-    """(lanes, agents) of the reference workload: lanes, then agents, drawn from one generator of seed 0."""
+    """(lanes, agents) of the workload: lanes, then agents, drawn from one generator of seed 0."""
     rng = np.random.default_rng(0)
     lanes, agents = rng.integers(20, 101, scenes), rng.integers(5, 62, scenes)
     return [(int(a), int(b)) for a, b in zip(lanes, agents, strict=True)]

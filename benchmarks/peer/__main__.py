@@ -25,10 +25,9 @@ from tqdm import tqdm
 
 from benchmarks import workload
 from benchmarks.sampler import useful_flops
-from benchmarks.steps import CONTEXT, autoencoder_config, denoiser_config
+from benchmarks.steps import CONTEXT, KINDS, autoencoder_config, denoiser_config
 from scjax.models import flops
 
-KINDS = ("autoencoder", "unconditional", "text", "image")
 ROWS = (
     *(f"train-{kind}" for kind in KINDS),
     *(f"sample-{kind}-8" for kind in KINDS[1:]),
