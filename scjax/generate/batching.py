@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from numbers import Integral
+from typing import Any
 
 BUCKETS = ((8, 8), (16, 16), (16, 28), (32, 32), (61, 48), (61, 64), (61, 100))
 """(agent, lane) slots of padded scenes, in the order of their work; each is a set of programs to compile.
@@ -26,6 +28,20 @@ def padded_size(agents: int, lanes: int, least: Bucket = (0, 0)) -> Bucket:
         if agents <= bucket[0] and lanes <= bucket[1]:
             return bucket
     raise ValueError(f"{agents} agents and {lanes} lanes are more than the {BUCKETS[-1]} that a scene may have")
+
+
+def least_size(value: Any) -> Bucket:
+    """The option ``padded_size`` of ``scjax.sample`` as a bucket; (0, 0) for None.
+
+    Raises:
+      ValueError: it is no pair of whole numbers of at least 0.
+    """
+    if value is None:
+        return (0, 0)
+    numbers = value if isinstance(value, tuple | list) else ()
+    if len(numbers) != 2 or not all(isinstance(n, Integral) and n >= 0 for n in numbers):
+        raise ValueError(f"padded_size must be two whole numbers, (agents, lanes), not {value!r}")
+    return int(numbers[0]), int(numbers[1])
 
 
 def in_batches(

@@ -18,7 +18,7 @@ from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.guidance import Guidance
 from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, resolve_sampler
-from scjax.generate.batching import GROUP, Bucket, in_batches
+from scjax.generate.batching import GROUP, Bucket, in_batches, least_size
 from scjax.generate.best_of import best_index
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
@@ -121,6 +121,7 @@ def sample_scenes(
     conditions = _conditions(condition, num_scenes)
     if best_of < 1:
         raise ValueError(f"best_of must be at least 1, not {best_of}")
+    least = least_size(padded_size)
     settings = _settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
 
     streams = encode_conditions(conditions, model)
@@ -130,7 +131,7 @@ def sample_scenes(
         for i in range(len(conditions))
     ]
     candidates = [candidate for request in requests for candidate in request.candidates(best_of)]
-    scenes = _sample_latents_and_decode(candidates, model, settings, padded_size or (0, 0))
+    scenes = _sample_latents_and_decode(candidates, model, settings, least)
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
     if best_of > 1:

@@ -133,7 +133,8 @@ class TrainingStep:
 
     def _program_of(self, params: Any, batch: Any, index: Array) -> Callable[..., Any]:
         """The gradient of batches of this size, compiled at the first one."""
-        size = tuple((x.shape, x.dtype) for x in jax.tree.leaves(batch))
+        leaves, structure = jax.tree.flatten(batch)
+        size = (structure, *((x.shape, x.dtype) for x in leaves))
         if size not in self._programs:
             # What compiling took, and what smaller sizes worked with, is not kept: it would add up over the sizes.
             give_back_memory()

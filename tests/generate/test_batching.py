@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scjax.generate.batching import BUCKETS, in_batches, padded_size
+from scjax.generate.batching import BUCKETS, in_batches, least_size, padded_size
 
 
 @given(st.lists(st.tuples(st.integers(0, 61), st.integers(0, 100)), max_size=30), st.integers(1, 5))
@@ -41,3 +42,14 @@ def test_padded_size_is_the_smallest_bucket():
 def test_padded_size_holds_the_least_slots():
     assert padded_size(2, 2, (9, 26)) == (16, 28) and padded_size(2, 40, (16, 28)) == (61, 48)
     assert [bucket for bucket, *_ in in_batches([(2, 2), (11, 6), (9, 26)], 4, (16, 28))] == [(16, 28)]
+
+
+@pytest.mark.parametrize(("value", "size"), [(None, (0, 0)), ((16, 28), (16, 28)), ([np.int64(4), 8], (4, 8))])
+def test_least_size_reads_pairs(value, size):
+    assert least_size(value) == size
+
+
+@pytest.mark.parametrize("value", [(1, 2, 3), (16,), 28, "16x28", (1.5, 2), (-1, 4)])
+def test_least_size_names_the_option(value):
+    with pytest.raises(ValueError, match=r"padded_size must be two whole numbers, \(agents, lanes\), not "):
+        least_size(value)
