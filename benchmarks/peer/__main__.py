@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def job_of(name: str, compute: str, args: argparse.Namespace) -> dict[str, Any]:
-    """What both workers are told."""
+    """The work of a row, as both workers read it."""
     work, kind, *size = name.split("-")
     batch = int(size[0]) if size else 16
     scenes = args.scenes or (64 if work == "train" else 16 if batch > 1 else 4)
@@ -122,7 +122,6 @@ def job_of(name: str, compute: str, args: argparse.Namespace) -> dict[str, Any]:
         "threads": len(os.sched_getaffinity(0)),
         "release_steps": args.release_steps,
         "parts": parts,
-        "scenes": [scene for part in parts for scene in part],
         "sizes": release_sizes(kind, args.size),
     }
 
@@ -173,7 +172,7 @@ def side_by_side(job: dict[str, Any], args: argparse.Namespace) -> dict[str, Any
                 seconds[side].append(min(worker.ask("go")["seconds"] for _ in range(_PASSES)))
                 answers[side].append({**worker.ready, **worker.ask("end")})
                 worker.process.wait()
-    scenes = len(job["scenes"])
+    scenes = sum(map(len, job["parts"]))
     medians = {side: statistics.median(times) / scenes for side, times in seconds.items()}
     rate = useful_work(job) / scenes / medians["scjax"] / 1e9
     return {
@@ -197,12 +196,13 @@ def side_by_side(job: dict[str, Any], args: argparse.Namespace) -> dict[str, Any
 def useful_work(job: dict[str, Any]) -> float:
     """Closed-form FLOPs of scjax's networks on the real lanes and agents of a pass."""
     kind, compute, size = job["kind"], job["compute"], job["size"]
+    scenes = [scene for part in job["parts"] for scene in part]
     if kind == "autoencoder":
         config = autoencoder_config(compute, size)
-        return sum(3 * flops.autoencoder_forward(config, *scene) for scene in job["scenes"])
+        return sum(3 * flops.autoencoder_forward(config, *scene) for scene in scenes)
     config = denoiser_config(kind, compute, size)
     if job["work"] == "train":
-        return sum(3 * flops.denoiser_forward(config, *scene, CONTEXT[kind]) for scene in job["scenes"])
+        return sum(3 * flops.denoiser_forward(config, *scene, CONTEXT[kind]) for scene in scenes)
     return sum(useful_flops(config, kind, _STEPS, part) for part in workload.padded(job["parts"]))
 
 

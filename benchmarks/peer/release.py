@@ -105,7 +105,7 @@ def training(job):
     optimizer = torch.optim.AdamW(
         [{"params": decayed, "weight_decay": 1e-5}, {"params": other, "weight_decay": 0.0}], lr=1e-4, eps=1e-7
     )
-    batches = [make_batch(job, scenes) for scenes in in_batches(job)]
+    batches = [make_batch(job, scenes) for scenes in job["parts"]]
 
     def run():
         for data in batches:
@@ -127,7 +127,7 @@ def sampling(job):
     """Guided ancestral sampling of latents. A part of the equal steps is timed; the result is scaled to all."""
     model = denoiser(job).eval()
     model.n_timesteps = job["release_steps"]
-    batches = [make_batch(job, scenes) for scenes in in_batches(job)]
+    batches = [make_batch(job, scenes) for scenes in job["parts"]]
 
     def run():
         for data in batches:
@@ -198,12 +198,6 @@ def autoencoder_config(job):
         num_points_per_lane=20,
         max_num_lanes=100,
     )
-
-
-def in_batches(job):
-    """The (lanes, agents) of every batch."""
-    scenes, size = job["scenes"], job["batch"]
-    return [scenes[start : start + size] for start in range(0, len(scenes), size)]
 
 
 def make_batch(job, scenes):

@@ -48,6 +48,7 @@ class TextStore:
             raise ValueError(f"{index} belongs to other captions, or has another format: {remedy} again")
         self.encoder, self.width = str(arrays["encoder"]), int(arrays["width"])
         self._token_starts, self._text_starts, self._texts = arrays["starts"], arrays["first"], arrays["texts"]
+        self._longest = int(np.diff(self._token_starts).max(initial=1))
         self._features_path = data
         self._tokens: np.ndarray | None = None
 
@@ -62,8 +63,7 @@ class TextStore:
 
     def slots(self, most: int) -> int:
         """Token slots that hold every text of the store, in steps of 16, but ``most`` at most."""
-        longest = int(np.diff(self._token_starts).max(initial=1))
-        return min(-(-longest // _SLOT_STEP) * _SLOT_STEP, most)
+        return min(-(-self._longest // _SLOT_STEP) * _SLOT_STEP, most)
 
     def texts_of(self, record: int) -> np.ndarray:
         """Indices of the texts of a record, [texts]."""
