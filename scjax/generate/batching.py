@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from numbers import Integral
 from typing import Any
+
+import numpy as np
 
 BUCKETS = ((8, 8), (16, 16), (16, 28), (32, 32), (61, 48), (61, 64), (61, 100))
 """(agent, lane) slots of padded scenes, in the order of their work; each is a set of programs to compile.
@@ -39,7 +40,7 @@ def least_size(value: Any) -> Bucket:
     if value is None:
         return (0, 0)
     numbers = value if isinstance(value, tuple | list) else ()
-    if len(numbers) != 2 or not all(isinstance(n, Integral) and n >= 0 for n in numbers):
+    if len(numbers) != 2 or not all(isinstance(n, int | np.integer) and n >= 0 for n in numbers):
         raise ValueError(f"padded_size must be two whole numbers, (agents, lanes), not {value!r}")
     return int(numbers[0]), int(numbers[1])
 
