@@ -11,12 +11,12 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from scjax.scene.limits import MAX_COORDINATE
 from scjax.scene.map_lane import MapLane
 from scjax.scene.scene import AgentType, Signal
 
 OTHER_OBJECT = -1  # object type that no ``AgentType`` stands for
 NO_EGO = -1  # ``ego_index`` of a log without a recording car
-MAX_COORDINATE = 1e7  # m from the origin, a quarter of the way round the earth; larger values are damage
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

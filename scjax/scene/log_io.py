@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
+from scjax.scene.document import parse_document
 from scjax.scene.files import write_file
 from scjax.scene.log import Log, LogMetadata, validate_log
 from scjax.scene.map_lane import LaneNeighbor, MapLane
+from scjax.scene.npz import read_npz
 
 LOG_FORMAT, LOG_VERSION = "scjax-log", 1
+_CURE = "write it with scjax.scene.save_log"
 _ARRAYS = {  # name -> kind of its dtype
     "timestamps": "f",
     "object_types": "i",
@@ -29,6 +31,39 @@ _ARRAYS = {  # name -> kind of its dtype
     "lane_points": "f",
     "lane_offsets": "i",
 }
+
+
+class LogVersion(Struct):
+    """What is read first of a header."""
+
+    format: Any = None
+    version: Any = None
+
+
+class LaneHeader(Struct):
+    """A lane but its points."""
+
+    id: str
+    lane_type: str | None
+    predecessors: tuple[str, ...]
+    successors: tuple[str, ...]
+    left_neighbors: tuple[LaneNeighbor, ...]
+    right_neighbors: tuple[LaneNeighbor, ...]
+
+    def with_points(self, points: np.ndarray) -> MapLane:
+        """The lane with its points."""
+        return MapLane(points=points, **{name: getattr(self, name) for name in self.__struct_fields__})
+
+
+class LogHeader(Struct):
+    """All of a log that is not numbers."""
+
+    object_ids: tuple[str, ...]
+    signal_lane_ids: tuple[str, ...]
+    ego_index: int
+    has_topology: bool
+    metadata: LogMetadata
+    lanes: list[LaneHeader]
 
 
 def save_log(log: Log, path: str | Path) -> None:
@@ -68,52 +103,37 @@ def load_log(path: str | Path) -> Log:
       ValueError: on a damaged file, another version, missing arrays or an invalid log; names the file.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        header = json.loads(str(arrays.pop("header", "{}")))
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, ValueError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path} is no readable log ({error}): it may be cut short, write it again") from error
-    if not isinstance(header, dict) or header.get("format") != LOG_FORMAT:
-        raise ValueError(f"{path} is no log: write it with scjax.scene.save_log")
-    if header.get("version") != LOG_VERSION:
-        raise ValueError(f"{path} has format version {header.get('version')}, this scjax reads {LOG_VERSION}: update")
+    arrays = read_npz(path, {"header": "U", **_ARRAYS}, _CURE, optional=frozenset({"header", *_ARRAYS}))
+    text = str(arrays.pop("header", "{}"))
+    version = parse_document(text, LogVersion, f"{path}, header", _CURE)
+    if version.format != LOG_FORMAT:
+        raise ValueError(f"{path} is no log: {_CURE}")
+    if version.version != LOG_VERSION:
+        raise ValueError(f"{path} has format version {version.version!r}, this scjax reads {LOG_VERSION}: update")
     if missing := sorted(set(_ARRAYS) - set(arrays)):
-        raise ValueError(f"{path} lacks the arrays {missing}: write it with scjax.scene.save_log")
-    for name, dtype_kind in _ARRAYS.items():
-        if arrays[name].dtype.kind != dtype_kind:
-            raise ValueError(f"{path}: {name} is {arrays[name].dtype}: write it with scjax.scene.save_log")
+        raise ValueError(f"{path} lacks the arrays {missing}: {_CURE}")
+    header = parse_document(text, LogHeader, f"{path}, header", _CURE)
     try:
         return validate_log(_log_from(header, arrays))
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+    except ValueError as error:
         raise ValueError(f"{path} holds an invalid log: {error}") from error
 
 
-def _log_from(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Log:
-    offsets = arrays["lane_offsets"]
-    points = np.split(arrays["lane_points"], offsets[1:-1]) if len(offsets) > 1 else []
+def _log_from(header: LogHeader, arrays: dict[str, np.ndarray]) -> Log:
+    offsets, points = arrays["lane_offsets"], arrays["lane_points"]
+    if points.ndim != 2 or offsets.shape != (len(header.lanes) + 1,):
+        raise ValueError(f"lane_offsets {offsets.shape} and lane_points {points.shape} do not fit its lanes")
+    if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets) < 0).any():
+        raise ValueError("lane_offsets do not cut lane_points into lanes")
     return Log(
         **{name: arrays[name] for name in _ARRAYS if not name.startswith("lane_")},
-        object_ids=tuple(header["object_ids"]),
-        signal_lane_ids=tuple(header["signal_lane_ids"]),
-        ego_index=header["ego_index"],
-        has_topology=header["has_topology"],
-        lanes=tuple(_lane_from(fields, xyz) for fields, xyz in zip(header["lanes"], points, strict=True)),
-        metadata=LogMetadata(**header["metadata"]),
-    )
-
-
-def _lane_from(fields: dict[str, Any], points: np.ndarray) -> MapLane:
-    neighbors = {
-        side: tuple(LaneNeighbor(*entry) for entry in fields[side]) for side in ("left_neighbors", "right_neighbors")
-    }
-    return MapLane(
-        id=fields["id"],
-        lane_type=fields["lane_type"],
-        points=points,
-        predecessors=tuple(fields["predecessors"]),
-        successors=tuple(fields["successors"]),
-        **neighbors,
+        object_ids=header.object_ids,
+        signal_lane_ids=header.signal_lane_ids,
+        ego_index=header.ego_index,
+        has_topology=header.has_topology,
+        lanes=tuple(
+            lane.with_points(points[start:end])
+            for lane, start, end in zip(header.lanes, offsets[:-1], offsets[1:], strict=True)
+        ),
+        metadata=header.metadata,
     )

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from scjax.scene.limits import MAX_COORDINATE, MAX_SIZE, MAX_SPEED
 from scjax.scene.pytree import Replaceable, pytree
 
 AnyArray = Array | np.ndarray  # on a device or on the host
@@ -230,12 +231,26 @@ def validate(scene: Scene) -> Scene:
       ValueError: naming the first field at fault, what is wrong and how to mend it.
     """
     host = scene.to_numpy()
+    _check_arrays(host)
+    _check_values(host)
+    _check_links(host)
+    return scene
+
+
+def _check_arrays(host: Scene) -> None:
+    """Kinds and shapes of all arrays."""
+    for name, blank in empty(0, 0).to_dict().items():
+        value, kind = getattr(host, name), np.dtype(blank.dtype).kind
+        if value.dtype.kind not in ("iu" if kind == "i" else kind):
+            raise ValueError(f"{name} is of type {value.dtype}: give it as {blank.dtype}")
+    if not host.agent_mask.ndim or not host.lane_mask.ndim:
+        raise ValueError("agent_mask and lane_mask must have an axis of agents and one of lanes")
     lead, num_agents, num_lanes = host.batch_shape, host.agent_mask.shape[-1], host.lane_mask.shape[-1]
     shapes = {
         "agents": (*lead, num_agents, 9),
         "agent_types": (*lead, num_agents),
         "agent_known": (*lead, num_agents, 9),
-        "lanes": (*lead, num_lanes, *host.lanes.shape[-2:-1], 3),
+        "lanes": (*lead, num_lanes, POINTS_PER_LANE, 3),
         "lane_mask": (*lead, num_lanes),
         "lane_known": (*lead, num_lanes, 3),
         "signals": (*lead, num_lanes),
@@ -249,14 +264,28 @@ def validate(scene: Scene) -> Scene:
                 f"{name} has shape {getattr(host, name).shape}, but agent_mask {host.agent_mask.shape} and lane_mask "
                 f"{host.lane_mask.shape} call for {shape}"
             )
+
+
+def _check_values(host: Scene) -> None:
+    """Ranges of numbers and enums of real elements."""
     for name, mask in (("agents", host.agent_mask), ("lanes", host.lane_mask)):
-        finite = np.isfinite(getattr(host, name)).all(axis=tuple(range(mask.ndim, getattr(host, name).ndim)))
+        values = getattr(host, name)
+        axes = tuple(range(mask.ndim, values.ndim))
+        finite = np.isfinite(values).all(axis=axes)
         if (mask & ~finite).any():
-            where = tuple(int(i) for i in np.argwhere(mask & ~finite)[0])
-            raise ValueError(f"{name}{list(where)} holds NaN or infinity: fill the value and clear its known flag")
+            raise ValueError(f"{name}{_first(mask & ~finite)} holds NaN or infinity: fill it and clear its known flag")
+        near = (np.abs(values[..., :3]) < MAX_COORDINATE).all(axis=axes)
+        if (mask & ~near).any():
+            raise ValueError(
+                f"{name}{_first(mask & ~near)} is {MAX_COORDINATE:g} m or more from the origin: correct its coordinates"
+            )
     sizes = host.agents[..., 6:9][host.agent_mask]
     if (sizes <= 0).any():
         raise ValueError("agents have a length, width or height of 0 m or less: fill it with the mean of its class")
+    if (sizes > MAX_SIZE).any():
+        raise ValueError(f"agents have a length, width or height above {MAX_SIZE:g} m: correct it")
+    if (np.abs(host.agents[..., 3][host.agent_mask]) > MAX_SPEED).any():
+        raise ValueError(f"agents have a speed above {MAX_SPEED:g} m/s: correct it")
     norm = np.hypot(host.agents[..., 4], host.agents[..., 5])[host.agent_mask]
     if (np.abs(norm - 1) > 1e-2).any():
         raise ValueError("cos and sin of a heading (agent columns 4 and 5) are not a unit vector: normalize them")
@@ -264,19 +293,28 @@ def validate(scene: Scene) -> Scene:
         ("agent_types", host.agent_mask, AgentType),
         ("signals", host.lane_mask, Signal),
         ("links", host.lane_mask[..., :, None] & host.lane_mask[..., None, :], Link),
-        ("crop", np.ones(lead, bool), Crop),
+        ("crop", np.ones(host.batch_shape, bool), Crop),
     ):
         values = getattr(host, name)[mask]
         if values.size and not (0 <= values.min() and values.max() < len(enum_type)):
             highest = len(enum_type) - 1
             raise ValueError(f"{name} holds values outside 0..{highest}: use values of {enum_type.__name__}")
+    if (host.domain < 0).any():
+        raise ValueError("domain holds values below 0: give indices into the list of domains")
+
+
+def _first(faulty: np.ndarray) -> list[int]:
+    return [int(i) for i in np.argwhere(faulty)[0]]
+
+
+def _check_links(host: Scene) -> None:
+    """SELF on the diagonal, and the inverse relation across it."""
     pairs = host.lane_mask[..., :, None] & host.lane_mask[..., None, :]
     transposed = np.swapaxes(host.links, -1, -2)
-    diagonal = np.broadcast_to(np.eye(num_lanes, dtype=bool), pairs.shape)
+    diagonal = np.broadcast_to(np.eye(pairs.shape[-1], dtype=bool), pairs.shape)
     if (host.links[pairs & diagonal] != Link.SELF).any() or (host.links[pairs & ~diagonal] == Link.SELF).any():
         raise ValueError("links must be SELF exactly on the diagonal of real lanes")
     # Two lanes that precede each other (a ring of two) have PREDECESSOR in both directions.
     ring = (host.links == Link.PREDECESSOR) & (transposed == Link.PREDECESSOR)
     if ((INVERSE_LINK[host.links.clip(0, 5)] != transposed) & pairs & ~ring).any():
         raise ValueError("links[i, j] and links[j, i] disagree: the inverse of predecessor is successor, of left right")
-    return scene

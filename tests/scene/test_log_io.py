@@ -50,7 +50,7 @@ def test_load_log_truncated_file(size, tmp_path):
     path = tmp_path / "short.npz"
     save_log(example_log(), path)
     path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(ValueError, match=r"short\.npz is no readable log"):
+    with pytest.raises(ValueError, match=r"short\.npz is no readable .npz file"):
         load_log(path)
 
 
@@ -75,7 +75,7 @@ def _header(**changes):
         (_header(lanes=[]), "invalid log"),
         (lambda arrays: arrays.pop("header"), "is no log"),
         (lambda arrays: arrays.pop("headings"), r"lacks the arrays \['headings'\]"),
-        (lambda arrays: arrays.update(valid=arrays["valid"] * 1.5), "valid is float64"),
+        (lambda arrays: arrays.update(valid=arrays["valid"] * 1.5), "valid has the type float64"),
     ],
 )
 def test_load_log_fault_names_file_and_cause(change, message, tmp_path):

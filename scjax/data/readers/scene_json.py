@@ -21,7 +21,7 @@ from jaxtyping import Float64, Int
 
 from scjax.data.readers.base import LogInfo
 from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, LaneNeighbor, Log, LogMetadata, MapLane, Signal, validate_log
-from scjax.scene.log import MAX_COORDINATE
+from scjax.scene.limits import MAX_COORDINATE
 
 SCHEMA = "scene-json-1"
 REQUIRED_KEYS = ("dataset", "scene_id", "location_cluster", "timestamps", "has", "objects", "map", "tl_states")
