@@ -5,6 +5,7 @@ The types are msgspec structs or dataclasses; ``json_schema`` publishes them for
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,7 +31,11 @@ def parse_document(data: bytes | str, expected: type[T], name: str | Path, cure:
     except msgspec.ValidationError as error:
         raise ValueError(f"{name}: {_located(error)}: {cure}") from error
     except (msgspec.DecodeError, UnicodeError) as error:
-        raise ValueError(f"{name} is no JSON ({_reason(error)}): {cure}") from error
+        try:
+            content = json.loads(data)  # reads NaN and Infinity, which JSON does not have but many programs write
+        except (ValueError, RecursionError):
+            raise ValueError(f"{name} is no JSON ({error}; it may be cut short): {cure}") from error
+        return convert_document(content, expected, name, cure)
 
 
 def convert_document(content: Any, expected: type[T], name: str | Path, cure: str) -> T:
@@ -52,9 +57,3 @@ def _located(error: Exception) -> str:
     path = path.removesuffix("`").removeprefix("$").removeprefix(".")
     text = f"{text[:1].lower()}{text[1:]}"
     return f"{path}: {text}" if path else text
-
-
-def _reason(error: Exception) -> str:
-    if "invalid character" in str(error):
-        return f"{error}; it may be cut short, or hold NaN or Infinity, which JSON does not have"
-    return str(error)

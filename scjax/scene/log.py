@@ -30,6 +30,7 @@ class LogMetadata:
       variant: original format of the source.
       source_file: file or generator that the log was read from; error messages name it.
       source_sha256: hash of the source's content.
+      unknown_words: "field: word" -> how often; words that the reader's tables lack, and that count as unknown.
     """
 
     domain: str = ""
@@ -38,6 +39,7 @@ class LogMetadata:
     variant: str = ""
     source_file: str = ""
     source_sha256: str = ""
+    unknown_words: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

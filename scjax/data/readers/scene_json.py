@@ -7,48 +7,103 @@ outliers pass, so that every consumer can decide for itself.
 from __future__ import annotations
 
 import dataclasses
-import gzip
 import hashlib
 import json
 import re
-import zlib
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 from jaxtyping import Float64, Int
+from msgspec import Meta, Struct
 
 from scjax.data.readers.base import LogInfo
+from scjax.data.readers.vocabulary import BICYCLE, LANE_WORDS, OBJECT_WORDS, SIGNAL_WORDS, look_up
 from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, LaneNeighbor, Log, LogMetadata, MapLane, Signal, validate_log
+from scjax.scene.document import convert_document, parse_document
+from scjax.scene.files import read_limited
 from scjax.scene.limits import MAX_COORDINATE
 
 SCHEMA = "scene-json-1"
-REQUIRED_KEYS = ("dataset", "scene_id", "location_cluster", "timestamps", "has", "objects", "map", "tl_states")
 PATTERN = "*.json.gz"
 SKIPPED_FOLDERS = ("peer_outputs", "images")  # generated scenes and pictures; any folder whose name starts like this
 
-_AGENT_TYPES = {
-    "vehicle": AgentType.VEHICLE,
-    "pedestrian": AgentType.PEDESTRIAN,
-    "cyclist": AgentType.CYCLIST,
-    "traffic_cone": AgentType.STATIC,
-    "barrier": AgentType.STATIC,
-}
-_BICYCLE = "bicycle_parked_or_ridden"
 _RIDDEN_SPEED = 1.0  # m/s, median speed above which a bicycle has a rider
-_SIGNALS = {
-    "unknown": Signal.UNKNOWN,
-    "go": Signal.GO,
-    "arrow_go": Signal.GO,
-    "caution": Signal.CAUTION,
-    "arrow_caution": Signal.CAUTION,
-    "flashing_caution": Signal.CAUTION,
-    "stop": Signal.STOP,
-    "arrow_stop": Signal.STOP,
-    "flashing_stop": Signal.STOP,
-}
-_NO_STOP_POINT = {"x": None, "y": None, "z": None}
+MAX_STATES = 20_000_000
+"""Objects times steps of a scene; more would fill the memory."""
+
+_CURE = "write the file again"
+Name = str | int
+Numbers = list[float | None]
+
+
+class FileSchema(Struct):
+    """What is read first, to say that a file follows another schema."""
+
+    schema: Any = None
+
+
+class ObjectRow(Struct):
+    """One object: its class, its size [m], and its states at every step."""
+
+    type: str
+    length: float | None
+    width: float | None
+    height: float | None
+    valid: list[float | bool]
+    x: Numbers
+    y: Numbers
+    z: Numbers | None
+    heading: Numbers
+    vx: Numbers
+    vy: Numbers
+    id: Name | None = None
+
+
+class LaneRow(Struct):
+    """One lane: its centerline in driving direction, and the lanes around it."""
+
+    x: Numbers
+    y: Numbers
+    z: Numbers | None = None
+    subtype: str | None = None
+    predecessors: list[Name] | None = None
+    successors: list[Name] | None = None
+    left_neighbors: list[Annotated[list[Name | None], Meta(min_length=1)]] | None = None
+    right_neighbors: list[Annotated[list[Name | None], Meta(min_length=1)]] | None = None
+    id: Name | None = None
+
+
+class SignalRow(Struct):
+    """States of a signal, and its stop point [m]."""
+
+    state: list[str | None]
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+
+
+class Presence(Struct):
+    """What the file says it holds."""
+
+    topology: str | None = None
+
+
+class Recording(Struct):
+    """A whole file; keys that the reader does not need are not read."""
+
+    dataset: Name
+    scene_id: Name
+    location_cluster: Name | None
+    timestamps: list[float]
+    has: Presence
+    objects: list[ObjectRow]
+    map: list[dict[str, Any]]
+    tl_states: dict[str, SignalRow]
+    variant: Name | None = None
+    sdc_index: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,158 +172,171 @@ def read_log(path: str | Path) -> Log:
 def _read_bytes(path: str | Path) -> bytes:
     """The decompressed content of ``path``; ValueError naming the file where that fails."""
     try:
-        compressed = Path(path).read_bytes()
-        if not compressed:
-            raise EOFError("it is empty")  # an empty string decompresses to nothing without complaint
-        return gzip.decompress(compressed)
-    except (OSError, EOFError, zlib.error) as error:
-        raise ValueError(f"{path}: not a complete gzip file ({error}): copy or download it again") from error
+        return read_limited(path)
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: No such file: give a {PATTERN} file") from error
+    except ValueError as error:
+        raise ValueError(str(error).replace("not a complete file", "not a complete gzip file", 1)) from error
 
 
 def _parse(data: bytes, path: str | Path) -> Log:
     """As ``read_log``, from the decompressed bytes; ``path`` is for messages only."""
+    schema = parse_document(data, FileSchema, path, _CURE).schema
+    if schema != SCHEMA:
+        raise ValueError(f"{path}: schema is {str(schema)[:60]!r}, not {SCHEMA!r}: convert the scene first")
+    content = parse_document(data, Recording, path, _CURE)
     try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: not valid JSON ({error}): copy or download it again") from error
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        schema = content.get("schema") if isinstance(content, dict) else type(content).__name__
-        raise ValueError(f"{path}: schema is {schema!r}, not {SCHEMA!r}: convert the scene first")
-    missing = [key for key in REQUIRED_KEYS if key not in content]
-    if missing:
-        raise ValueError(f"{path}: missing {', '.join(missing)}: the file does not follow {SCHEMA}, write it again")
-    try:
-        return validate_log(_log_from_json(content, hashlib.sha256(data).hexdigest(), str(path)))
-    except KeyError as error:
-        raise ValueError(f"{path}: an object or map feature lacks the key {error}: write the file again") from error
-    except (TypeError, AttributeError, IndexError) as error:
-        raise ValueError(f"{path}: a value has an unexpected type ({error}): write the file again") from error
+        return validate_log(_log_of(content, hashlib.sha256(data).hexdigest(), str(path)))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        text = str(error)
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
 
-def _log_from_json(content: Mapping[str, Any], sha256: str, path: str) -> Log:
-    timestamps = _floats(content["timestamps"], "timestamps")
-    steps = len(timestamps)
+def _log_of(content: Recording, sha256: str, path: str) -> Log:
+    steps = len(content.timestamps)
     if not steps:
         raise ValueError("timestamps is empty: a scene needs at least one step")
-    lanes = tuple(_read_lane(item, index) for index, item in enumerate(content["map"]) if item["type"] == "lane")
+    if steps * len(content.objects) > MAX_STATES:
+        raise ValueError(f"{len(content.objects)} objects at {steps} steps are more than {MAX_STATES}: split the scene")
+    unknown: Counter[str] = Counter()
+    lanes = tuple(
+        _read_lane(convert_document(item, LaneRow, f"{path}: map[{index}]", _CURE), index, unknown)
+        for index, item in enumerate(content.map)
+        if item.get("type") == "lane"
+    )
     if not lanes:
         raise ValueError("the map has no lanes: leave this file out")
-    objects, lights = content["objects"], content["tl_states"]
+    objects, lights = content.objects, content.tl_states
     valid = _states(objects, "valid", steps) > 0
     velocities = np.stack([_states(objects, "vx", steps), _states(objects, "vy", steps)], -1)
-    ego_index = content.get("sdc_index")
     return Log(
-        timestamps=timestamps,
-        object_ids=tuple(_id(item, index) for index, item in enumerate(objects)),
-        object_types=_object_types(objects, valid, velocities),
+        timestamps=np.array(content.timestamps, np.float64),
+        object_ids=tuple(_id(item.id, index) for index, item in enumerate(objects)),
+        object_types=_object_types(objects, valid, velocities, unknown),
         valid=valid,
         positions=np.stack([_states(objects, "x", steps), _states(objects, "y", steps), _heights(objects, steps)], -1),
         headings=_states(objects, "heading", steps),
         velocities=velocities,
         sizes=_columns(objects, ("length", "width", "height")),
-        ego_index=NO_EGO if ego_index is None else _index(ego_index, len(objects)),
-        signal_lane_ids=tuple(str(key) for key in lights),
-        signal_states=_signal_states(lights, steps),
-        signal_positions=_columns([_NO_STOP_POINT | light for light in lights.values()], ("x", "y", "z")),
+        ego_index=NO_EGO if content.sdc_index is None else _index(content.sdc_index, len(objects)),
+        signal_lane_ids=tuple(lights),
+        signal_states=_signal_states(lights, steps, unknown),
+        signal_positions=_columns(list(lights.values()), ("x", "y", "z")),
         lanes=lanes,
-        has_topology=content["has"].get("topology") == "given",
+        has_topology=_has_topology(content.has, unknown),
         metadata=LogMetadata(
-            domain=str(content["dataset"]),
-            scene_id=str(content["scene_id"]),
-            location_cluster=str(content["location_cluster"]),
-            variant=str(content.get("variant", "")),
+            domain=str(content.dataset),
+            scene_id=str(content.scene_id),
+            location_cluster=_cluster(content),
+            variant=str(content.variant or ""),
             source_file=path,
             source_sha256=sha256,
+            unknown_words=dict(sorted(unknown.items())),
         ),
     )
 
 
-def _states(objects: list[Mapping[str, Any]], key: str, steps: int) -> Float64[np.ndarray, "objects steps"]:
-    """One value per object and step."""
+def _cluster(content: Recording) -> str:
+    """The location; a scene of which it is not known is a location of its own."""
+    known = content.location_cluster
+    return f"scene {content.scene_id}" if known is None else str(known)
+
+
+def _has_topology(has: Presence, unknown: Counter[str]) -> bool:
+    if has.topology not in ("given", "infer", None):
+        unknown[f"has.topology: {has.topology[:60]}"] += 1
+    return has.topology == "given"
+
+
+def _states(objects: Sequence[ObjectRow], key: str, steps: int) -> Float64[np.ndarray, "objects steps"]:
+    """One value per object and step; null becomes NaN."""
     for index, item in enumerate(objects):
-        if len(item[key]) != steps:
+        if len(getattr(item, key)) != steps:
             raise ValueError(
-                f"{key} of object {index} has {len(item[key])} values for {steps} timestamps: write the file again"
+                f"{key} of object {index} has {len(getattr(item, key))} values for {steps} timestamps: {_CURE}"
             )
-    return _floats([item[key] for item in objects], key).reshape(len(objects), steps)
+    return np.array([getattr(item, key) for item in objects], np.float64).reshape(len(objects), steps)
 
 
-def _floats(values: Any, name: str) -> Float64[np.ndarray, ...]:
-    """``values`` as an array; null becomes NaN."""
-    try:
-        return np.asarray(values, np.float64)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}: write the file again") from error
-
-
-def _heights(objects: list[Mapping[str, Any]], steps: int) -> Float64[np.ndarray, "objects steps"]:
+def _heights(objects: Sequence[ObjectRow], steps: int) -> Float64[np.ndarray, "objects steps"]:
     """z of the box centers [m], NaN where it is missing or absurd."""
-    known = [{"z": [np.nan] * steps} if item["z"] is None else item for item in objects]
-    return _nan_where_absurd(_states(known, "z", steps))
+    unknown: Numbers = [None] * steps
+    for item in objects:
+        item.z = unknown if item.z is None else item.z
+    return _nan_where_absurd(_states(objects, "z", steps))
 
 
-def _columns(items: list[Mapping[str, Any]], keys: tuple[str, ...]) -> Float64[np.ndarray, "items keys"]:
+def _columns(items: Sequence[Any], keys: tuple[str, ...]) -> Float64[np.ndarray, "items keys"]:
     """One value per item and key, NaN where it is null."""
-    return _floats([[item[key] for key in keys] for item in items], ", ".join(keys)).reshape(len(items), len(keys))
+    values = [[getattr(item, key) for key in keys] for item in items]
+    return np.array(values, np.float64).reshape(len(items), len(keys))
 
 
-def _index(value: Any, count: int) -> int:
+def _index(value: int, count: int) -> int:
     if not 0 <= value < count:
         raise ValueError(f"sdc_index {value} is not an index into the {count} objects: correct it")
-    return int(value)
+    return value
 
 
-def _id(item: Mapping[str, Any], index: int) -> str:
+def _id(value: str | int | None, index: int) -> str:
     """Id of an object or lane; some sources have none."""
-    return f"unnamed-{index}" if item["id"] is None else str(item["id"])
+    return f"unnamed-{index}" if value is None else str(value)
 
 
 def _object_types(
-    objects: list[Mapping[str, Any]], valid: np.ndarray, velocities: np.ndarray
+    objects: Sequence[ObjectRow], valid: np.ndarray, velocities: np.ndarray, unknown: Counter[str]
 ) -> Int[np.ndarray, " objects"]:
-    types = np.array([_AGENT_TYPES.get(item["type"], OTHER_OBJECT) for item in objects], np.int32)
-    for index, item in enumerate(objects):
-        if item["type"] == _BICYCLE:
-            # AV2 does not say which: a bicycle that moves has a rider, one that stands is an obstacle.
+    types = [look_up(OBJECT_WORDS, item.type, OTHER_OBJECT, "object type", unknown) for item in objects]
+    for index, agent_type in enumerate(types):
+        if agent_type == BICYCLE:
+            # Some sources do not say which: a bicycle that moves has a rider, one that stands is an obstacle.
             speed = np.hypot(*velocities[index, valid[index]].T)
             ridden = speed.size and np.median(speed) > _RIDDEN_SPEED
             types[index] = AgentType.CYCLIST if ridden else AgentType.STATIC
-    return types.reshape(len(objects))
+    return np.array(types, np.int32).reshape(len(objects))
 
 
-def _signal_states(lights: Mapping[str, Any], steps: int) -> Int[np.ndarray, "signals steps"]:
+def _signal_states(
+    lights: Mapping[str, SignalRow], steps: int, unknown: Counter[str]
+) -> Int[np.ndarray, "signals steps"]:
     states = np.zeros((len(lights), steps), np.int8)
     for row, (lane, light) in enumerate(lights.items()):
-        if len(light["state"]) != steps:
-            raise ValueError(
-                f"signal of lane {lane} has {len(light['state'])} states for {steps} timestamps: write the file again"
-            )
-        states[row] = [_SIGNALS.get(state, Signal.UNKNOWN) for state in light["state"]]
+        if len(light.state) != steps:
+            raise ValueError(f"signal of lane {lane} has {len(light.state)} states for {steps} timestamps: {_CURE}")
+        states[row] = [
+            Signal.UNKNOWN if word is None else look_up(SIGNAL_WORDS, word, Signal.UNKNOWN, "signal state", unknown)
+            for word in light.state
+        ]
     return states
 
 
-def _read_lane(item: Mapping[str, Any], index: int) -> MapLane:
-    name = _id(item, index)
-    x, y, z = item["x"], item["y"], item.get("z")
-    if len(x) != len(y) or (z is not None and len(z) != len(x)):
-        raise ValueError(f"x, y, z of lane {name} differ in length: write the file again")
-    points = np.full((len(x), 3), np.nan)
-    points[:, 0], points[:, 1] = x, y
-    if z is not None:
-        points[:, 2] = _nan_where_absurd(_floats(z, f"z of lane {name}"))
+def _read_lane(item: LaneRow, index: int, unknown: Counter[str]) -> MapLane:
+    name = _id(item.id, index)
+    if len(item.x) != len(item.y) or (item.z is not None and len(item.z) != len(item.x)):
+        raise ValueError(f"x, y, z of lane {name} differ in length: {_CURE}")
+    points = np.full((len(item.x), 3), np.nan)
+    points[:, 0], points[:, 1] = item.x, item.y
+    if item.z is not None:
+        points[:, 2] = _nan_where_absurd(np.array(item.z, np.float64))
         if np.isnan(points[:, 2]).any():
             points[:, 2] = np.nan  # the elevation of a lane is known as a whole or not at all
+    subtype = item.subtype
     return MapLane(
         id=name,
-        lane_type=item["subtype"],
+        lane_type=None if subtype is None else look_up(LANE_WORDS, subtype, None, "lane subtype", unknown),
         points=points,
-        predecessors=tuple(str(i) for i in item.get("predecessors", ())),
-        successors=tuple(str(i) for i in item.get("successors", ())),
-        left_neighbors=tuple(LaneNeighbor(str(lane), *span) for lane, *span in item.get("left_neighbors", ())),
-        right_neighbors=tuple(LaneNeighbor(str(lane), *span) for lane, *span in item.get("right_neighbors", ())),
+        predecessors=tuple(map(str, item.predecessors or ())),
+        successors=tuple(map(str, item.successors or ())),
+        left_neighbors=tuple(_neighbor(entry, name) for entry in item.left_neighbors or ()),
+        right_neighbors=tuple(_neighbor(entry, name) for entry in item.right_neighbors or ()),
     )
+
+
+def _neighbor(entry: list[str | int | None], lane: str) -> LaneNeighbor:
+    identity, span = entry[0], entry[1:]
+    if identity is None or len(span) not in (0, 4) or not all(i is None or isinstance(i, int) for i in span):
+        raise ValueError(f"a neighbor of lane {lane} is {entry}: give [lane id] and four point indices or nulls")
+    return LaneNeighbor(str(identity), *cast(Any, span))
 
 
 def _nan_where_absurd(values: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def test_read_log_moving_bicycle_is_cyclist(tmp_path, speed, agent_type):
 
 FAULTS = {
     "schema": (lambda s: s.update(schema="scene-json-2"), "schema"),
-    "key": (lambda s: s.pop("objects"), "missing objects"),
+    "key": (lambda s: s.pop("objects"), "missing required field `objects`"),
     "object key": (lambda s: s["objects"][2].pop("vx"), "vx"),
     "lane nan": (lambda s: s["map"][1]["x"].__setitem__(3, float("nan")), "lane 2 has NaN"),
     "agent nan": (lambda s: s["objects"][1]["y"].__setitem__(4, float("nan")), "object 1 at step 4"),
@@ -86,8 +86,8 @@ FAULTS = {
     "no steps": (lambda s: s.update(timestamps=[]), "timestamps is empty"),
     "ego": (lambda s: s.update(sdc_index=99), "sdc_index 99"),
     "signals": (lambda s: s["tl_states"]["2"].update(state=["go"]), "1 states for 31"),
-    "map type": (lambda s: s.update(map=3), "unexpected type"),
-    "text": (lambda s: s["objects"][0].update(length="long"), "long"),
+    "map type": (lambda s: s.update(map=3), "map: expected `array`"),
+    "text": (lambda s: s["objects"][0].update(length="long"), r"objects\[0\].length: expected `float | null`"),
     "null in track": (lambda s: s["objects"][0]["x"].__setitem__(0, None), r"object 0 at step 0 is \[nan"),
 }
 
