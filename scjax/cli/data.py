@@ -6,6 +6,7 @@ The same commands run as ``python -m scjax.data``.
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -129,8 +130,24 @@ _workers = click.option(
     show_default=True,
     help="Source files per shard.",
 )
+@click.option(
+    "--join-distance",
+    type=float,
+    default=BuildOptions.join_distance,
+    metavar="M",
+    show_default=True,
+    help="Lanes are connected across gaps up to this, in files that do not list connections; at most 1.",
+)
+@click.option(
+    "--lane-poses",
+    type=click.IntRange(0, 1000),
+    default=BuildOptions.lane_poses,
+    metavar="N",
+    show_default=True,
+    help="Poses along the lanes of maps without a vehicle; 0 leaves such maps out.",
+)
 @click.option("--no-resume", is_flag=True, help="Rebuild finished shards too.")
-@click.option("--strict", is_flag=True, help="Stop at the first file that cannot be used instead of skipping it.")
+@click.option("--strict", is_flag=True, help="Stop at the first file that cannot be used or looks wrong.")
 @_pose_options("", "standard poses", BuildOptions.poses)
 @_pose_options("train-", "training poses", BuildOptions.train_poses)
 def data_build(
@@ -160,6 +177,8 @@ def data_build(
     build_options = BuildOptions(
         split_percent=options["split_percent"],
         files_per_shard=options["files_per_shard"],
+        join_distance=options["join_distance"],
+        lane_poses=options["lane_poses"],
         poses=PoseOptions(**{name: options[name] for name in names}),
         train_poses=PoseOptions(**{name: options[f"train_{name}"] for name in names}),
     )
@@ -172,10 +191,24 @@ def data_build(
     cleaned = manifest["cleaned"]
     click.echo(f"clipped {cleaned.get('speed', 0)} speeds, filled {cleaned.get('size', 0)} impossible sizes")
     if manifest["without_poses"]:
-        click.echo(f"{len(manifest['without_poses'])} scenes have no vehicle to take as ego: see manifest.json")
+        click.echo(f"{len(manifest['without_poses'])} scenes have no vehicle to take as ego (--lane-poses N uses them)")
+    _show_findings(manifest)
     for entry in manifest["skipped"]:
         click.echo(f"skipped {entry['file']}: {entry['reason']}", err=True)
     return _SOME_SKIPPED if manifest["skipped"] else 0
+
+
+def _show_findings(manifest: dict[str, Any], most: int = 10) -> None:
+    """What was noticed in the files, most frequent first; manifest.json names the files."""
+    for name, label in (("doubts", "warning: "), ("notes", "")):
+        counts, files = Counter(), Counter()
+        for entry in manifest[name]:
+            counts.update(entry["found"])
+            files.update(entry["found"].keys())
+        for text, count in counts.most_common(most):
+            click.echo(f"{label}{text}: {count} in {files[text]} files", err=True)
+        if len(counts) > most:
+            click.echo(f"{label}{len(counts) - most} more kinds: see manifest.json", err=True)
 
 
 @data.command(

@@ -25,6 +25,7 @@ from scjax.data.workers import WorkerPool
 from scjax.scene.files import write_file, write_text
 
 SPLITS = ("train", "val")
+_NO_EGO_FOUND = "no vehicle to take as ego; --lane-poses N takes N poses along the lanes of such maps"
 
 
 def build_records(
@@ -48,7 +49,7 @@ def build_records(
       workers: processes; 0 works in this one.
       limit: use only the first files, by name.
       resume: keep finished shards.
-      strict: stop at the first file that cannot be used, instead of listing it in the manifest.
+      strict: stop at the first file that cannot be used or looks wrong, instead of listing it in the manifest.
       make_shard: the task that builds one shard.
 
     Raises:
@@ -79,11 +80,12 @@ def build_records(
         reports = []
         for report in _progress(run(make_shard, tasks), len(tasks), "build", "shard"):
             _stop_if_strict(strict, report["skipped"])
+            _stop_if_strict(strict, [_as_reason(entry) for entry in report.get("doubts", [])])
             reports.append(report)
 
     if not any(report["rows"] for report in reports):
         reasons = [entry["reason"] for report in reports for entry in report["skipped"]]
-        raise ValueError(_none_usable(source, infos, [*reasons, "no vehicle to take as ego"][0]))
+        raise ValueError(_none_usable(source, infos, [*reasons, _NO_EGO_FOUND][0]))
     manifest = _make_manifest(infos, shards, reports, domains, options)
     for split in SPLITS:
         split_reports = [report for report in reports if report["name"].startswith(split)]
@@ -106,6 +108,7 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
       statistics: per column, of training records.
       cleaned: filled sizes and clipped speeds.
       skipped: files and reasons; ``without_poses``: files.
+      doubts, notes: files, and what was found in them how often: what looks wrong, what may be of interest.
       sources: file -> sha256.
 
     Raises:
@@ -173,6 +176,8 @@ def _make_manifest(
         "splits": splits,
         "cleaned": dict(cleaned),
         "skipped": _skipped(infos) + [entry for report in reports for entry in report["skipped"]],
+        "doubts": [entry for report in reports for entry in report.get("doubts", [])],
+        "notes": [entry for report in reports for entry in report.get("notes", [])],
         "without_poses": [file for report in reports for file in report["without_poses"]],
         "statistics": statistics.summary(),
         "counts": [[*key, count] for key, count in sorted(count_table.items())],
@@ -205,6 +210,11 @@ def _write_labels(out: Path, split: str, reports: list[dict]) -> None:
 
 def _skipped(infos: list[LogInfo]) -> list[dict[str, str]]:
     return [{"file": info.file, "reason": info.reason} for info in infos if info.reason]
+
+
+def _as_reason(entry: dict[str, Any]) -> dict[str, str]:
+    found = "; ".join(f"{text} ({count})" if count > 1 else text for text, count in entry["found"].items())
+    return {"file": entry["file"], "reason": f"{entry['file']}: {found}"}
 
 
 def _none_usable(source: RecordSource, infos: list[LogInfo], reason: str) -> str:

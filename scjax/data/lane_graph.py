@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64, Int
 
+from scjax.data.lane_joins import JoinOptions, inferred_joins, recorded_joins
 from scjax.data.neighbors import infer_neighbors, recorded_neighbors
 from scjax.data.ragged import arc_lengths
-from scjax.scene import Log, MapLane
+from scjax.scene import Log
 from scjax.scene.lane_chains import merge_degree2_chains
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-DROPPED_LANE_TYPES = ("bike_lane", "undefined")  # cars do not drive on them
-JOIN_DISTANCE = 0.05  # m between an end and a start that are one point, where the source has no topology
+DROPPED_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")  # cars do not drive on them
 DUPLICATE_DISTANCE = 1e-6  # m between two points that are one
 
 
@@ -33,6 +33,7 @@ class LaneGraph:
       neighbors: (i, j), lane i is the left neighbor of lane j and runs the same way.
       overlap_spans: for each neighbor pair: start and end on lane i, start and end on lane j, in xy arc length [m].
       signals: ``Signal`` of each lane at each step.
+      doubts, notes: what to report of the source's connections and neighbors -> how often (``Joins``).
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -41,6 +42,8 @@ class LaneGraph:
     neighbors: Int[np.ndarray, "pairs 2"]
     overlap_spans: Float64[np.ndarray, "pairs 4"]
     signals: Int[np.ndarray, "lanes steps"]
+    doubts: dict[str, int] = dataclasses.field(default_factory=dict)
+    notes: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def num_lanes(self) -> int:
@@ -53,8 +56,11 @@ class LaneGraph:
         return arc_lengths(self.points, self.offsets)[self.offsets[1:] - 1]
 
 
-def build_graph(log: Log) -> LaneGraph:
+def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
+
+    Args:
+      join_options: of sources without topology; by default those of the evaluation rule.
 
     Raises:
       ValueError: if no lane with two distinct points is left.
@@ -68,19 +74,25 @@ def build_graph(log: Log) -> LaneGraph:
     if not lanes:
         source = log.metadata.source_file or log.metadata.scene_id
         raise ValueError(f"{source}: no lane with two distinct points that cars may use: leave this log out")
-    joins = _recorded_joins(lanes) if log.has_topology else _infer_joins(points)
-    chains, successors = merge_degree2_chains(len(lanes), joins)
+    if log.has_topology:
+        joins = recorded_joins(lanes, points)
+    else:
+        joins = inferred_joins(points, join_options or JoinOptions())
+    doubts = dict(joins.doubts)
+    chains, successors = merge_degree2_chains(len(lanes), joins.pairs)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
     stacked = np.concatenate(merged)
     unknown = np.add.reduceat(np.isnan(stacked[:, 2]), offsets[:-1]) > 0
     stacked[np.repeat(unknown, np.diff(offsets)), 2] = np.nan
     if log.has_topology:
-        neighbors, overlap_spans = recorded_neighbors(lanes, chains, stacked, offsets)
+        neighbors, overlap_spans, refused = recorded_neighbors(lanes, chains, stacked, offsets)
+        if refused:
+            doubts["listed lane neighbors refused, more than 8 m apart"] = refused
     else:
         neighbors, overlap_spans = infer_neighbors(stacked, offsets)
     signals = _chain_signals(log, [[lanes[member].id for member in chain] for chain in chains])
-    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals)
+    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, doubts, joins.notes)
 
 
 def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains steps"]:
@@ -98,20 +110,6 @@ def _distinct(points: np.ndarray) -> np.ndarray:
     """``points`` without those that repeat the one before."""
     step = np.hypot(*np.diff(points[:, :2], axis=0).T)
     return points[np.concatenate([[True], step >= DUPLICATE_DISTANCE])[: len(points)]]
-
-
-def _recorded_joins(lanes: list[MapLane]) -> set[tuple[int, int]]:
-    index = {lane.id: i for i, lane in enumerate(lanes)}
-    joins = {(i, index[j]) for i, lane in enumerate(lanes) for j in lane.successors if j in index}
-    return joins | {(index[j], i) for i, lane in enumerate(lanes) for j in lane.predecessors if j in index}
-
-
-def _infer_joins(points: list[np.ndarray]) -> set[tuple[int, int]]:
-    from scipy.spatial import KDTree
-
-    first, last = np.stack([p[0, :2] for p in points]), np.stack([p[-1, :2] for p in points])
-    matches = KDTree(last).query_ball_tree(KDTree(first), JOIN_DISTANCE)
-    return {(i, j) for i, followers in enumerate(matches) for j in followers}
 
 
 @dataclasses.dataclass(frozen=True)

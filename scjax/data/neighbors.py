@@ -6,12 +6,13 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.data.ragged import arc_lengths
-from scjax.scene import MapLane
+from scjax.scene import LaneNeighbor, MapLane
 
 MIN_LATERAL, MAX_LATERAL = 2.5, 5.0  # m between centerlines side by side
 MAX_HEADING_DIFFERENCE = np.deg2rad(15.0)
 MAX_HEIGHT_DIFFERENCE = 2.0  # m; more is another level
 SAMPLE_SPACING = 2.0  # m between the sample points of a lane
+MAX_LISTED_DISTANCE = 8.0  # m between lanes that the source calls neighbors, where they are side by side
 MIN_OVERLAP_LENGTH = 5.0  # m side by side, or half of the shorter lane
 SECOND_ROW = 1.0  # m; a lane this much farther than the nearest on that side is not the next one
 
@@ -23,8 +24,10 @@ def recorded_neighbors(
     chains: list[list[int]],
     points: Float64[np.ndarray, "points 3"],
     offsets: Int[np.ndarray, " offsets"],
-) -> Neighbors:
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Neighbors given by the source, carried over to merged lanes.
+
+    Neighbors that are more than 8 m apart where the source says they are side by side are refused.
 
     Sources that do not say where two lanes are side by side also list lanes that fork. For them only pairs that
     ``infer_neighbors`` finds too are kept, with its spans.
@@ -35,7 +38,8 @@ def recorded_neighbors(
       points, offsets: the merged lanes.
 
     Returns:
-      ``LaneGraph.neighbors`` (left, right) of merged lanes, and ``LaneGraph.overlap_spans`` [m].
+      ``LaneGraph.neighbors`` (left, right) of merged lanes, ``LaneGraph.overlap_spans`` [m], and how many were
+      refused.
     """
     index = {lane.id: i for i, lane in enumerate(lanes)}
     arcs = [arc_lengths(lane.points, np.array([0, len(lane.points)])) for lane in lanes]
@@ -44,13 +48,16 @@ def recorded_neighbors(
         chain_of[chain] = row
         shift[chain] = np.concatenate([[0.0], np.cumsum([arcs[i][-1] for i in chain])[:-1]])
     direction = [lane.points[-1, :2] - lane.points[0, :2] for lane in lanes]
-    rows, all_spans_known = [], True
+    rows, all_spans_known, refused = [], True, 0
     for i, lane in enumerate(lanes):
         for entries, is_left in ((lane.left_neighbors, True), (lane.right_neighbors, False)):
             for entry in entries:
                 j = index.get(entry.lane_id)
                 # AV2 lists oncoming neighbors too.
                 if j is None or chain_of[i] == chain_of[j] or direction[i] @ direction[j] <= 0:
+                    continue
+                if _distance_beside(lane, lanes[j], entry) > MAX_LISTED_DISTANCE:
+                    refused += 1
                     continue
                 all_spans_known &= None not in entry
                 own = _arc_span(arcs[i], entry.self_start_index, entry.self_end_index) + shift[i]
@@ -60,11 +67,20 @@ def recorded_neighbors(
     table = np.array(rows, np.float64).reshape(-1, 6)
     pairs, spans = _merge_rows(table[:, :2].astype(int), table[:, 2:])
     if all_spans_known:
-        return _drop_short_overlaps(pairs, spans, points, offsets)
+        return *_drop_short_overlaps(pairs, spans, points, offsets), refused
     inferred_pairs, inferred_spans = infer_neighbors(points, offsets)
     recorded = set(map(tuple, pairs))
     keep = np.array([tuple(pair) in recorded for pair in inferred_pairs], bool)
-    return inferred_pairs[keep], inferred_spans[keep]
+    return inferred_pairs[keep], inferred_spans[keep], refused
+
+
+def _distance_beside(lane: MapLane, neighbor: MapLane, entry: LaneNeighbor) -> float:
+    """Distance [m] to the neighbor's nearest point, from the middle of the span or, without one, from any point."""
+    points = lane.points[:, :2]
+    if entry.self_start_index is not None and entry.self_end_index is not None:
+        middle = np.clip((entry.self_start_index + entry.self_end_index) // 2, 0, len(points) - 1)
+        points = points[middle : middle + 1]
+    return float(np.hypot(*(neighbor.points[:, None, :2] - points[None]).T).min())
 
 
 def _arc_span(arc: np.ndarray, start: int | None, end: int | None) -> np.ndarray:

@@ -7,6 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 
 from scjax.data.build_options import BuildOptions
 from scjax.data.lane_graph import LaneGraph, SegmentIndex, build_graph, index_segments
+from scjax.data.lane_joins import JoinOptions
+from scjax.data.lane_poses import lane_poses
+from scjax.data.plausibility import find_doubts
 from scjax.data.readers.base import LogInfo, LogReader
 from scjax.data.tiles import Pose, find_poses
 from scjax.scene import Log
@@ -21,6 +24,8 @@ class PosedLog:
       num_standard: the first so many poses are standard ones (``BuildOptions.poses``).
       labels: what the source knows of each pose, JSON-serializable; None if it knows nothing.
       keep_parked: vehicles parked off the lanes are agents like all others (``LocalMap.off_road``).
+      doubts: what looks wrong in the log -> how often; a strict build refuses it.
+      notes: what its user may want to know -> how often.
     """
 
     log: Log
@@ -30,6 +35,8 @@ class PosedLog:
     num_standard: int
     labels: list[dict[str, Any]] | None = None
     keep_parked: bool = False
+    doubts: dict[str, int] = dataclasses.field(default_factory=dict)
+    notes: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 @runtime_checkable
@@ -75,10 +82,15 @@ class ReaderSource:
         log = self.reader.read(item.file)
         if log.metadata.source_sha256 != item.sha256:
             raise ValueError(f"{log.metadata.source_file}: changed while the build ran: build again")
-        graph = build_graph(log)
+        graph = build_graph(log, JoinOptions(options.join_distance))
         index = index_segments(graph)
+        doubts = {f"unknown {word}": count for word, count in log.metadata.unknown_words.items()}
+        doubts |= graph.doubts | dict.fromkeys(find_doubts(log, index), 1)
         standard = find_poses(log, index, **dataclasses.asdict(options.poses))
         poses = standard
         if dense:
             poses = find_poses(log, index, **dataclasses.asdict(options.train_poses), first=standard)
-        return PosedLog(log, graph, index, poses, len(standard))
+        if not poses and options.lane_poses:
+            log, poses = lane_poses(log, graph, index, options.lane_poses)
+            standard = poses
+        return PosedLog(log, graph, index, poses, len(standard), doubts=doubts, notes=graph.notes)

@@ -174,7 +174,8 @@ def _check_objects(log: Log) -> None:
     _check_unique("object_ids", log.object_ids)
     _check_range("object_types", log.object_types, OTHER_OBJECT, len(AgentType) - 1)
     for name in ("positions", "headings", "velocities"):
-        values = getattr(log, name).reshape(log.num_objects, log.num_steps, -1)
+        values = getattr(log, name)
+        values = values[..., None] if values.ndim == 2 else values
         if name == "positions":
             _check_known("positions z", values[log.valid, 2])
             values = values[..., :2]
