@@ -63,7 +63,7 @@ def find_doubts(log: Log, index: SegmentIndex) -> list[str]:
 
 def _heading_range(log: Log, motion: _Motion, index: SegmentIndex) -> str:
     wrong = log.valid & (np.abs(log.headings) > 2 * np.pi + 1e-3)
-    if wrong.mean() < 0.01 or not wrong.any():
+    if not wrong.any() or wrong.mean() < 0.01:
         return ""
     return f"{wrong.any(1).sum()} objects have headings beyond 2 pi: are they degrees? Files hold radians"
 

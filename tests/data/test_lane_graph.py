@@ -35,8 +35,8 @@ def test_build_graph_joins_up_to_five_centimeters(tmp_path, gap, lanes):
 def test_build_graph_prefers_recorded_topology(tmp_path):
     lanes = [
         scene_files.lane("a", (0, 0), (20, 0), successors=["c", "not here"], predecessors=[]),
-        scene_files.lane("b", (20, 0), (40, 0), successors=[], predecessors=[]),
-        scene_files.lane("c", (25, 0), (40, 9), successors=[], predecessors=["b"]),
+        scene_files.lane("b", (0, 5), (20.5, 0.5), successors=[], predecessors=[]),
+        scene_files.lane("c", (20.5, 0), (40, 9), successors=[], predecessors=["b"]),
     ]
     graph = graph_of(tmp_path, map=lanes, has={"topology": "given"})
     assert sorted(map(tuple, graph.successors)) == [(0, 2), (1, 2)]
