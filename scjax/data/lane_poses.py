@@ -13,8 +13,8 @@ from scjax.scene import NO_EGO, AgentType, Log
 SPACING = 16.0  # m between two poses
 
 
-def lane_poses(log: Log, graph: LaneGraph, index: SegmentIndex, count: int) -> tuple[Log, list[Pose]]:
-    """A log of the same map with one vehicle at each of ``count`` steps, and the poses of these vehicles.
+def lane_poses(log: Log, graph: LaneGraph, index: SegmentIndex, count: int) -> tuple[Log, LaneGraph, list[Pose]]:
+    """A log of the same map with one vehicle at each of ``count`` steps, its graph, and the poses of these vehicles.
 
     The vehicles stand on lanes and head along them, at least 16 m apart; their speeds and sizes are not known. Objects
     of the log are left out. A map with less road gives fewer poses.
@@ -22,7 +22,7 @@ def lane_poses(log: Log, graph: LaneGraph, index: SegmentIndex, count: int) -> t
     places, headings = _places(graph, count)
     number = len(places)
     if not number:
-        return log, []
+        return log, graph, []
     positions = np.full((number, number, 3), np.nan)
     positions[range(number), range(number)] = places
     steps = dataclasses.replace(
@@ -38,7 +38,8 @@ def lane_poses(log: Log, graph: LaneGraph, index: SegmentIndex, count: int) -> t
         ego_index=NO_EGO,
         signal_states=np.repeat(log.signal_states[:, :1], number, 1),
     )
-    return steps, [pose_of(steps, index, k, k) for k in range(number)]
+    graph = dataclasses.replace(graph, signals=np.repeat(graph.signals[:, :1], number, 1))
+    return steps, graph, [pose_of(steps, index, k, k) for k in range(number)]
 
 
 def _places(graph: LaneGraph, count: int) -> tuple[np.ndarray, np.ndarray]:

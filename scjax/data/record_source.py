@@ -91,6 +91,6 @@ class ReaderSource:
         if dense:
             poses = find_poses(log, index, **dataclasses.asdict(options.train_poses), first=standard)
         if not poses and options.lane_poses:
-            log, poses = lane_poses(log, graph, index, options.lane_poses)
+            log, graph, poses = lane_poses(log, graph, index, options.lane_poses)
             standard = poses
         return PosedLog(log, graph, index, poses, len(standard), doubts=doubts, notes=graph.notes)
