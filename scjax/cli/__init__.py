@@ -28,11 +28,22 @@ def cli() -> None:
     scjax demo                                   one picture of scenes for six prompts
     scjax generate "a T-junction with two cars"  scenes for your own prompts
     scjax info                                   domains, sizes and training of the model
+
+    Errors are one line; --debug, anywhere in a command, shows their trace.
     """
 
 
+DEBUG = "--debug"
+"""Anywhere among the arguments: errors show their trace."""
+
 for command in (demo, generate, evaluate, caption, plot_command, data, train_command, info):
     cli.add_command(command)
+
+
+def _one_line(error: Exception) -> str:
+    """The message of an error, without line breaks and not longer than a screen."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= 1000 else f"{text[:1000]}..."
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -42,8 +53,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
       arguments: the words after the command's name; by default those of ``sys.argv``.
     """
     warnings.showwarning = lambda message, *_: click.echo(f"scjax: warning: {message}", err=True)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    is_debug = DEBUG in words
+    words = [word for word in words if word != DEBUG]
     try:
-        code = cli.main(arguments, standalone_mode=False)
+        code = cli.main(words, prog_name="scjax", standalone_mode=False)
     except click.UsageError as error:
         error.show()
         sys.exit(2)
@@ -54,6 +68,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo("scjax: interrupted; the files written so far are complete", err=True)
         sys.exit(130)
     except (ValueError, OSError) as error:
-        click.echo(f"scjax: {error}", err=True)
+        if is_debug:
+            raise
+        click.echo(f"scjax: {_one_line(error)}", err=True)
+        sys.exit(1)
+    except Exception as error:
+        if is_debug:
+            raise
+        click.echo(
+            f"scjax: unexpected {type(error).__name__}: {_one_line(error)}. Please report it; the same command with "
+            f"{DEBUG} shows the trace",
+            err=True,
+        )
         sys.exit(1)
     sys.exit(code if isinstance(code, int) else 0)

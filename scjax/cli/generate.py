@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,11 +61,11 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 @best_of_option
 @repair_option
 @num_steps_option
-@click.option("--guidance", type=float, cls=LateHelp, late_help=_guidance_help)
+@click.option("--guidance", type=click.FloatRange(-1000, 1000), cls=LateHelp, late_help=_guidance_help)
 @click.option("--sampler", metavar="NAME", callback=_known_sampler, cls=LateHelp, late_help=_sampler_help)
 @click.option(
     "--temperature",
-    type=click.FloatRange(0, min_open=True),
+    type=click.FloatRange(0, 100, min_open=True),
     help="Scale of the noise: lower gives cleaner and less varied scenes. [default: the model's]",
 )
 @click.option(
@@ -74,9 +75,11 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
     "on lanes. [default: the model's]",
 )
 @click.option(
-    "--agents", type=click.IntRange(1), help="Number of agents, the ego included. [default: drawn from the prompt]"
+    "--agents",
+    type=click.IntRange(1, 4096),
+    help="Number of agents, the ego included. [default: drawn from the prompt]",
 )
-@click.option("--lanes", type=click.IntRange(1), help="Number of lanes. [default: drawn from the prompt]")
+@click.option("--lanes", type=click.IntRange(1, 4096), help="Number of lanes. [default: drawn from the prompt]")
 @click.option("--negative", metavar="PROMPT", help="Text that the scenes should not show.")
 @click.option("--domain", help="Kind of place; `scjax info` lists them. [default: drawn from the model's data]")
 @seed_option
@@ -112,7 +115,7 @@ def generate(
     model_folder,
     as_json,
 ) -> None:
-    """Generates scenes for every PROMPT and writes them to files.
+    """Generates scenes for every PROMPT and writes them to files, named by prompt, seed and number.
 
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
@@ -157,10 +160,11 @@ def generate(
             energy_guidance=energy_guidance,
         )
     with clock.part("files"):
-        results = [
-            _write_result(scene, prompts[i // num_scenes], seed, i % num_scenes, out, formats)
-            for i, scene in enumerate(scenes)
-        ]
+        results, numbers = [], Counter()
+        for i, scene in enumerate(scenes):
+            prompt = prompts[i // num_scenes]
+            results.append(_write_result(scene, prompt, seed, numbers[prompt], out, formats))
+            numbers[prompt] += 1  # a prompt that is given twice has twice as many scenes
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:

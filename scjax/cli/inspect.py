@@ -5,37 +5,15 @@ from __future__ import annotations
 import importlib.metadata
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from scjax.cli.options import json_option, model_option
+from scjax.cli.options import json_option, model_option, seed_option
+from scjax.cli.output import writable_folder
+from scjax.cli.scene_files import read_scenes, strict_option
 
-if TYPE_CHECKING:
-    from scjax.scene import Scene
-
-
-def read_scenes(path: str | Path) -> list[Scene]:
-    """All scenes of an npz or JSON file that scjax wrote, without padding.
-
-    Raises:
-      ValueError: names the file and what is wrong with it.
-    """
-    from scjax.scene import io, unpadded
-
-    readers = {".npz": io.load_npz, ".json": io.load_json}
-    path = Path(path)
-    if path.suffix not in readers:
-        raise ValueError(f"{path}: scenes are read from {' and '.join(readers)} files, as scjax generate writes them")
-    try:
-        scene = readers[path.suffix](path)
-    except FileNotFoundError as error:
-        raise ValueError(f"{path}: there is no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} cannot be read ({error})") from error
-    if not scene.batch_shape:
-        return [unpadded(scene)]
-    return [unpadded(scene[k]) for k in range(scene.batch_shape[0])]
+MAX_PANELS = 400
+"""Scenes in one picture."""
 
 
 @click.command()
@@ -47,15 +25,19 @@ def read_scenes(path: str | Path) -> list[Scene]:
     show_default=True,
     help="short: one or two sentences; heads: ROAD & CONTROL and AGENTS; long: a paragraph.",
 )
-@click.option("--seed", default=0, show_default=True, help="Random seed of the choice of words.")
+@seed_option
+@strict_option
 @click.option("--json", "as_json", is_flag=True, help="Print facts and captions as JSON.")
-def caption(file, style, seed, as_json) -> None:
-    """Describes the scenes in FILE (.npz or .json) in English, by rule."""
+def caption(file, style, seed, strict, as_json) -> None:
+    """Describes the scenes in FILE in English, by rule.
+
+    FILE holds scenes (.npz or .json) or a recording (.json.gz), of which the scene around its first pose is taken.
+    """
     from scjax.language.captioner import write_caption
     from scjax.language.facts import extract_facts
 
     captions = []
-    for scene in read_scenes(file):
+    for scene in read_scenes(file, strict=strict):
         facts = extract_facts(scene)
         captions.append({"text": write_caption(facts, seed, style, drop=0.0), "facts": facts.to_json()})
     if as_json:
@@ -69,14 +51,22 @@ def caption(file, style, seed, as_json) -> None:
 @click.argument("file")
 @click.option("--out", metavar="FILE", help="Picture to write. [default: FILE with the ending .png]")
 @click.option("--speeds", is_flag=True, help="Also draw how far every agent moves in one second.")
-def plot_command(file, out, speeds) -> None:
-    """Draws the scenes in FILE (.npz or .json) from above."""
+@strict_option
+def plot_command(file, out, speeds, strict) -> None:
+    """Draws the scenes in FILE from above.
+
+    FILE holds scenes (.npz or .json) or a recording (.json.gz), of which the scene around its first pose is taken.
+    """
     from scjax.viz.grid import grid
 
-    path = Path(out) if out else Path(file).with_suffix(".png")
+    path = Path(out) if out else Path(file.removesuffix(".gz")).with_suffix(".png")
     if path.suffix != ".png":
         raise click.UsageError(f"--out is {path}: pictures are .png files")
-    grid(read_scenes(file), speeds=speeds, path=path)
+    scenes = read_scenes(file, strict=strict)
+    if len(scenes) > MAX_PANELS:
+        raise ValueError(f"{file} holds {len(scenes)} scenes: a picture shows {MAX_PANELS} at most, split the file")
+    writable_folder(path.parent)
+    grid(scenes, speeds=speeds, path=path)
     click.echo(str(path))
 
 

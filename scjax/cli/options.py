@@ -71,7 +71,12 @@ def _steps_help() -> str:
 
 num_steps_option = click.option("--num-steps", type=click.IntRange(2, 100), cls=LateHelp, late_help=_steps_help)
 seed_option = click.option(
-    "--seed", default=0, show_default=True, help="Random seed: the same seed gives the same scenes."
+    "--seed",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0, 2**63 - 1),
+    metavar="N",
+    help="Random seed: the same seed gives the same results, on the same kind and number of processors.",
 )
 best_of_option = click.option(
     "--best-of",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
 import time
@@ -73,9 +74,15 @@ def writable_folder(path: str | Path) -> Path:
 
 
 def slug(text: str) -> str:
-    """A short file name for a text in any language."""
-    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_MAX_SLUG].rstrip("-") or "scene"
+    """A short file name for a text in any language; texts that differ have names that differ.
+
+    A name that does not tell the whole text ends in six digits of its hash.
+    """
+    plain = re.sub(r"[\W_]+", "-", unicodedata.normalize("NFC", text).lower()).strip("-")
+    name = plain[:_MAX_SLUG].rstrip("-") or "scene"
+    if text in (name, name.replace("-", " ")):
+        return name
+    return f"{name}-{hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()[:6]}"
 
 
 def write_scene(scene: Scene, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:

@@ -30,6 +30,7 @@ from scjax.diffusion.energies import ENERGIES, weighted_energy
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.models.denoiser.position_head import ALONG, UNIT
 from scjax.scene import POINTS_PER_LANE, Scene
+from scjax.scene.arguments import finite_number, listed_choice, whole_number
 from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
@@ -62,29 +63,19 @@ class EnergyGuidance:
     energies: tuple[tuple[str, float], ...] = DEFAULT_ENERGIES
 
     def __post_init__(self):
-        if self.gradient_steps < 1:
-            raise ValueError(
-                f"EnergyGuidance.gradient_steps must be at least 1, not {self.gradient_steps}: "
-                "energy_guidance=False turns it off"
-            )
-        if not 0 <= self.max_sigma <= 1:
-            raise ValueError(f"EnergyGuidance.max_sigma must lie in 0..1, not {self.max_sigma}: it is a noise level")
-        if not 0 <= self.momentum < 1:
-            raise ValueError(
-                f"EnergyGuidance.momentum must lie in 0..1, 1 excluded, not {self.momentum}: it would not converge"
-            )
-        if not (self.agent_step_size >= 0 and self.lane_step_size >= 0):
-            raise ValueError(
-                "EnergyGuidance.agent_step_size and .lane_step_size must not be negative, not "
-                f"{self.agent_step_size}, {self.lane_step_size}"
-            )
+        whole_number(self.gradient_steps, "EnergyGuidance.gradient_steps (energy_guidance=False: none)", 1, 10_000)
+        finite_number(self.max_sigma, "EnergyGuidance.max_sigma, a noise level,", 0.0, 1.0)
+        if finite_number(self.momentum, "EnergyGuidance.momentum", 0.0, 1.0) == 1.0:
+            raise ValueError("EnergyGuidance.momentum must be less than 1: it would not converge")
+        for name in ("agent_step_size", "lane_step_size"):
+            finite_number(getattr(self, name), f"EnergyGuidance.{name}", 0.0)
         if not self.energies:
             raise ValueError("EnergyGuidance.energies is empty: energy_guidance=False turns it off")
+        if not all(isinstance(entry, tuple) and len(entry) == 2 for entry in self.energies):
+            raise ValueError(f"EnergyGuidance.energies must hold pairs (name, weight), not {self.energies!r}")
         for name, weight in self.energies:
-            if name not in ENERGIES:
-                raise ValueError(f"EnergyGuidance.energies names {name!r}: choose from {', '.join(ENERGIES)}")
-            if not 0 <= weight < float("inf"):
-                raise ValueError(f"EnergyGuidance.energies gives {name!r} the weight {weight}: it must not be negative")
+            listed_choice(name, "a name in EnergyGuidance.energies", ENERGIES)
+            finite_number(weight, f"the weight of {name!r} in EnergyGuidance.energies", 0.0)
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> EnergyGuidance:

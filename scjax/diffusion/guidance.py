@@ -8,7 +8,6 @@ the estimate; rescaling (Lin et al. 2023) restores it.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -17,12 +16,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
+from scjax.scene.arguments import finite_number
 from scjax.scene.per_type import PerType
 
 Denoise = Callable[[PerType, Real[Array, " b"]], PerType]
 """(noisy latents [B, tokens, latent] per type, times [B]) -> network output of the same shapes."""
 
 T = TypeVar("T")
+MAX_SCALE = 1000.0
+"""Larger scales of guidance leave nothing of a scene."""
+
 Interval = tuple[float | int, float | int]
 
 
@@ -41,12 +44,15 @@ class Guidance:
     rescale: float = 0.0
 
     def __post_init__(self):
-        if not math.isfinite(self.scale):
-            raise ValueError(f"Guidance.scale must be a finite number, not {self.scale}: 1 is no guidance")
-        if self.interval is not None and not (len(self.interval) == 2 and self.interval[0] <= self.interval[1]):
+        finite_number(self.scale, "Guidance.scale (1 is no guidance)", -MAX_SCALE, MAX_SCALE)
+        finite_number(self.rescale, "Guidance.rescale, from none to all of the deviation,", 0.0, 1.0)
+        if self.interval is None:
+            return
+        if not isinstance(self.interval, tuple | list) or len(self.interval) != 2:
+            raise ValueError(f"Guidance.interval must be (lowest time, highest time), not {self.interval!r}")
+        low, high = (finite_number(time, "a time of Guidance.interval") for time in self.interval)
+        if low > high:
             raise ValueError(f"Guidance.interval must be (lowest time, highest time), not {self.interval}")
-        if not 0 <= self.rescale <= 1:
-            raise ValueError(f"Guidance.rescale must lie in 0 (none)..1 (all of the deviation), not {self.rescale}")
 
 
 def concat_branches(conditional: T, unconditional: T) -> T:

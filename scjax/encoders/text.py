@@ -25,6 +25,8 @@ from scjax.nn.state_dict import convert
 
 _LENGTH_STEP = 32  # texts are padded to a multiple of so many tokens, so that few programs are compiled
 _GROUP = 16  # texts in a call
+MAX_CHARACTERS = 100_000
+"""Of a text; an encoder reads 512 tokens, some 2,500 characters."""
 
 
 NETWORKS: dict[str, TextNetwork] = {"bert": bert.NETWORK, "t5": t5.NETWORK, "umt5": t5.NETWORK}
@@ -133,6 +135,8 @@ def clean_text(text: object) -> str:
     """
     if not isinstance(text, str):
         raise ValueError(f"a prompt must be a text, not {type(text).__name__}")
+    if len(text) > MAX_CHARACTERS:
+        raise ValueError(f"the prompt has {len(text)} characters: give a sentence or two, {MAX_CHARACTERS} at most")
     try:
         text.encode("utf-8")
     except UnicodeEncodeError as error:

@@ -66,7 +66,7 @@ def plot_distributions(real: SceneStats, stats: Mapping[str, SceneStats], path: 
             last = np.flatnonzero(share > 1e-4).max() + 2
             options = {"fill": True, "alpha": 0.25, "color": "0.4"} if label == "real" else {"linewidth": 1.3}
             axis.stairs(share[:last], edges[: last + 1], label=label, **options)
-        axis.set_title(name.replace("_", " "))
+        axis.set_title(name.replace("_", " "), parse_math=False)
         axis.spines[["top", "right"]].set_visible(False)
     axes.flat[0].legend(frameon=False, fontsize=8)
     FigureCanvasAgg(figure).print_png(str(path))

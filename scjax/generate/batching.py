@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
+from scjax.scene.arguments import whole_number
+from scjax.scene.limits import MAX_SLOTS
 
 BUCKETS = ((8, 8), (16, 16), (16, 28), (32, 32), (61, 48), (61, 64), (61, 100))
 """(agent, lane) slots of padded scenes, in the order of their work; each is a set of programs to compile.
@@ -39,10 +40,10 @@ def least_size(value: Any) -> Bucket:
     """
     if value is None:
         return (0, 0)
-    numbers = value if isinstance(value, tuple | list) else ()
-    if len(numbers) != 2 or not all(isinstance(n, int | np.integer) and n >= 0 for n in numbers):
+    if not isinstance(value, tuple | list) or len(value) != 2:
         raise ValueError(f"padded_size must be two whole numbers, (agents, lanes), not {value!r}")
-    return int(numbers[0]), int(numbers[1])
+    agents, lanes = (whole_number(n, "padded_size: each number", 0, MAX_SLOTS) for n in value)
+    return agents, lanes
 
 
 def in_batches(

@@ -5,12 +5,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Mapping
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from scjax.encoders.text import clean_text
-from scjax.scene import Crop, Scene
+from scjax.scene import Crop, Scene, validate
+from scjax.scene.arguments import whole_number
+from scjax.scene.limits import MAX_SLOTS
 
 STREAMS = ("text", "negative_text", "image", "depth", "attributes")
 """Names of the streams that a condition may carry."""
@@ -34,29 +40,42 @@ class Stream:
     positions: Array | np.ndarray | None = None
 
     def __post_init__(self):
-        if np.ndim(self.tokens) != 2:
-            raise ValueError(f"Stream.tokens must be [tokens, width], not of rank {np.ndim(self.tokens)}")
+        tokens = _numbers(self.tokens, "Stream.tokens", finite=False)
+        if tokens.ndim != 2 or not tokens.size:
+            raise ValueError(
+                f"Stream.tokens must be [tokens, width], at least one of each, not of shape {tokens.shape}"
+            )
         for name, rank in (("mask", 1), ("positions", 2)):
             value = getattr(self, name)
-            if value is not None and (np.ndim(value) != rank or len(value) != len(self.tokens)):
+            if value is None:
+                continue
+            array = _numbers(value, f"Stream.{name}")
+            if array.ndim != rank or len(array) != len(tokens):
                 raise ValueError(
-                    f"Stream.{name} has shape {np.shape(value)}, but there are {len(self.tokens)} tokens: give one "
-                    "entry for each token"
+                    f"Stream.{name} has shape {array.shape}, but there are {len(tokens)} tokens: give one entry for "
+                    "each token"
                 )
+            if name == "mask" and array.dtype != bool:
+                raise ValueError(f"Stream.mask must be of type bool, not {array.dtype}: True at real tokens")
+        real = tokens if self.mask is None else tokens[np.asarray(self.mask)]
+        if not np.isfinite(real.astype(np.float32)).all():
+            raise ValueError("Stream.tokens holds NaN or infinity: correct the features")
 
     @classmethod
     def from_image(cls, features: Array | np.ndarray) -> Stream:
         """One token for each cell of an image encoder's features [channels, rows, columns]."""
-        if np.ndim(features) != 3:
-            raise ValueError(f"image features must be [channels, rows, columns], not of shape {np.shape(features)}")
-        channels, rows, columns = np.shape(features)
+        shape = _numbers(features, "image features").shape
+        if len(shape) != 3 or 0 in shape:
+            raise ValueError(f"image features must be [channels, rows, columns], not of shape {shape}")
+        channels, rows, columns = shape
         return cls(tokens=features.reshape(channels, -1).T, positions=_grid_positions(rows, columns))
 
     @classmethod
     def from_depth(cls, depth: Array | np.ndarray) -> Stream:
         """One token for each pixel of a depth map [height, width], scaled to 0..1."""
-        if np.ndim(depth) != 2:
-            raise ValueError(f"a depth map must be [height, width], not of shape {np.shape(depth)}")
+        shape = _numbers(depth, "a depth map").shape
+        if len(shape) != 2 or 0 in shape:
+            raise ValueError(f"a depth map must be [height, width], not of shape {shape}")
         return cls.from_image(depth[None])
 
     def grid(self) -> Float[Array | np.ndarray, "channels rows columns"]:
@@ -83,9 +102,32 @@ class Stream:
         return digest.digest()
 
 
+def _numbers(value: Any, name: str, *, finite: bool = True) -> np.ndarray:
+    """``value`` on the host; ValueError unless it is an array of numbers, by default of finite ones."""
+    if isinstance(value, Tracer):
+        raise ValueError(f"{name} is traced: make streams outside of jax.jit")
+    if not isinstance(value, jax.Array | np.ndarray):
+        raise ValueError(f"{name} must be an array, not {type(value).__name__}")
+    array = np.asarray(value)
+    if array.dtype.kind not in "biuf" and array.dtype != jnp.bfloat16:
+        raise ValueError(f"{name} must hold numbers, not {array.dtype}")
+    if finite and not np.isfinite(array.astype(np.float32)).all():
+        raise ValueError(f"{name} holds NaN or infinity: correct the features")
+    return array
+
+
 def _grid_positions(rows: int, columns: int) -> np.ndarray:
     """[rows * columns, 2] row and column of every cell, row-major."""
     return np.indices((rows, columns)).reshape(2, -1).T
+
+
+def _crop(value: Any) -> Crop:
+    """A crop, also by its name or number."""
+    if isinstance(value, str) and value.upper() in Crop.__members__:
+        return Crop[value.upper()]
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value in tuple(Crop):
+        return Crop(int(value))
+    raise ValueError(f"Condition.crop must be one of {[crop.name for crop in Crop]}, not {str(value)[:80]!r}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -95,7 +137,7 @@ class Condition:
     Attributes:
       num_lanes, num_agents: totals, with the ego and known elements; by default drawn from the prompt or the data.
       domain: a name or index from the model's list; by default drawn from the data's frequencies.
-      crop: the window: centered on the ego (the default), or ahead of it.
+      crop: the window: centered on the ego (the default), or ahead of it; also by its name, as "forward".
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
       prompt: text that describes the scene; the model's text encoder turns it into the stream "text". Texts are
@@ -118,18 +160,35 @@ class Condition:
     def __post_init__(self):
         for name in ("num_lanes", "num_agents"):
             value = getattr(self, name)
-            if value is not None and (value != int(value) or value < 1):
-                raise ValueError(f"Condition.{name} must be a whole number of at least 1, not {value!r}")
-        if self.crop not in tuple(Crop):
-            raise ValueError(f"Condition.crop must be one of {[crop.name for crop in Crop]}, not {self.crop!r}")
-        if self.known is not None and self.known.batch_shape:
+            if value is not None:
+                object.__setattr__(self, name, whole_number(value, f"Condition.{name}", 1, MAX_SLOTS))
+        if self.domain is not None and not isinstance(self.domain, str):
+            object.__setattr__(self, "domain", whole_number(self.domain, "Condition.domain", 0, 10_000))
+        object.__setattr__(self, "crop", _crop(self.crop))
+        self._check_known()
+        if not isinstance(self.streams, Mapping):
+            raise ValueError(f"Condition.streams must map names to streams, not be a {type(self.streams).__name__}")
+        for name, text in self.texts.items():
+            try:
+                object.__setattr__(self, _PROMPTS[name], clean_text(text))
+            except ValueError as error:
+                raise ValueError(f"Condition.{_PROMPTS[name]}: {error}") from error
+        self._check_streams()
+
+    def _check_known(self) -> None:
+        if self.known is None:
+            return
+        if not isinstance(self.known, Scene):
+            raise ValueError(f"Condition.known must be a scjax.Scene, not {type(self.known).__name__}")
+        try:
+            validate(self.known)
+        except (ValueError, AttributeError, TypeError) as error:
+            raise ValueError(f"Condition.known is no valid scene: {error}") from error
+        if self.known.batch_shape:
             raise ValueError(
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
                 "with known[i]"
             )
-        for name, text in self.texts.items():
-            object.__setattr__(self, _PROMPTS[name], clean_text(text))
-        self._check_streams()
 
     @property
     def texts(self) -> dict[str, str]:

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import json
 import shutil
-import uuid
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -19,7 +19,17 @@ import numpy as np
 
 from scjax.diffusion.defaults import DEFAULT_TEMPERATURE
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.generate.model_format import FORMAT, codec_from_json, config_from_json, config_to_json, upgrade
+from scjax.generate.model_checks import check_model
+from scjax.generate.model_format import (
+    FORMAT,
+    ModelIndex,
+    codec_from_json,
+    config_to_json,
+    index_hash,
+    read_config,
+    read_part,
+    upgrade,
+)
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.codec import SceneCodec
@@ -27,8 +37,10 @@ from scjax.models.counts.predictor import CountPredictorConfig
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.latents import LatentStatistics
 from scjax.nn.functional import Params, flatten, unflatten
-from scjax.nn.safetensors import read_arrays, write_arrays
+from scjax.nn.safetensors import read_arrays, sha256_of, write_arrays
 from scjax.nn.sharding import replicated, scene_mesh
+from scjax.scene.document import convert_document, parse_document
+from scjax.scene.files import part_path, remove_stale_parts, replace_folder
 from scjax.scene.per_type import PerType
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
@@ -42,6 +54,8 @@ COMPONENTS: dict[str, type] = {
 """Name of a network in ``Model.components`` -> type of its config. A new network is one more line."""
 
 INDEX, PROMPTS = "model.json", "prompts.safetensors"
+_CURE = "copy or export the model again"
+_ATTEMPTS = 20
 _WEIGHTS, _COUNTS = "weights.safetensors", "counts"
 
 Config = TypeVar("Config")
@@ -131,8 +145,16 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
 
     Args:
       dtype, largest: precision and size [MB] of the weight files, as in ``scjax.nn.safetensors.write_arrays``.
+
+    Raises:
+      ValueError: a part of the model is not sound (``check_model``); nothing is written.
+      OSError: the folder cannot be written; names it.
     """
     folder = Path(folder)
+    try:
+        check_model(model)
+    except ValueError as error:
+        raise ValueError(f"the model is not saved as {folder}: {error}") from error
     index = {
         "format": FORMAT,
         "components": {name: config_to_json(component.config) for name, component in model.components.items()},
@@ -148,18 +170,22 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
     arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(params).items()}
     if model.counts is not None:
         arrays[_COUNTS] = np.asarray(model.counts)
-    temporary = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
-    temporary.mkdir(parents=True)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file: choose another folder for the model")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    remove_stale_parts(folder.parent, folder.name)
+    temporary = part_path(folder)
+    temporary.mkdir()
     try:
         index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=(_COUNTS,))
-        (temporary / INDEX).write_text(json.dumps(index, indent=1))
         if model.prompts:
             write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)
-        retired = folder.with_name(f"{temporary.name}.old")
-        if folder.exists():
-            folder.rename(retired)
-        temporary.rename(folder)
-        shutil.rmtree(retired, ignore_errors=True)
+            index["prompts"] = sha256_of(temporary / PROMPTS)
+        index["checked"] = index_hash(index)
+        (temporary / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False))
+        replace_folder(temporary, folder)
+    except OSError as error:
+        raise OSError(error.errno, f"the model cannot be written: {error.strerror}", str(folder)) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return folder
@@ -183,32 +209,73 @@ def _default_model() -> Model:
 
 
 def _read(folder: Path) -> Model:
-    if not (folder / INDEX).is_file():
+    """Reads a folder; once more where another process replaces it meanwhile."""
+    for _ in range(_ATTEMPTS):
+        before = _identity(folder)
+        try:
+            return _read_once(folder)
+        except ValueError:
+            if before == _identity(folder) and (before or not list(folder.parent.glob(f".{folder.name}.*.part"))):
+                raise
+            time.sleep(0.05)
+    return _read_once(folder)
+
+
+def _identity(folder: Path) -> tuple[int, int] | None:
+    try:
+        status = folder.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _read_once(folder: Path) -> Model:
+    path = folder / INDEX
+    if not path.is_file():
         raise ValueError(f"{folder} is no model folder: it has no {INDEX}. Train one with python -m experiments.train")
     try:
-        index = json.loads((folder / INDEX).read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise ValueError(f"{folder} is damaged ({error}): copy or export the model again") from error
-    if index.get("format", 0) > FORMAT:
-        raise ValueError(f"{folder} has model format {index['format']}, this code reads {FORMAT}: update scjax")
-    index, arrays = upgrade(index, read_arrays(folder, index.get("files", {_WEIGHTS: ""})))
+        content = parse_document(path.read_bytes(), dict[str, Any], path, _CURE)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror}): {_CURE}") from error
+    version = content.get("format", 0)
+    if not isinstance(version, int) or not 0 <= version <= FORMAT:
+        raise ValueError(f"{folder} has model format {version!r:.80}, this code reads {FORMAT}: update scjax")
+    is_checked = content.get("checked") == index_hash(content)
+    files = convert_document(content.get("files", {_WEIGHTS: ""}), dict[str, str], f"{path}: files", _CURE)
+    arrays = read_arrays(folder, files)
+    try:
+        index, arrays = upgrade(content, arrays)
+        model = _model_of(index, arrays, folder)
+        if not is_checked:
+            check_model(model)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}: {_CURE}") from error
+    return model
+
+
+def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Path) -> Model:
+    index = convert_document(content, ModelIndex, "the index", "")
     counts = arrays.pop(_COUNTS, None)
     params = unflatten({_path(name): array for name, array in arrays.items()})
-    text_encoder = index.get("text_encoder", "")
+    components = {}
+    for name, fields in index.components.items():
+        if name not in COMPONENTS:
+            raise ValueError(f"components has no {name[:60]!r}: choose from {', '.join(COMPONENTS)}")
+        if name not in params:
+            raise ValueError(f"there are no arrays of the {name}")
+        components[name] = Component(read_config(name, COMPONENTS[name], fields), params[name])
+    guidance = index.energy_guidance
     return Model(
-        components={
-            name: Component(config_from_json(COMPONENTS[name], fields), params[name])
-            for name, fields in index["components"].items()
-        },
-        codec=codec_from_json(index["codec"]),
-        latents=LatentStatistics(**index["latents"]),
-        domains=tuple(index["domains"]),
+        components=components,
+        codec=read_part("codec", codec_from_json, index.codec),
+        latents=LatentStatistics(mean=index.latents.mean, std=index.latents.std),
+        domains=tuple(index.domains),
         counts=counts,
-        text_encoder=text_encoder,
-        prompts=load_prompts(folder / PROMPTS, text_encoder),
-        temperature=PerType(**index["temperature"]) if "temperature" in index else DEFAULT_TEMPERATURE,
-        energy_guidance=EnergyGuidance.from_dict(index["energy_guidance"]) if index.get("energy_guidance") else None,
-        notes=index["notes"],
+        text_encoder=index.text_encoder,
+        prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),
+        temperature=DEFAULT_TEMPERATURE if index.temperature is None else PerType(**index.temperature),
+        energy_guidance=read_part("energy_guidance", EnergyGuidance.from_dict, guidance) if guidance else None,
+        notes=index.notes,
     )
 
 

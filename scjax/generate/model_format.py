@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
+from msgspec import Struct
 
+from scjax.generate.model_checks import check_config
 from scjax.models.codec import SceneCodec
 from scjax.scene import AgentType, Link
 
@@ -52,6 +57,63 @@ def config_from_json(config_type: type, fields: dict[str, Any]) -> Any:
     return config_type.from_json(fields) if hasattr(config_type, "from_json") else config_type(**fields)
 
 
+def read_config(name: str, config_type: type, fields: dict[str, Any]) -> Any:
+    """``config_from_json`` of a file.
+
+    Raises:
+      ValueError: names the component and what is wrong in it.
+    """
+    config = read_part(name, lambda content: config_from_json(config_type, content), fields)
+    check_config(name, config)
+    return config
+
+
+def read_part(name: str, read: Callable[[dict[str, Any]], Any], fields: dict[str, Any]) -> Any:
+    """What ``read`` makes of the fields of a file; ValueError names the part where it cannot."""
+    try:
+        return read(fields)
+    except KeyError as error:
+        raise ValueError(f"{name} lacks the field {error}") from error
+    except (ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def index_hash(index: dict[str, Any]) -> str:
+    """A hash of the index without itself: equal only if nothing was edited since the model was checked."""
+    content = {name: value for name, value in index.items() if name != "checked"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+class LatentFields(Struct):
+    """Means and standard deviations of latents."""
+
+    mean: dict[Literal["agents", "lanes"], float]
+    std: dict[Literal["agents", "lanes"], float]
+
+    def __post_init__(self):
+        for name in ("mean", "std"):
+            if len(getattr(self, name)) != 2:
+                raise ValueError(f"latents.{name} must have agents and lanes")
+
+
+class ModelIndex(Struct):
+    """The content of model.json in ``FORMAT``."""
+
+    components: dict[str, dict[str, Any]]
+    codec: dict[str, Any]
+    latents: LatentFields
+    domains: list[str]
+    notes: dict[str, Any]
+    text_encoder: str = ""
+    temperature: dict[Literal["agents", "lanes"], float] | None = None
+    energy_guidance: dict[str, Any] | None = None
+    prompts: str = ""
+
+    def __post_init__(self):
+        if self.temperature is not None and len(self.temperature) != 2:
+            raise ValueError("temperature must have agents and lanes")
+
+
 def codec_from_json(fields: dict[str, Any]) -> SceneCodec:
     """A codec from its fields, which JSON turned into lists and numbers."""
     return SceneCodec(
@@ -78,6 +140,9 @@ def upgrade(index: dict[str, Any], arrays: dict[str, np.ndarray]) -> tuple[dict[
     if index.get("format", 0) >= FORMAT:
         return index, arrays
     index = {_PARTS.get(name, name): value for name, value in index.items()}
+    for name in (*_COMPONENTS_OF_FORMAT_1, "energy_guidance"):
+        if not isinstance(index.get(name), dict | None):
+            raise ValueError(f"{name} must be an object or null, not {index[name]!r:.80}")
     if index.get("denoiser"):
         index["denoiser"] = {_DENOISER.get(name, name): value for name, value in index["denoiser"].items()}
     if index.get("energy_guidance"):

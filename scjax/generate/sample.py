@@ -6,8 +6,8 @@ The stages, in order: prompts and streams -> counts -> latents -> decoding -> (r
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import overload
 
 import jax
@@ -16,27 +16,37 @@ from jaxtyping import Array
 
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.diffusion.guidance import Guidance
+from scjax.diffusion.guidance import MAX_SCALE, Guidance
 from scjax.diffusion.samplers import DEFAULT_STEPS, Sampler, resolve_sampler
+from scjax.generate.arguments import (
+    MAX_SCENES,
+    MAX_STEPS,
+    MAX_TEMPERATURE,
+    as_conditions,
+    as_model,
+    check_finite,
+    sampling_key,
+)
 from scjax.generate.batching import GROUP, Bucket, in_batches, least_size
 from scjax.generate.best_of import best_index
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.encode import encode_conditions
 from scjax.generate.loop import Batch, SamplingSettings, sample_batch
-from scjax.generate.model import Model, load_model
+from scjax.generate.model import Model
 from scjax.generate.requests import Request, draw_request
 from scjax.scene import Scene, stack
+from scjax.scene.arguments import finite_number, truth_value, whole_number
 from scjax.scene.per_type import PerType
 from scjax.scene.repair import repair as repair_scene
 
 
 @overload
 def sample_scenes(
-    key: Array,
-    condition: Condition | None = None,
+    key: Array | int,
+    condition: Condition | str | None = None,
     *,
-    model: Model | None = None,
+    model: Model | str | Path | None = None,
     num_scenes: int = 1,
     num_steps: int | None = None,
     guidance: float | Guidance | None = None,
@@ -51,10 +61,10 @@ def sample_scenes(
 
 @overload
 def sample_scenes(
-    key: Array,
-    condition: Sequence[Condition],
+    key: Array | int,
+    condition: Sequence[Condition | str],
     *,
-    model: Model | None = None,
+    model: Model | str | Path | None = None,
     num_scenes: int = 1,
     num_steps: int | None = None,
     guidance: float | Guidance | None = None,
@@ -68,10 +78,10 @@ def sample_scenes(
 
 
 def sample_scenes(
-    key: Array,
-    condition: Condition | Sequence[Condition] | None = None,
+    key: Array | int,
+    condition: Condition | str | Sequence[Condition | str] | None = None,
     *,
-    model: Model | None = None,
+    model: Model | str | Path | None = None,
     num_scenes: int = 1,
     num_steps: int | None = None,
     guidance: float | Guidance | None = None,
@@ -88,9 +98,9 @@ def sample_scenes(
     scene j of condition c is scene number ``c * num_scenes + j``.
 
     Args:
-      key: typed key, ``jax.random.key(0)``.
-      condition: what to hold fixed; None draws everything.
-      model: from ``scjax.load``; None: the model that ships with the package.
+      key: typed key, ``jax.random.key(0)``, or the number of one.
+      condition: what to hold fixed; a text is a condition with that prompt; None draws everything.
+      model: from ``scjax.load``, or a model folder; None: the model that ships with the package.
       num_scenes: scenes for each condition.
       num_steps: sampling steps, 2..100; by default ``scjax.samplers.DEFAULT_STEPS`` of the sampler.
       guidance: w in u + w (c - u), of the estimates c with and u without the condition. 1, the default of
@@ -117,11 +127,14 @@ def sample_scenes(
       ValueError: an option out of range, a model without denoiser or autoencoder, a condition that the model cannot
         read or meet, or a sampler that does not fit what the network estimates.
     """
-    model = load_model() if model is None else model
-    conditions = _conditions(condition, num_scenes)
-    if best_of < 1:
-        raise ValueError(f"best_of must be at least 1, not {best_of}")
+    key = sampling_key(key)
+    num_scenes = whole_number(num_scenes, "num_scenes", 1, MAX_SCENES)
+    best_of = whole_number(best_of, "best_of", 1, MAX_SCENES)
+    repair = truth_value(repair, "repair")
     least = least_size(padded_size)
+    is_single = condition is None or isinstance(condition, Condition | str)
+    conditions = as_conditions(condition, num_scenes)
+    model = as_model(model)
     settings = _settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
 
     streams = encode_conditions(conditions, model)
@@ -132,27 +145,13 @@ def sample_scenes(
     ]
     candidates = [candidate for request in requests for candidate in request.candidates(best_of)]
     scenes = _sample_latents_and_decode(candidates, model, settings, least)
+    check_finite(scenes)
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
     if best_of > 1:
         groups = [scenes[start : start + best_of] for start in range(0, len(scenes), best_of)]
         scenes = [group[best_index(request.prompt, group)] for group, request in zip(groups, requests, strict=True)]
-    return stack(scenes) if condition is None or isinstance(condition, Condition) else scenes
-
-
-def _conditions(condition: Condition | Sequence[Condition] | None, num_scenes: int) -> list[Condition]:
-    """One condition for each scene."""
-    if num_scenes < 1:
-        raise ValueError(f"num_scenes must be at least 1, not {num_scenes}")
-    if condition is None or isinstance(condition, Condition):
-        return [condition or Condition()] * num_scenes
-    for one in condition:
-        if not isinstance(one, Condition):
-            raise ValueError(
-                f"condition must be a scjax.Condition or a sequence of them, not {type(one).__name__}: "
-                "a text is scjax.Condition(prompt=text)"
-            )
-    return [one for one in condition for _ in range(num_scenes)]
+    return stack(scenes) if is_single else scenes
 
 
 def _settings(
@@ -166,10 +165,13 @@ def _settings(
     config = model.denoiser.config
     sampler = resolve_sampler(sampler, config.prediction)
     num_steps = DEFAULT_STEPS[config.prediction][sampler.name] if num_steps is None else num_steps
+    num_steps = whole_number(num_steps, "num_steps", 2, MAX_STEPS)
     if guidance is None:
         guidance = DEFAULT_GUIDANCE_SCALE if config.condition is not None else 1.0
     if not isinstance(guidance, Guidance):
-        guidance = Guidance(float(guidance))
+        guidance = Guidance(finite_number(guidance, "guidance", -MAX_SCALE, MAX_SCALE))
+    if energy_guidance is not None and not isinstance(energy_guidance, EnergyGuidance):
+        energy_guidance = truth_value(energy_guidance, "energy_guidance (or scjax.EnergyGuidance)")
     options = None if guidance.scale == 1 else dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE)
     if energy_guidance is None or energy_guidance is True:
         energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
@@ -190,9 +192,10 @@ def _settings(
 
 def _temperature(value: float | PerType) -> PerType:
     both = value if isinstance(value, PerType) else PerType(agents=value, lanes=value)
-    if not all(0 < one < math.inf for one in (both.agents, both.lanes)):
+    agents, lanes = (finite_number(one, "temperature", 0.0, MAX_TEMPERATURE) for one in (both.agents, both.lanes))
+    if not (agents > 0 and lanes > 0):
         raise ValueError(f"temperature must be positive for agents and lanes, not {value}: 1 is that of the training")
-    return jax.tree.map(jnp.float32, both)
+    return PerType(agents=jnp.float32(agents), lanes=jnp.float32(lanes))
 
 
 def _sample_latents_and_decode(

@@ -81,7 +81,7 @@ def _short_sentences(facts: Facts, choices: _Choices) -> list[str]:
             )
         )
     elif not traffic.vehicles and choices.include():
-        sentences.append("There are no other vehicles.")
+        sentences.append("There are no other vehicles." if facts.has_ego else "There are no vehicles.")
     sentences += _event_sentences(facts, rng)
     return [_fix_number(sentence) for sentence in sentences]
 
@@ -148,7 +148,7 @@ def _agent_sentences(facts: Facts, choices: _Choices) -> list[str]:
     elif traffic.vehicles:
         sentences.append(f"{_capitalize(wording.count_phrase(traffic.vehicles, 'vehicle', rng))} on the road.")
     else:
-        sentences.append("No other vehicles are nearby.")
+        sentences.append("No other vehicles are nearby." if facts.has_ego else "There is no ego vehicle.")
     pedestrians = choices.keep(wording.pedestrian_phrase(facts, rng))
     if pedestrians:
         sentences.append(f"{_capitalize(pedestrians)}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ from scjax.language.road import Road, road_from_scene, wrap_to_pi
 from scjax.language.traffic import Traffic, count_traffic
 from scjax.language.turn_lanes import find_turn_lanes
 from scjax.metrics.pooling import singles
-from scjax.scene import Scene, Signal
+from scjax.scene import AgentType, Scene, Signal
 
 FORMAT = 2
 RoadLayout = Literal[
@@ -50,6 +51,7 @@ LIGHTS: dict[str, Signal] = {"green": Signal.GO, "yellow": Signal.CAUTION, "red"
 _EDGE_DISTANCE = 29.0  # m from the ego, beyond which an intersection is at the edge of view
 _MAX_CONTINUATION_ANGLE = np.deg2rad(35.0)  # between the ego's heading and an arm that continues its road
 _MANY_INTERSECTIONS = 3
+_EGO_OFFSET, _EGO_YAW = 2.0, 0.2  # m, rad; a sampled ego stands so near to the origin
 # A parking area has many short lanes and slow vehicles only.
 _PARKING_MIN_LANES = 20
 _PARKING_MAX_LANE_LENGTH = 30.0  # m
@@ -84,6 +86,7 @@ class Facts:
       signals: state ahead of the ego, "green", "yellow", "red" or "other"; None where no signals are recorded.
       events: rare events, each at most once.
       traffic: numbers of agents by relation to the ego.
+      has_ego: whether agent 0 is a vehicle; without an ego nothing is said relative to it.
     """
 
     layout: RoadLayout
@@ -105,6 +108,7 @@ class Facts:
     signals: str | None = None
     events: tuple[str, ...] = ()
     traffic: Traffic = dataclasses.field(default_factory=Traffic)
+    has_ego: bool = True
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, with a format number."""
@@ -130,18 +134,48 @@ class Facts:
 
 
 def extract_facts(scene: Scene) -> Facts:
-    """The facts of one scene, recorded or generated; agent 0 is the ego."""
+    """The facts of one scene, recorded or generated; agent 0 is the ego if it is a vehicle.
+
+    A scene in another frame than the ego's is read from where the ego is.
+    """
     (scene,) = singles(scene)
+    has_ego = bool(len(scene.agents)) and scene.agent_types[0] == AgentType.VEHICLE
+    scene = seen_from_ego(scene) if has_ego else scene
     road = road_from_scene(scene)
     if not len(road):
-        return Facts("no road", traffic=count_traffic(scene, road, None))
+        return Facts("no road", traffic=count_traffic(scene, road, None, has_ego=has_ego), has_ego=has_ego)
+    facts = _facts_on_road(scene, road, has_ego)
+    return facts if has_ego else _without_ego(facts)
+
+
+def seen_from_ego(scene: Scene) -> Scene:
+    """The scene in the frame of agent 0, unless that is its frame already but for a sampled ego's small offset."""
+    x, y, cos, sin = (float(scene.agents[0, column]) for column in (0, 1, 4, 5))
+    yaw = math.atan2(sin, cos)
+    if math.hypot(x, y) < _EGO_OFFSET and abs(yaw) < _EGO_YAW:
+        return scene
+    agents, lanes = np.array(scene.agents, np.float64), np.array(scene.lanes, np.float64)
+    rotation = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])  # of row vectors, by -yaw
+    agents[:, :2], agents[:, 4:6] = (agents[:, :2] - [x, y]) @ rotation, agents[:, 4:6] @ rotation
+    lanes[..., :2] = (lanes[..., :2] - [x, y]) @ rotation
+    return scene.replace(agents=agents.astype(np.float32), lanes=lanes.astype(np.float32))
+
+
+def _without_ego(facts: Facts) -> Facts:
+    """The facts that do not depend on an ego."""
+    blank = Facts(facts.layout)
+    fields = ("intersection", "bridge", "traffic")
+    return dataclasses.replace(blank, has_ego=False, **{name: getattr(facts, name) for name in fields})
+
+
+def _facts_on_road(scene: Scene, road: Road, has_ego: bool) -> Facts:
     intersections, bridges = find_intersections(road)
-    lane = ego_lane(road)
+    lane = ego_lane(road) if has_ego else None
     path = None if lane is None else ego_path(road, lane)
     streets = _side_streets(intersections)
     values: dict[str, Any] = {
         "bridge": bridges > 0,
-        "traffic": count_traffic(scene, road, path),
+        "traffic": count_traffic(scene, road, path, has_ego=has_ego),
         "events": find_events(scene, road, intersections),
         "signals": _signal_ahead(road, lane),
         "side_streets_left": streets["left"],

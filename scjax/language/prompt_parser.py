@@ -14,6 +14,7 @@ from scjax.language.facts import Facts
 from scjax.language.wording import NUMBER_WORDS
 
 _MAX_COUNT = 60
+_MAX_CHARACTERS = 4000  # more than an encoder reads; the time of the patterns grows with the square of the length
 _NUMBERS = {word: k for k, word in enumerate(NUMBER_WORDS)} | {"a single": 1, "a": 1, "an": 1}
 _VAGUE_COUNTS = {
     "a couple of": (2, 3),
@@ -72,8 +73,8 @@ class PromptSpec:
 
 
 def parse_prompt(text: str) -> PromptSpec:
-    """What the prompt ``text`` asks for."""
-    text = " ".join(text.lower().replace("–", "-").split())
+    """What the prompt ``text`` asks for; of a very long one only the beginning is read, as encoders do."""
+    text = " ".join(text[:_MAX_CHARACTERS].lower().replace("–", "-").split())
     vehicles, exact = _parse_count(text, r"(?:vehicles?|cars?)")
     return PromptSpec(
         layout=next((name for name, pattern in _LAYOUTS if re.search(pattern, text)), None),
@@ -125,7 +126,7 @@ def _affirms(text: str, pattern: str) -> bool:
 def _parse_count(text: str, nouns: str) -> tuple[tuple[int, int] | None, bool]:
     """Range of a total that the text gives for ``nouns``, None without one, and whether it is an exact number."""
     words = "|".join(sorted(map(re.escape, [*_NUMBERS, *_VAGUE_COUNTS]), key=len, reverse=True))
-    match = re.search(rf"\b({words}|\d+) {_ADJECTIVES}{nouns}\b{_NO_RELATION}", text)
+    match = re.search(rf"\b({words}|\d{{1,6}}) {_ADJECTIVES}{nouns}\b{_NO_RELATION}", text)
     if match is None:
         return None, False
     word = match.group(1)

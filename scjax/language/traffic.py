@@ -67,15 +67,20 @@ class Traffic:
     ego_motion: Motion | None = None
 
 
-def count_traffic(scene: Scene, road: Road, path: np.ndarray | None) -> Traffic:
-    """Traffic of one scene without padding; agent 0 is the ego, ``path`` [n, 2] its path or None off the road."""
+def count_traffic(scene: Scene, road: Road, path: np.ndarray | None, *, has_ego: bool = True) -> Traffic:
+    """Traffic of one scene without padding; agent 0 is the ego, ``path`` [n, 2] its path or None off the road.
+
+    Args:
+      has_ego: whether there is one; otherwise all agents count, and none in relation to an ego.
+    """
     agents, types = np.asarray(scene.agents, np.float64), np.asarray(scene.agent_types)
     if not len(agents):
         return Traffic()
     motion: Motion | None = None
-    if bool(scene.agent_known[0, 3]):
+    if has_ego and bool(scene.agent_known[0, 3]):
         motion = next(name for limit, name in _MOTION_LIMITS if agents[0, 3] < limit)
-    agents, types = agents[1:], types[1:]
+    if has_ego:
+        agents, types = agents[1:], types[1:]
     positions, heading, speed = agents[:, :2], np.arctan2(agents[:, 5], agents[:, 4]), agents[:, 3]
     vehicle, pedestrian = types == AgentType.VEHICLE, types == AgentType.PEDESTRIAN
     lane, distance = _nearest_lane(road, positions)
@@ -97,13 +102,13 @@ def count_traffic(scene: Scene, road: Road, path: np.ndarray | None) -> Traffic:
         masks["left_lane"] = same_direction & on_lane & (left >= _HALF_LANE) & (left < _NEXT_LANE)
         masks["right_lane"] = same_direction & on_lane & (left <= -_HALF_LANE) & (left > -_NEXT_LANE)
     across = (np.abs(heading) > _CROSSING_ANGLES[0]) & (np.abs(heading) < _CROSSING_ANGLES[1])
-    masks["crossing"] = vehicle & on_lane & across & ~oncoming
+    masks["crossing"] = vehicle & on_lane & across & ~oncoming & has_ego
     on_turn = np.array([k >= 0 and movement(float(road.turn[k])) != "straight" for k in lane], bool)
     masks["turning"] = vehicle & on_lane & on_turn
     masks["parked"] = vehicle & (speed < _PARKED_SPEED) & (distance > _PARKED_DISTANCE)
     masks["off_road"] = vehicle & (distance > _OFF_ROAD_DISTANCE)
-    masks["pedestrians_left"] = pedestrian & (positions[:, 1] > _SIDE_DISTANCE)
-    masks["pedestrians_right"] = pedestrian & (positions[:, 1] < -_SIDE_DISTANCE)
+    masks["pedestrians_left"] = pedestrian & (positions[:, 1] > _SIDE_DISTANCE) & has_ego
+    masks["pedestrians_right"] = pedestrian & (positions[:, 1] < -_SIDE_DISTANCE) & has_ego
     masks["pedestrians_near_road"] = pedestrian & (distance < _NEAR_ROAD_DISTANCE)
     return Traffic(ego_motion=motion, **{name: int(mask.sum()) for name, mask in masks.items()})
 

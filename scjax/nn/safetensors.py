@@ -49,7 +49,7 @@ def write_arrays(
     for number, part in enumerate(parts, 1):
         name = "weights.safetensors" if len(parts) == 1 else f"weights-{number}.safetensors"
         (folder / name).write_bytes(safetensors.numpy.save(part))  # save_file makes files readable by their owner only
-        hashes[name] = _sha256(folder / name)
+        hashes[name] = sha256_of(folder / name)
     return hashes
 
 
@@ -65,17 +65,20 @@ def read_arrays(folder: Path, files: Mapping[str, str]) -> dict[str, np.ndarray]
     arrays: dict[str, np.ndarray] = {}
     for name, digest in files.items():
         path = folder / name
+        if Path(name).name != name:
+            raise ValueError(f"{path} lies in another folder: copy or export the model again")
         if not path.is_file():
             raise ValueError(f"{path} is missing: copy or export the model again")
-        if digest and _sha256(path) != digest:
+        if digest and sha256_of(path) != digest:
             raise ValueError(f"{path} is damaged (its sha256 is not the recorded one): copy or export the model again")
         try:
             arrays |= safetensors.numpy.load_file(path)
-        except (OSError, safetensors.SafetensorError) as error:
+        except Exception as error:  # the library raises many kinds for damaged bytes
             raise ValueError(f"{path} is damaged ({error}): copy or export the model again") from error
     return {name: value.astype(np.float32) if value.dtype == np.float16 else value for name, value in arrays.items()}
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """The hash of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
-T = TypeVar("T")
 
-
-def parse_document(data: bytes | str, expected: type[T], name: str | Path, cure: str) -> T:
+def parse_document(data: bytes | str, expected: Any, name: str | Path, cure: str) -> Any:
     """The JSON text ``data`` as a value of the type ``expected``.
 
     Args:
@@ -38,7 +36,7 @@ def parse_document(data: bytes | str, expected: type[T], name: str | Path, cure:
         return convert_document(content, expected, name, cure)
 
 
-def convert_document(content: Any, expected: type[T], name: str | Path, cure: str) -> T:
+def convert_document(content: Any, expected: Any, name: str | Path, cure: str) -> Any:
     """As ``parse_document``, of values that are parsed already."""
     try:
         return msgspec.convert(content, expected)

@@ -7,6 +7,7 @@ import gzip
 import os
 import platform
 import re
+import shutil
 import uuid
 import zlib
 from collections.abc import Callable, Iterator
@@ -72,8 +73,6 @@ def remove_stale_parts(folder: Path, name: str = "") -> None:
     Args:
       name: only those of this file; by default all in the folder.
     """
-    import shutil
-
     for part in folder.glob(f".{_escaped(name[:100])}.{_NODE}-*.part" if name else ".*.part"):
         match = _PART.fullmatch(part.name)
         if match is None or _is_running(int(match[1])):
@@ -155,3 +154,31 @@ def locked_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def replace_folder(new: Path, folder: Path) -> None:
+    """Puts the folder ``new`` in place of ``folder``, which exists at every moment if it did before.
+
+    Where the system can exchange two names (Linux), it does; elsewhere there is a moment without the folder.
+    """
+    if not folder.exists():
+        new.rename(folder)
+        return
+    retired = new  # after an exchange it holds the old content
+    if not _exchange(new, folder):
+        retired = part_path(folder)
+        folder.rename(retired)
+        new.rename(folder)
+    shutil.rmtree(retired, ignore_errors=True)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchanges two names at once; False where the system or the file system cannot."""
+    import ctypes
+
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError):
+        return False
+    at_cwd, exchange = -100, 2
+    return rename(at_cwd, os.fsencode(one), at_cwd, os.fsencode(other), exchange) == 0

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from scjax.scene.limits import MAX_COORDINATE, MAX_SIZE, MAX_SLOTS, MAX_SPEED
-from scjax.scene.polyline import resample
+from scjax.scene.polyline import resample_polyline
 from scjax.scene.scene import POINTS_PER_LANE, STATE_COLUMNS, AgentType, Crop, Link, Scene, Signal, empty, stack
 
 JSON_FORMAT, JSON_VERSION = "scjax-scene", 1
@@ -173,7 +173,7 @@ def _fill_lane(scene: Scene, i: int, lane: LaneRow, name: str) -> None:
     if len(points) != POINTS_PER_LANE:
         if not np.hypot(*np.diff(points[:, :2], axis=0).T).sum() > 0:
             raise ValueError(f"{name}: all points are one place: give the centerline, at least two different points")
-        points = resample(points, POINTS_PER_LANE)
+        points = resample_polyline(points, POINTS_PER_LANE)
     scene.lanes[i] = points
     scene.lane_known[i] = [column not in lane.unknown and (column != "z" or has_z) for column in "xyz"]
     scene.signals[i] = Signal[lane.signal.upper()]

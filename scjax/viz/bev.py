@@ -256,4 +256,4 @@ def _draw_frame(ax: Axes, crop: Crop, title: str | None) -> None:
     if crop == Crop.PARTITIONED:
         ax.axvline(0, color=INK, linewidth=0.7, linestyle=(0, (6, 4)), zorder=4)
     if title is not None:
-        ax.set_title(title, fontsize=8, color=INK, pad=4)
+        ax.set_title(title, fontsize=8, color=INK, pad=4, parse_math=False)

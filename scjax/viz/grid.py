@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from scjax.scene import Scene, Signal
+from scjax.scene.files import whole_file
 from scjax.scene.per_type import PerType
 from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS, plot_scene
 
@@ -91,10 +91,8 @@ def grid(
 def save_figure(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
     """Writes a PNG, or an SVG if ``path`` ends in .svg. The file appears complete or not at all."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    figure.savefig(temporary, dpi=dpi, format="svg" if path.suffix == ".svg" else "png")
-    temporary.replace(path)
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=dpi, format="svg" if path.suffix == ".svg" else "png")
 
 
 def _legend(figure: Figure, scenes: Sequence[Scene]) -> None:

@@ -178,8 +178,8 @@ def test_points_between_the_heads_move_with_them():
         ({"agent_step_size": -1.0}, "agent_step_size"),
         ({"lane_step_size": np.nan}, "lane_step_size"),
         ({"energies": ()}, "energies is empty"),
-        ({"energies": (("magic", 1.0),)}, "'magic': choose from connections, overlap, off_lane"),
-        ({"energies": (("overlap", -1.0),)}, "'overlap' the weight -1"),
+        ({"energies": (("magic", 1.0),)}, "must be one of connections, overlap, off_lane, collision, not 'magic'"),
+        ({"energies": (("overlap", -1.0),)}, "the weight of 'overlap' in EnergyGuidance.energies must be a finite number of at least 0"),
     ],
 )
 def test_invalid_options_are_named(options, message):

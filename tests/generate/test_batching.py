@@ -51,5 +51,5 @@ def test_least_size_reads_pairs(value, size):
 
 @pytest.mark.parametrize("value", [(1, 2, 3), (16,), 28, "16x28", (1.5, 2), (-1, 4)])
 def test_least_size_names_the_option(value):
-    with pytest.raises(ValueError, match=r"padded_size must be two whole numbers, \(agents, lanes\), not "):
+    with pytest.raises(ValueError, match="padded_size"):
         least_size(value)

@@ -17,7 +17,7 @@ DEPTH = Stream.from_depth(np.zeros((4, 6), np.float32))
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"num_lanes": 0}, r"num_lanes must be a whole number of at least 1, not 0"),
+        ({"num_lanes": 0}, r"num_lanes must be a whole number in 1\.\.4096, not 0"),
         ({"num_agents": -3}, "num_agents"),
         ({"known": example_batch(1)}, "single scene"),
         ({"streams": {"sound": TEXT}}, "no 'sound': choose from text"),
@@ -36,7 +36,7 @@ def test_condition_refuses_bad_fields(fields, message):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"tokens": np.zeros(3)}, "rank 1"),
+        ({"tokens": np.zeros(3)}, "must be .tokens, width., at least one of each"),
         ({"tokens": np.zeros((3, 4)), "mask": np.ones(2, bool)}, r"mask has shape \(2,\), but there are 3 tokens"),
         ({"tokens": np.zeros((3, 4)), "positions": np.zeros((2, 2))}, r"positions has shape \(2, 2\)"),
     ],

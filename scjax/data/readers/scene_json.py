@@ -45,7 +45,7 @@ class FileSchema(Struct):
     schema: Any = None
 
 
-class ObjectRow(Struct):
+class RecordedObject(Struct):
     """One object: its class, its size [m], and its states at every step."""
 
     type: str
@@ -62,7 +62,7 @@ class ObjectRow(Struct):
     id: Name | None = None
 
 
-class LaneRow(Struct):
+class RecordedLane(Struct):
     """One lane: its centerline in driving direction, and the lanes around it."""
 
     x: Numbers
@@ -76,7 +76,7 @@ class LaneRow(Struct):
     id: Name | None = None
 
 
-class SignalRow(Struct):
+class RecordedSignal(Struct):
     """States of a signal, and its stop point [m]."""
 
     state: list[str | None]
@@ -99,9 +99,9 @@ class Recording(Struct):
     location_cluster: Name | None
     timestamps: list[float]
     has: Presence
-    objects: list[ObjectRow]
+    objects: list[RecordedObject]
     map: list[dict[str, Any]]
-    tl_states: dict[str, SignalRow]
+    tl_states: dict[str, RecordedSignal]
     variant: Name | None = None
     sdc_index: int | None = None
 
@@ -200,7 +200,7 @@ def _log_of(content: Recording, sha256: str, path: str) -> Log:
         raise ValueError(f"{len(content.objects)} objects at {steps} steps are more than {MAX_STATES}: split the scene")
     unknown: Counter[str] = Counter()
     lanes = tuple(
-        _read_lane(convert_document(item, LaneRow, f"{path}: map[{index}]", _CURE), index, unknown)
+        _read_lane(convert_document(item, RecordedLane, f"{path}: map[{index}]", _CURE), index, unknown)
         for index, item in enumerate(content.map)
         if item.get("type") == "lane"
     )
@@ -248,7 +248,7 @@ def _has_topology(has: Presence, unknown: Counter[str]) -> bool:
     return has.topology == "given"
 
 
-def _states(objects: Sequence[ObjectRow], key: str, steps: int) -> Float64[np.ndarray, "objects steps"]:
+def _states(objects: Sequence[RecordedObject], key: str, steps: int) -> Float64[np.ndarray, "objects steps"]:
     """One value per object and step; null becomes NaN."""
     for index, item in enumerate(objects):
         if len(getattr(item, key)) != steps:
@@ -258,7 +258,7 @@ def _states(objects: Sequence[ObjectRow], key: str, steps: int) -> Float64[np.nd
     return np.array([getattr(item, key) for item in objects], np.float64).reshape(len(objects), steps)
 
 
-def _heights(objects: Sequence[ObjectRow], steps: int) -> Float64[np.ndarray, "objects steps"]:
+def _heights(objects: Sequence[RecordedObject], steps: int) -> Float64[np.ndarray, "objects steps"]:
     """z of the box centers [m], NaN where it is missing or absurd."""
     unknown: Numbers = [None] * steps
     for item in objects:
@@ -284,7 +284,7 @@ def _id(value: str | int | None, index: int) -> str:
 
 
 def _object_types(
-    objects: Sequence[ObjectRow], valid: np.ndarray, velocities: np.ndarray, unknown: Counter[str]
+    objects: Sequence[RecordedObject], valid: np.ndarray, velocities: np.ndarray, unknown: Counter[str]
 ) -> Int[np.ndarray, " objects"]:
     types = [look_up(OBJECT_WORDS, item.type, OTHER_OBJECT, "object type", unknown) for item in objects]
     for index, agent_type in enumerate(types):
@@ -297,7 +297,7 @@ def _object_types(
 
 
 def _signal_states(
-    lights: Mapping[str, SignalRow], steps: int, unknown: Counter[str]
+    lights: Mapping[str, RecordedSignal], steps: int, unknown: Counter[str]
 ) -> Int[np.ndarray, "signals steps"]:
     states = np.zeros((len(lights), steps), np.int8)
     for row, (lane, light) in enumerate(lights.items()):
@@ -310,7 +310,7 @@ def _signal_states(
     return states
 
 
-def _read_lane(item: LaneRow, index: int, unknown: Counter[str]) -> MapLane:
+def _read_lane(item: RecordedLane, index: int, unknown: Counter[str]) -> MapLane:
     name = _id(item.id, index)
     if len(item.x) != len(item.y) or (item.z is not None and len(item.z) != len(item.x)):
         raise ValueError(f"x, y, z of lane {name} differ in length: {_CURE}")

@@ -45,6 +45,8 @@ def resolve_sampler(sampler: str | Sampler | None, prediction: Prediction) -> Sa
         if choice not in SAMPLERS:
             raise ValueError(f"there is no sampler {choice!r}: choose one of {suitable}")
         choice = SAMPLERS[choice]
+    if not isinstance(choice, Sampler):
+        raise ValueError(f"the sampler must be a name or a scjax.samplers.Sampler, not {type(choice).__name__}")
     if prediction not in choice.default_steps:
         raise ValueError(
             f"the sampler {choice.name!r} is for networks that estimate {' or '.join(choice.default_steps)}, and this "

@@ -1,0 +1,183 @@
+"""Whether the parts of a model are sound and fit each other: types, ranges, shapes, finite values."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from scjax.models.autoencoder.model import autoencoder
+from scjax.models.codec import SceneCodec
+from scjax.models.counts.predictor import count_predictor
+from scjax.models.denoiser.model import denoiser
+from scjax.nn.functional import Functional, flatten
+from scjax.scene import Crop
+from scjax.scene.arguments import finite_number
+
+if TYPE_CHECKING:
+    from scjax.generate.model import Model
+
+NETWORKS: dict[str, Callable[[Any], Functional]] = {
+    "autoencoder": autoencoder,
+    "denoiser": denoiser,
+    "count_predictor": count_predictor,
+}
+"""Name of a component -> its network for a config."""
+
+_MAX_SIZE, _MAX_BLOCKS = 1 << 20, 256
+_MAX_RANGE = 1e4  # m, m/s
+
+
+def check_model(model: Model) -> None:
+    """Checks every part of a model, and that the parts fit each other.
+
+    Raises:
+      ValueError: names the part and the field or array.
+    """
+    check_codec(model.codec)
+    for name, component in model.components.items():
+        check_config(name, component.config)
+        _check_params(name, component.config, component.params)
+    _check_fit(model)
+    if not all(isinstance(domain, str) and domain for domain in model.domains):
+        raise ValueError("domains must be names")
+    if len(set(model.domains)) < len(model.domains):
+        raise ValueError("domains holds a name twice")
+    for label, pair in (("latents.mean", model.latents.mean), ("latents.std", model.latents.std)):
+        for value in jax.tree.leaves(pair):
+            finite_number(value, label, -1e6, 1e6)
+    for value in jax.tree.leaves(model.temperature):
+        finite_number(value, "temperature", 1e-6, 100.0)
+    if model.counts is not None:
+        _check_counts(model)
+
+
+def check_config(name: str, config: Any) -> None:
+    """Types and sizes of the plain fields of a network's config.
+
+    Raises:
+      ValueError: names the component and the field.
+    """
+    for field in dataclasses.fields(config):
+        value, where = getattr(config, field.name), f"{name}.{field.name}"
+        if field.type == "int":
+            most = _MAX_BLOCKS if field.name.endswith(("blocks", "stages")) else _MAX_SIZE
+            if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+                raise ValueError(f"{where} must be a whole number in 0..{most}, not {value!r:.80}")
+        elif field.type == "float":
+            finite_number(value, where)
+        elif field.type == "bool" and not isinstance(value, bool):
+            raise ValueError(f"{where} must be true or false, not {value!r:.80}")
+
+
+def check_codec(codec: SceneCodec) -> None:
+    """Ranges of a codec: finite, increasing, within 10 km and 10,000 m/s.
+
+    Raises:
+      ValueError: names the field.
+    """
+    ranges = {"agent_z": codec.agent_z, "lane_z": codec.lane_z, "speed": codec.speed}
+    for row, sizes in enumerate(codec.sizes):
+        if len(sizes) != 3:
+            raise ValueError(f"codec.sizes[{row}] must be the ranges of length, width and height, not {sizes}")
+        ranges |= {f"sizes[{row}][{column}]": bounds for column, bounds in enumerate(sizes)}
+    for name, bounds in ranges.items():
+        if len(bounds) != 2:
+            raise ValueError(f"codec.{name} must be (least, most), not {bounds}")
+        low, high = (finite_number(bound, f"codec.{name}", -_MAX_RANGE, _MAX_RANGE) for bound in bounds)
+        if low >= high:
+            raise ValueError(f"codec.{name} must increase, not be {bounds}")
+    finite_number(codec.clip_lanes, "codec.clip_lanes", 0.1, 1e6)
+    for name, choices in (("lane_classes", ("signal", "lights", "none")), ("forward", ("x", "y"))):
+        if getattr(codec, name) not in choices:
+            raise ValueError(f"codec.{name} must be one of {', '.join(choices)}, not {getattr(codec, name)!r:.80}")
+    for name in ("agent_types", "columns", "links"):
+        values = getattr(codec, name)
+        if not values or len(set(values)) < len(values):
+            raise ValueError(f"codec.{name} must hold different values, at least one")
+
+
+def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuses NaN and infinity: a training that diverged, or damage.
+
+    Raises:
+      ValueError: names the first such array.
+    """
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise ValueError(f"the array {name} holds NaN or infinity: its training diverged, or the file is damaged")
+
+
+def _check_params(name: str, config: Any, params: Any) -> None:
+    expected = flatten(jax.eval_shape(NETWORKS[name](config).init, jax.random.key(0)))
+    given = flatten(params)
+    if missing := [path for path in expected if path not in given]:
+        raise ValueError(f"{name}: {len(missing)} arrays are missing, the first is {_dotted(missing[0])}")
+    if surplus := [path for path in given if path not in expected]:
+        raise ValueError(f"{name}: {len(surplus)} arrays fit no part of it, the first is {_dotted(surplus[0])}")
+    for path, leaf in expected.items():
+        if np.shape(given[path]) != leaf.shape:
+            raise ValueError(
+                f"{name}: {_dotted(path)} has shape {np.shape(given[path])}, its config calls for {leaf.shape}"
+            )
+        if np.asarray(given[path]).dtype.kind != "f" and "float" not in str(given[path].dtype):
+            raise ValueError(f"{name}: {_dotted(path)} has the type {given[path].dtype}, not a float")
+    check_arrays({f"{name}.{_dotted(path)}": np.asarray(leaf) for path, leaf in given.items()})
+
+
+def _dotted(path: Any) -> str:
+    return ".".join(map(str, path))
+
+
+def _check_fit(model: Model) -> None:
+    """Numbers that two parts share."""
+    configs = {name: component.config for name, component in model.components.items()}
+    codec, coder, network = model.codec, configs.get("autoencoder"), configs.get("denoiser")
+    shared: list[tuple[str, Any, str, Any]] = []
+    if coder is not None:
+        for field, value in (
+            ("lane_types", codec.num_lane_types),
+            ("agent_types", len(codec.agent_types)),
+            ("link_types", len(codec.links)),
+            ("columns", len(codec.columns)),
+            ("point_dims", codec.point_dims),
+        ):
+            shared.append((f"autoencoder.{field}", getattr(coder, field), "codec", value))
+    if coder is not None and network is not None:
+        for field in ("lane_latent", "agent_latent"):
+            shared.append((f"denoiser.{field}", getattr(network, field), f"autoencoder.{field}", getattr(coder, field)))
+    if network is not None:
+        shared.append(("denoiser.domains", network.domains, "the number of domains", len(model.domains)))
+        shared.append(("denoiser.crops", network.crops, "the number of crops", len(Crop)))
+    if (counts := configs.get("count_predictor")) is not None:
+        shared.append(("count_predictor.domains", counts.domains, "the number of domains", len(model.domains)))
+        if network is not None and hasattr(network.condition, "width"):
+            width = network.condition.width
+            shared.append(("count_predictor.text_width", counts.text_width, "denoiser.condition.width", width))
+    for name, value, other, expected in shared:
+        if value != expected:
+            raise ValueError(f"{name} is {value}, but {other} is {expected}: these parts belong to different models")
+    for text, features in model.prompts.items():
+        width = getattr(network.condition, "width", None) if network is not None else None
+        if features.ndim != 2 or (width is not None and features.shape[1] != width):
+            raise ValueError(f"the features of the prompt {text[:60]!r} have shape {features.shape}")
+    check_arrays({f"prompts: {text[:60]}": features for text, features in model.prompts.items()})
+
+
+def _check_counts(model: Model) -> None:
+    table = model.counts
+    assert table is not None
+    if table.ndim != 4 or table.shape[:2] != (len(model.domains), len(Crop)):
+        raise ValueError(f"counts has shape {table.shape}: it must be [domains, crops, lanes + 1, agents + 1]")
+    if table.dtype.kind != "f" or not np.isfinite(table).all() or (table < 0).any() or not table.sum() > 0:
+        raise ValueError("counts must hold probabilities: finite numbers of at least 0, not all 0")
+    if "denoiser" in model.components:
+        config = model.components["denoiser"].config
+        if table.shape[2] > config.max_lanes + 1 or table.shape[3] > config.max_agents + 1:
+            raise ValueError(f"counts has shape {table.shape}: the denoiser has fewer lanes or agents at most")
+    if not math.isfinite(float(table.sum())):
+        raise ValueError("counts sums to infinity")
