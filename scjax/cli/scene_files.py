@@ -41,6 +41,10 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     from scjax.metrics.plausibility import scene_doubts
 
     path = Path(path)
+    if not path.name.endswith((".npz", ".json", ".json.gz")):
+        other = _OTHER_FORMATS.get(path.suffix)
+        kind = f"files of {other} have no reader yet" if other else f"{path.suffix or 'such'} files have no reader"
+        raise ValueError(f"{path}: {kind}: {_READ}")
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is a folder, not a file")
     try:
@@ -65,12 +69,7 @@ def _read(path: Path) -> list[Scene]:
         return [_scene_of_log(read_log(path), path)]
     if path.suffix == ".npz" and _is_log(path):
         return [_scene_of_log(load_log(path), path)]
-    readers = {".npz": io.load_npz, ".json": io.load_json}
-    if path.suffix not in readers:
-        other = _OTHER_FORMATS.get(path.suffix)
-        kind = f"files of {other} have no reader yet" if other else f"{path.suffix or 'such'} files have no reader"
-        raise ValueError(f"{path}: {kind}: {_READ}")
-    scene = readers[path.suffix](path)
+    scene = io.load_npz(path) if path.suffix == ".npz" else io.load_json(path)
     if not scene.batch_shape:
         return [unpadded(scene)]
     import numpy as np

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from scjax.data.lane_joins import JOIN_DISTANCE, JoinOptions
+from scjax.data.join_options import JOIN_DISTANCE, JoinOptions
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64, Int
 
-from scjax.data.lane_joins import JoinOptions, inferred_joins, recorded_joins
+from scjax.data.join_options import JoinOptions
+from scjax.data.lane_joins import inferred_joins, recorded_joins
 from scjax.data.neighbors import infer_neighbors, recorded_neighbors
 from scjax.data.ragged import arc_lengths
 from scjax.scene import Log

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int
 
+from scjax.data.join_options import JOIN_DISTANCE, MAX_JOIN_DISTANCE, JoinOptions
 from scjax.scene import MapLane
 
-JOIN_DISTANCE = 0.05  # m between an end and a start that are one point, where the source has no topology
-MAX_JOIN_DISTANCE = 1.0  # m; recorded connections that are open by more are refused
 MAX_TURN = np.deg2rad(120.0)  # at a joint; no car can drive more
 SAME_HEADING = np.deg2rad(30.0)  # of an end and a start that are apart, but meant to meet
 MAX_STEP = 1.0  # m in height
@@ -32,24 +31,6 @@ class Joins(NamedTuple):
     pairs: Pairs
     doubts: dict[str, int]
     notes: dict[str, int]
-
-
-@dataclasses.dataclass(frozen=True)
-class JoinOptions:
-    """How far an end and a start may be apart.
-
-    Attributes:
-      distance: inferred connections, in sources without topology [m]; at most ``MAX_JOIN_DISTANCE``.
-
-    Raises:
-      ValueError: the distance is out of range.
-    """
-
-    distance: float = JOIN_DISTANCE
-
-    def __post_init__(self):
-        if not 0 < self.distance <= MAX_JOIN_DISTANCE:
-            raise ValueError(f"join distance is {self.distance} m: it must be above 0 and at most {MAX_JOIN_DISTANCE}")
 
 
 def recorded_joins(lanes: Sequence[MapLane], points: Sequence[np.ndarray]) -> Joins:

@@ -6,8 +6,8 @@ import dataclasses
 from typing import Any, Protocol, runtime_checkable
 
 from scjax.data.build_options import BuildOptions
+from scjax.data.join_options import JoinOptions
 from scjax.data.lane_graph import LaneGraph, SegmentIndex, build_graph, index_segments
-from scjax.data.lane_joins import JoinOptions
 from scjax.data.lane_poses import lane_poses
 from scjax.data.plausibility import find_doubts
 from scjax.data.readers.base import LogInfo, LogReader

@@ -139,7 +139,7 @@ def extract_facts(scene: Scene) -> Facts:
     A scene in another frame than the ego's is read from where the ego is.
     """
     (scene,) = singles(scene)
-    has_ego = bool(len(scene.agents)) and scene.agent_types[0] == AgentType.VEHICLE
+    has_ego = len(scene.agents) > 0 and int(scene.agent_types[0]) == AgentType.VEHICLE
     scene = seen_from_ego(scene) if has_ego else scene
     road = road_from_scene(scene)
     if not len(road):

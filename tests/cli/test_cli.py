@@ -17,8 +17,9 @@ from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.models.denoiser.config import TextCondition
+from scjax.scene import AgentType
 from scjax.scene.io import load_json, load_npz, save_npz
-from tests.factories.examples import example_batch
+from tests.factories.examples import example_batch, example_scene
 from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 
@@ -195,7 +196,7 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         (["generate", PROMPT, "--model", "nowhere"], 1, "nowhere is no model folder"),
         (["generate", PROMPT, "--out", "/proc/nothing", "--model", "MODEL"], 1, "cannot be written"),
         (["plot", "nowhere.npz"], 1, "no such file"),
-        (["plot", "scenes.txt"], 1, ".npz and .json"),
+        (["plot", "scenes.txt"], 1, ".npz and .json scenes"),
         (["caption", "broken.json"], 1, "broken.json"),
         (["nonsense"], 2, "nonsense"),
         (["data", "build"], 2, ""),
@@ -226,6 +227,45 @@ def test_every_command_has_help(run):
 
 
 def test_slug_is_a_file_name():
-    assert slug("A busy four-way intersection, 5 cars!") == "a-busy-four-way-intersection-5-cars"
-    assert slug("Straße über den Fluß") == "strae-uber-den-flu" and slug("交差点") == "scene"
-    assert len(slug("word " * 100)) <= 48
+    assert slug("a roundabout with 5 cars") == "a-roundabout-with-5-cars"
+    assert slug("Straße über den Fluß").startswith("straße-über-den-fluß-") and slug("交差点") == "交差点"
+    assert len(slug("word " * 100)) <= 55
+
+
+def test_slug_differs_where_prompts_differ():
+    start = "a busy four-way intersection with a red light, five vehicles and "
+    prompts = [
+        f"{start}two pedestrians",
+        f"{start}a cyclist",
+        "两辆车",
+        "一条路",
+        "🚗🚗",
+        "🚶",
+        "two cars",
+        "two cars!",
+    ]
+    assert len({slug(prompt) for prompt in prompts}) == len(prompts)
+
+
+def test_caption_says_that_there_is_no_ego(run, tmp_path):
+    scene = example_scene(agents=1)
+    scene.agent_types[0] = AgentType.STATIC
+    save_npz(scene, tmp_path / "cone.npz")
+    code, out, err = run("caption", tmp_path / "cone.npz")
+    assert code == 0 and "ego" not in out.replace("There is no ego vehicle", "") and "agent 0 is a static" in err
+    assert run("caption", tmp_path / "cone.npz", "--strict")[0] == 1
+
+
+@pytest.mark.parametrize(("flag", "code"), [((), 1), (("--debug",), None)])
+def test_unexpected_errors_are_one_line(run, monkeypatch, tmp_path, flag, code):
+    def fail(*_, **__):
+        raise TypeError("a fault\nof ours")
+
+    monkeypatch.setattr("scjax.scene.io.load_npz", fail)
+    save_npz(example_scene(), tmp_path / "scene.npz")
+    if code is None:
+        with pytest.raises(TypeError, match="a fault"):
+            run("caption", tmp_path / "scene.npz", *flag)
+        return
+    result, _, err = run("caption", tmp_path / "scene.npz", *flag)
+    assert result == code and err.count("\n") == 1 and "unexpected TypeError: a fault of ours" in err

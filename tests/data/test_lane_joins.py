@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.data.lane_joins import JoinOptions, inferred_joins, recorded_joins
+from scjax.data.join_options import JoinOptions
+from scjax.data.lane_joins import inferred_joins, recorded_joins
 from scjax.scene import MapLane
 
 

@@ -103,7 +103,7 @@ def test_best_of_candidates_are_repaired_before_the_choice(model):
 
 
 def test_best_of_below_one_is_refused(model):
-    with pytest.raises(ValueError, match="best_of must be a whole number in 1\.\.100000, not 0"):
+    with pytest.raises(ValueError, match=r"best_of must be a whole number in 1\.\.100000, not 0"):
         sample(model, best_of=0)
 
 

@@ -278,7 +278,7 @@ def test_sample_refuses_a_model_without_a_network(model):
     for name in ("denoiser", "autoencoder"):
         with pytest.raises(ValueError, match=f"no {name}: train that stage"):
             sample(model.without(name))
-    with pytest.raises(ValueError, match="num_scenes must be a whole number in 1\.\.100000, not 0"):
+    with pytest.raises(ValueError, match=r"num_scenes must be a whole number in 1\.\.100000, not 0"):
         sample(model, num_scenes=0)
 
 
