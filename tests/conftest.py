@@ -82,3 +82,9 @@ def eval_dir() -> Path:
 def data_dir() -> Path:
     """Real recorded scenes."""
     return _folder("SCJAX_DATA_DIR", "data")
+
+
+@pytest.fixture(scope="session")
+def cases_dir() -> Path:
+    """Inputs that failed when the project was tried as a user would."""
+    return _folder("SCJAX_CASES_DIR", "cases")

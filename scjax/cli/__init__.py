@@ -15,7 +15,7 @@ from scjax.cli.data import data
 from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
-from scjax.cli.inspect import caption, info, plot_command
+from scjax.cli.inspect import caption, info, plot_command, schema
 from scjax.cli.train import train_command
 
 
@@ -36,7 +36,7 @@ def cli() -> None:
 DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
-for command in (demo, generate, evaluate, caption, plot_command, data, train_command, info):
+for command in (demo, generate, evaluate, caption, plot_command, data, train_command, info, schema):
     cli.add_command(command)
 
 

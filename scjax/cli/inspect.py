@@ -98,3 +98,18 @@ def info(model_folder, as_json) -> None:
         shown = ", ".join(f"{k} {v:,}" for k, v in value.items()) if isinstance(value, dict) else value
         shown = ("\n" + " " * 30).join(map(str, shown)) if isinstance(shown, list) else shown
         click.echo(f"{name:<30}{shown}")
+
+
+@click.command()
+@click.argument("form", type=click.Choice(["scene", "recording"]))
+def schema(form) -> None:
+    """Prints the JSON Schema of a form of files: a scene (.json) or a recording (.json.gz).
+
+    docs/scene-json.md explains both.
+    """
+    from scjax.data.readers.scene_json import recording_schema
+    from scjax.scene.document import json_schema
+    from scjax.scene.scene_document import SceneFile
+
+    content = json_schema(SceneFile) if form == "scene" else recording_schema()
+    click.echo(json.dumps(content, indent=1))

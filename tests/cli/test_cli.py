@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import sys
+from pathlib import Path
 
 import chex
 import jax
@@ -269,3 +270,11 @@ def test_unexpected_errors_are_one_line(run, monkeypatch, tmp_path, flag, code):
         return
     result, _, err = run("caption", tmp_path / "scene.npz", *flag)
     assert result == code and err.count("\n") == 1 and "unexpected TypeError: a fault of ours" in err
+
+
+@pytest.mark.parametrize("form", ["scene", "recording"])
+def test_schema_is_the_published_one(run, form):
+    """docs/ has what ``scjax schema`` prints: write it again with the command if this fails."""
+    published = Path(__file__).resolve().parents[2] / "docs" / f"{form}.schema.json"
+    code, out, _ = run("schema", form)
+    assert code == 0 and json.loads(out) == json.loads(published.read_text())

@@ -22,7 +22,7 @@ from msgspec import Meta, Struct
 from scjax.data.readers.base import LogInfo
 from scjax.data.readers.vocabulary import BICYCLE, LANE_WORDS, OBJECT_WORDS, SIGNAL_WORDS, look_up
 from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, LaneNeighbor, Log, LogMetadata, MapLane, Signal, validate_log
-from scjax.scene.document import convert_document, parse_document
+from scjax.scene.document import convert_document, json_schema, parse_document
 from scjax.scene.files import read_limited
 from scjax.scene.limits import MAX_COORDINATE
 
@@ -104,6 +104,18 @@ class Recording(Struct):
     tl_states: dict[str, RecordedSignal]
     variant: Name | None = None
     sdc_index: int | None = None
+
+
+def recording_schema() -> dict[str, Any]:
+    """The JSON Schema of a file."""
+    schema, lane = json_schema(Recording), json_schema(RecordedLane)
+    schema["$defs"] |= lane["$defs"]
+    fields = schema["$defs"]["Recording"]
+    fields["properties"] = {"schema": {"const": SCHEMA}, **fields["properties"]}
+    fields["required"] = ["schema", *fields["required"]]
+    is_lane = {"properties": {"type": {"const": "lane"}}, "required": ["type"]}
+    fields["properties"]["map"]["items"] = {"type": "object", "if": is_lane, "then": {"$ref": "#/$defs/RecordedLane"}}
+    return schema
 
 
 @dataclasses.dataclass(frozen=True)
