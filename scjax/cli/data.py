@@ -281,8 +281,11 @@ def data_embed(records: str, encoder: str | None, split: str | None) -> int:
     from scjax.encoders.text import load_text_encoder
 
     splits = (split,) if split else ("train", "val")
-    for name, count in embed_captions(records, load_text_encoder(encoder), splits=splits).items():
-        click.echo(f"{name}: {count} different texts embedded")
+    unchanged: list[str] = []
+    counts = embed_captions(records, load_text_encoder(encoder), splits=splits, on_unchanged=unchanged.append)
+    for name, count in counts.items():
+        state = "are embedded already, nothing to do" if name in unchanged else "embedded"
+        click.echo(f"{name}: {count} different texts {state}")
     return 0
 
 

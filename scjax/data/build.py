@@ -18,6 +18,7 @@ from scjax.data.build_options import BuildOptions
 from scjax.data.build_shards import INDEX_COLUMNS, Shard, build_shard, scan_log
 from scjax.data.manifest import MANIFEST_FORMAT, file_entry
 from scjax.data.manifest import load_manifest as load_manifest
+from scjax.data.ranges import MAX_SEED, check_number, check_workers
 from scjax.data.readers import open_folder
 from scjax.data.readers.base import LogInfo
 from scjax.data.record_checks import RECORD_FORMAT
@@ -55,11 +56,14 @@ def build_records(
       make_shard: the task that builds one shard.
 
     Raises:
-      ValueError: no scene files in ``source``, none usable, ``out`` is a file or in use by another process or, if
-        ``strict``, the first bad file.
+      ValueError: an argument is out of its range, no scene files in ``source``, none usable, ``out`` is a file or in
+        use by another process or, if ``strict``, the first bad file.
       OSError: a file cannot be written; names it.
     """
     options = options or BuildOptions()
+    check_workers(workers)
+    if limit is not None:
+        check_number("limit", limit, 1, MAX_SEED, "use at least one file")
     source = ReaderSource(open_folder(source)) if isinstance(source, str | Path) else source
     out = Path(out)
     files = source.names()[:limit]

@@ -15,6 +15,7 @@ from scjax.data.crop import WINDOWS, crop_scene
 from scjax.data.lane_graph import LaneGraph, SegmentIndex
 from scjax.data.local_map import RADIUS, LocalMap, cut_local_map
 from scjax.data.record_checks import NUM_KNOWN, RECORD_FORMAT, find_fault, parse_record
+from scjax.data.shards import RecordShards
 from scjax.data.shards import open_records as open_records  # callers find all about records here
 from scjax.data.shards import write_shard as write_shard
 from scjax.data.tiles import Pose
@@ -106,6 +107,19 @@ def decode_record(data: bytes) -> SceneRecord:
     return SceneRecord(
         local_map, origin.domain, origin.cluster, origin.scene_id, origin.step, origin.object, origin.is_recorder
     )
+
+
+def read_record(stored: RecordShards, index: int) -> SceneRecord:
+    """The record ``index`` of shards.
+
+    Raises:
+      ValueError: naming the shard, if it cannot be read or decoded.
+    """
+    data = stored[index]
+    try:
+        return decode_record(data)
+    except ValueError as error:
+        raise ValueError(f"{stored.place(index)}: {error}") from error
 
 
 def sample_scene(

@@ -79,11 +79,14 @@ def open_records(folder: str | Path, split: str) -> RecordShards:
       ValueError: as ``shard_paths``, or a shard is not the one that the build wrote.
     """
     folder = Path(folder)
-    paths = shard_paths(folder, split)
     if not (folder / "manifest.json").exists():
-        return RecordShards(paths)
+        return RecordShards(shard_paths(folder, split))
     manifest = load_manifest(folder)
     entry, stamps = manifest["splits"].get(split, {"shards": [], "records": 0}), manifest.get("files", {})
+    for name in entry["shards"]:
+        if not (folder / name).exists():
+            raise ValueError(f"{folder / name}: not there, but named in manifest.json: {_cure(folder / name)}")
+    paths = shard_paths(folder, split)
     if [path.name for path in paths] != entry["shards"]:
         raise ValueError(f"{folder}: its {split} shards are not those of manifest.json: build the records again")
     with concurrent.futures.ThreadPoolExecutor(_THREADS) as pool:
@@ -164,8 +167,8 @@ def _compare(path: Path, stamp: dict[str, Any] | None) -> None:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}): {_cure(path)}") from error
     if not is_same:
-        kind = "truncated" if size < stamp["bytes"] else "changed"
-        raise ValueError(f"{path}: {kind} since it was built ({size} of {stamp['bytes']} bytes): {_cure(path)}")
+        fault = f"has {size} of {stamp['bytes']} bytes" if size != stamp["bytes"] else "holds other bytes"
+        raise ValueError(f"{path}: {fault}, so it was changed since it was built: {_cure(path)}")
 
 
 def _open_shard(path: Path) -> Any:
