@@ -206,6 +206,10 @@ def _remove_stale_shards(out: Path, shards: list[Shard]) -> None:
         if progress.stem not in planned:
             (out / f"{progress.stem}.arrayrecord").unlink(missing_ok=True)
             progress.unlink()
+    for split in SPLITS:
+        for path in out.glob(f"{split}-*.arrayrecord"):
+            if path.stem not in planned:
+                raise ValueError(f"{path} was not written by this build: remove it, or choose another output folder")
 
 
 def _stop_if_strict(strict: bool, skipped: list[dict[str, str]]) -> None:

@@ -90,7 +90,7 @@ def build_shard(task: tuple[RecordSource, str, Shard, bool]) -> dict[str, Any]:
             except ValueError as error:
                 report["skipped"].append({"file": item.file, "reason": str(error)})
 
-    progress.unlink(missing_ok=True)
+    write_text(progress, json.dumps({"name": shard.name}))  # an unfinished shard is known by this
     write_shard(path, encoded_records())
     report |= {"statistics": statistics.state, **stamp_file(path)._asdict()}
     write_text(progress, json.dumps(report))

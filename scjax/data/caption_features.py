@@ -133,7 +133,6 @@ def _write(
 ) -> int:
     index, data = _paths(folder, split)
     lengths = np.zeros(len(texts), np.int64)
-    index.unlink(missing_ok=True)  # its presence says that the features are complete
     bar = tqdm(total=len(texts), desc=f"texts of {split}", unit="text", disable=not progress)
     with whole_file(data) as file, bar:
         for start in range(0, len(texts), _BATCH_SIZE):
@@ -142,6 +141,7 @@ def _write(
                 lengths[start + row] = len(text.features)
                 file.write(_checked(text.features, encoder.name, texts[start + row]).tobytes())
             bar.update(len(encoded))
+        index.unlink(missing_ok=True)  # it describes the features that are replaced now
     arrays = {
         "format": FORMAT,
         "captions": _digest(folder, split, "caption the records again"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from typing import SupportsIndex
 
 import numpy as np
 import safetensors.numpy
@@ -109,7 +110,7 @@ def decode_record(data: bytes) -> SceneRecord:
     )
 
 
-def read_record(stored: RecordShards, index: int) -> SceneRecord:
+def read_record(stored: RecordShards, index: SupportsIndex) -> SceneRecord:
     """The record ``index`` of shards.
 
     Raises:

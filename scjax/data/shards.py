@@ -13,7 +13,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, SupportsIndex, TypeVar
 
 from array_record.python import array_record_data_source, array_record_module  # pyright: ignore
 
@@ -48,7 +48,7 @@ class RecordShards:
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
 
-    def __getitem__(self, index: int) -> bytes:
+    def __getitem__(self, index: SupportsIndex) -> bytes:
         shard, position = self._find(index)
         return _readable(
             self._paths[shard], f"record {position} cannot be read", lambda: self._sources[shard][position]
@@ -57,17 +57,17 @@ class RecordShards:
     def __iter__(self) -> Iterator[bytes]:
         return (self[index] for index in range(len(self)))
 
-    def place(self, index: int) -> str:
+    def place(self, index: SupportsIndex) -> str:
         """The shard of a record and its number there, for messages."""
         shard, position = self._find(index)
         return f"{self._paths[shard]}: record {position}"
 
-    def _find(self, index: int) -> tuple[int, int]:
-        index = operator.index(index)
-        if not 0 <= index < len(self):
-            raise IndexError(f"record {index} of {len(self)}")
-        shard = bisect.bisect_right(self._ends, index)
-        return shard, index - self._ends[shard] + len(self._sources[shard])
+    def _find(self, index: SupportsIndex) -> tuple[int, int]:
+        row = operator.index(index)
+        if not 0 <= row < len(self):
+            raise IndexError(f"record {row} of {len(self)}")
+        shard = bisect.bisect_right(self._ends, row)
+        return shard, row - self._ends[shard] + len(self._sources[shard])
 
 
 def open_records(folder: str | Path, split: str) -> RecordShards:
