@@ -170,9 +170,6 @@ def data_build(
     """
     from scjax.data.build import build_records
 
-    _check_workers(workers)
-    if limit is not None and limit < 1:
-        raise ValueError(f"--limit is {limit}: it must be 1 or more")
     names = [field.name for field in dataclasses.fields(PoseOptions)]
     build_options = BuildOptions(
         split_percent=options["split_percent"],
@@ -256,7 +253,6 @@ def data_synthetic(
     from scjax.data.build import build_records
     from scjax.synthetic.source import Worlds
 
-    _check_workers(workers)
     options = BuildOptions(split_percent=split_percent, files_per_shard=64)
     manifest = build_records(Worlds(seed, worlds, ordinary, events), out, options, workers=workers)
     for split, entry in manifest["splits"].items():
@@ -314,14 +310,12 @@ def data_embed(records: str, encoder: str | None, split: str | None) -> int:
     from scjax.encoders.text import load_text_encoder
 
     splits = (split,) if split else ("train", "val")
-    for name, count in embed_captions(records, load_text_encoder(encoder), splits=splits).items():
-        click.echo(f"{name}: {count} different texts embedded")
+    unchanged: list[str] = []
+    counts = embed_captions(records, load_text_encoder(encoder), splits=splits, on_unchanged=unchanged.append)
+    for name, count in counts.items():
+        state = "are embedded already, nothing to do" if name in unchanged else "embedded"
+        click.echo(f"{name}: {count} different texts {state}")
     return 0
-
-
-def _check_workers(workers: int) -> None:
-    if workers < 0:
-        raise ValueError(f"--workers is {workers}: it must be 0 or more")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -333,4 +327,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except click.Abort:
         return 130
+    except Exception as error:  # a fault of scjax itself: one line, as for all others
+        words = " ".join(str(error).split())
+        click.echo(f"error: {type(error).__name__}: {words}: please report this command as a fault of scjax", err=True)
+        return 1
     return code if isinstance(code, int) else 0

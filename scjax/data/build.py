@@ -15,11 +15,15 @@ import numpy as np
 from tqdm import tqdm
 
 from scjax.data.build_options import BuildOptions
-from scjax.data.build_shards import INDEX_COLUMNS, MANIFEST_FORMAT, Shard, build_shard, scan_log
+from scjax.data.build_shards import INDEX_COLUMNS, Shard, build_shard, scan_log
+from scjax.data.manifest import MANIFEST_FORMAT, file_entry
+from scjax.data.manifest import load_manifest as load_manifest
+from scjax.data.ranges import MAX_SEED, check_number, check_workers
 from scjax.data.readers import open_folder
 from scjax.data.readers.base import LogInfo
+from scjax.data.record_checks import RECORD_FORMAT
+from scjax.data.record_folder import locked_records
 from scjax.data.record_source import ReaderSource, RecordSource
-from scjax.data.records import RECORD_FORMAT
 from scjax.data.statistics import SceneStatistics
 from scjax.data.workers import WorkerPool
 from scjax.scene.files import write_file, write_text
@@ -53,20 +57,37 @@ def build_records(
       make_shard: the task that builds one shard.
 
     Raises:
-      ValueError: no scene files in ``source``, none usable, ``out`` is a file or, if ``strict``, the first bad file.
+      ValueError: an argument is out of its range, no scene files in ``source``, none usable, ``out`` is a file or in
+        use by another process or, if ``strict``, the first bad file.
+      OSError: a file cannot be written; names it.
     """
     options = options or BuildOptions()
+    check_workers(workers)
+    if limit is not None:
+        check_number("limit", limit, 1, MAX_SEED, "use at least one file")
     source = ReaderSource(open_folder(source)) if isinstance(source, str | Path) else source
     out = Path(out)
     files = source.names()[:limit]
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out} is not a folder: choose another output folder")
-    (out / "progress").mkdir(parents=True, exist_ok=True)
-    manifest_path = out / "manifest.json"
-    manifest_path.unlink(missing_ok=True)  # it vouches for a complete set of shards
-    for partial in out.glob(".*.part"):
-        partial.unlink()
+    with locked_records(out):
+        (out / "manifest.json").unlink(missing_ok=True)  # it vouches for a complete set of shards
+        manifest = _build(source, out, files, options, workers, resume, strict, make_shard)
+        write_text(out / "manifest.json", json.dumps(manifest, indent=1))
+    return manifest
 
+
+def _build(
+    source: RecordSource,
+    out: Path,
+    files: list[str],
+    options: BuildOptions,
+    workers: int,
+    resume: bool,
+    strict: bool,
+    make_shard: Callable[[tuple[RecordSource, str, Shard, bool]], dict[str, Any]],
+) -> dict[str, Any]:
+    """Writes everything but the manifest, which it returns."""
     with WorkerPool(workers) as run:
         infos = list(_progress(run(scan_log, [(source, file) for file in files]), len(files), "scan", "file"))
         _stop_if_strict(strict, _skipped(infos))
@@ -91,41 +112,6 @@ def build_records(
         split_reports = [report for report in reports if report["name"].startswith(split)]
         _write_index(out, split, split_reports)
         _write_labels(out, split, split_reports)
-    write_text(manifest_path, json.dumps(manifest, indent=1))
-    return manifest
-
-
-def load_manifest(folder: str | Path) -> dict[str, Any]:
-    """manifest.json of a record folder.
-
-    Keys:
-      format, record_format: format numbers.
-      hash: of sources and options.
-      options: ``BuildOptions``.
-      domains: names of the data sets; records hold indices.
-      splits: clusters, scenes, records and shards of each split.
-      counts: rows of domain, number of lanes, number of agents, number of centered training tiles at standard poses.
-      statistics: per column, of training records.
-      cleaned: filled sizes and clipped speeds.
-      skipped: files and reasons; ``without_poses``: files.
-      doubts, notes: files, and what was found in them how often: what looks wrong, what may be of interest.
-      sources: file -> sha256.
-
-    Raises:
-      ValueError: if it is missing (the build is not finished), damaged, or of another format.
-    """
-    path = Path(folder) / "manifest.json"
-    try:
-        manifest = json.loads(path.read_text())
-    except FileNotFoundError as error:
-        raise ValueError(f"{path}: not there: run `python -m scjax.data build SOURCE {folder}` to its end") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: not valid JSON ({error}): build the records again") from error
-    if manifest.get("format") != MANIFEST_FORMAT or manifest.get("record_format") != RECORD_FORMAT:
-        raise ValueError(
-            f"{path}: format {manifest.get('format')}/{manifest.get('record_format')}, this code reads "
-            f"{MANIFEST_FORMAT}/{RECORD_FORMAT}: build the records again"
-        )
     return manifest
 
 
@@ -182,6 +168,7 @@ def _make_manifest(
         "statistics": statistics.summary(),
         "counts": [[*key, count] for key, count in sorted(count_table.items())],
         "sources": {info.file: info.sha256 for info in infos if not info.reason},
+        "files": {f"{entry['name']}.arrayrecord": file_entry(entry["bytes"], entry["sha256"]) for entry in reports},
     }
     content = [[shard.fingerprint() for shard in shards], manifest["skipped"]]
     return {"hash": hashlib.sha256(json.dumps(content).encode()).hexdigest(), **manifest}
@@ -228,6 +215,10 @@ def _remove_stale_shards(out: Path, shards: list[Shard]) -> None:
         if progress.stem not in planned:
             (out / f"{progress.stem}.arrayrecord").unlink(missing_ok=True)
             progress.unlink()
+    for split in SPLITS:
+        for path in out.glob(f"{split}-*.arrayrecord"):
+            if path.stem not in planned:
+                raise ValueError(f"{path} was not written by this build: remove it, or choose another output folder")
 
 
 def _stop_if_strict(strict: bool, skipped: list[dict[str, str]]) -> None:

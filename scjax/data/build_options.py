@@ -5,6 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 from scjax.data.join_options import JOIN_DISTANCE, JoinOptions
+from scjax.data.ranges import MAX_COUNT, check_number
+
+MIN_SPACING = 0.01  # m between two poses
+_PERCENT = "it must be at least 0 and below 100"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -41,14 +45,13 @@ class BuildOptions:
     lane_poses: int = 0
 
     def __post_init__(self):
-        if not 0 <= self.split_percent < 100:
-            raise ValueError(f"split_percent is {self.split_percent}: it must be at least 0 and below 100")
-        if self.files_per_shard < 1:
-            raise ValueError(f"files_per_shard is {self.files_per_shard}: it must be at least 1")
+        check_number("split_percent", self.split_percent, 0, 100, _PERCENT, whole=False)
+        if self.split_percent == 100:
+            raise ValueError(f"split_percent is {self.split_percent}: {_PERCENT}")
+        check_number("files_per_shard", self.files_per_shard, 1, MAX_COUNT)
         JoinOptions(self.join_distance)
-        if self.lane_poses < 0:
-            raise ValueError(f"lane_poses is {self.lane_poses}: it must be at least 0")
+        check_number("lane_poses", self.lane_poses, 0, MAX_COUNT)
         for name, poses in (("poses", self.poses), ("train_poses", self.train_poses)):
-            for field, value in dataclasses.asdict(poses).items():
-                if value <= 0:
-                    raise ValueError(f"{name}.{field} is {value}: it must be positive")
+            check_number(f"{name}.spacing", poses.spacing, MIN_SPACING, MAX_COUNT, whole=False)
+            for field in ("max_poses", "recorder_stride", "other_stride"):
+                check_number(f"{name}.{field}", getattr(poses, field), 1, MAX_COUNT)

@@ -8,19 +8,23 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from msgspec import Struct
 
 from scjax.data.build_options import BuildOptions
 from scjax.data.local_map import simplify_graph
+from scjax.data.manifest import MANIFEST_FORMAT
 from scjax.data.readers.base import LogInfo
+from scjax.data.record_checks import RECORD_FORMAT
 from scjax.data.record_source import RecordSource
-from scjax.data.records import RECORD_FORMAT, encode_record, make_record, sample_scene, write_shard
+from scjax.data.records import encode_record, make_record, sample_scene, write_shard
+from scjax.data.shards import stamp_file
 from scjax.data.statistics import SceneStatistics
+from scjax.scene.document import parse_document
 from scjax.scene.files import write_text
 
-MANIFEST_FORMAT = 1
 INDEX_COLUMNS = (  # of a report's "rows", one per record
     "scene",
     "cluster",
@@ -86,23 +90,37 @@ def build_shard(task: tuple[RecordSource, str, Shard, bool]) -> dict[str, Any]:
             except ValueError as error:
                 report["skipped"].append({"file": item.file, "reason": str(error)})
 
-    progress.unlink(missing_ok=True)
+    write_text(progress, json.dumps({"name": shard.name}))  # an unfinished shard is known by this
     write_shard(path, encoded_records())
-    report |= {"statistics": statistics.state, "bytes": path.stat().st_size}
+    report |= {"statistics": statistics.state, **stamp_file(path)._asdict()}
     write_text(progress, json.dumps(report))
     return report
 
 
+class _Report(Struct):
+    """The fields of a report that are read again; see ``build_shard``."""
+
+    name: str
+    fingerprint: str
+    bytes: int
+    sha256: str
+    skipped: list[dict[Literal["file", "reason"], str]]
+    without_poses: list[str]
+    rows: list[tuple[str, str, int, int, int, int, int, int, int]]
+    scenes: int
+    cleaned: dict[str, int]
+    statistics: dict[Literal["agents", "lanes"], dict[str, Any]]
+
+
 def _finished_report(path: Path, progress: Path, fingerprint: str) -> dict[str, Any] | None:
     """The stored report on the shard at ``path``, if it is complete and rebuilding it would change nothing."""
-    if not path.exists() or not progress.exists():
-        return None
     try:
-        report = json.loads(progress.read_text())
-    except ValueError:
+        text = progress.read_bytes()
+        report = parse_document(text, _Report, progress, "it is written again")
+        is_current = report.fingerprint == fingerprint and (report.bytes, report.sha256) == stamp_file(path)
+    except (OSError, ValueError):
         return None
-    is_current = report.get("fingerprint") == fingerprint and report.get("bytes") == path.stat().st_size
-    return report if is_current else None
+    return json.loads(text) if is_current else None
 
 
 def _encode_log(

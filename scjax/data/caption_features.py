@@ -1,15 +1,13 @@
 """Token features of the captions of records: encoded once, then only read.
 
 ``text-<split>.bin`` holds the features of every different text (float16, text after text). ``text-<split>.npz`` holds
-where each text starts, which texts belong to a record, the hash of the captions and the name of the encoder.
+where each text starts, which texts belong to a record, the hashes of the captions and of the features, and the name of
+the encoder.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +15,21 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from scjax.data.captions import captions_path, read_captions
+from scjax.data.record_folder import locked_records
+from scjax.data.shards import stamp_file
 from scjax.encoders.base import TextEncoder
+from scjax.scene.files import whole_file
+from scjax.scene.npz import read_npz
 
 FORMAT = 1
+_KINDS = {
+    **{"format": "iu", "captions": "U", "encoder": "U", "width": "iu", "starts": "iu", "first": "iu", "texts": "iu"},
+    "features": "U",
+}
+_MAX_WIDTH = 1 << 16  # features of a token
 _BATCH_SIZE = 256  # texts
 _SLOT_STEP = 16  # tokens
+_ROWS = ("starts", "first", "texts")  # first token of each text, first text of each record, texts of records
 
 
 class TextStore:
@@ -31,24 +39,23 @@ class TextStore:
       encoder: name of the encoder; width: features of a token.
 
     Raises:
-      ValueError: if there are none, or the captions have been written again since.
+      ValueError: if there are none, they are damaged, or the captions have been written again since.
     """
 
     def __init__(self, folder: str | Path, split: str):
         index, data = _paths(Path(folder), split)
         remedy = f"run python -m scjax.data embed {folder}"
         if not index.is_file() or not data.is_file():
-            raise ValueError(f"{index} is not there: {remedy}")
-        try:
-            with index.open("rb") as file, np.load(file) as content:
-                arrays = dict(content)
-        except (ValueError, OSError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{index} is damaged ({error}): {remedy} again") from error
-        if int(arrays["format"]) != FORMAT or str(arrays["captions"]) != _digest(Path(folder), split):
+            raise ValueError(f"{index if data.is_file() else data} is not there: {remedy}")
+        arrays = read_npz(index, _KINDS, f"it is damaged: {remedy} again", optional=frozenset({"features"}))
+        if fault := _find_fault(arrays):
+            raise ValueError(f"{index} is damaged ({fault}): {remedy} again")
+        if int(arrays["format"]) != FORMAT or str(arrays["captions"]) != _digest(Path(folder), split, remedy):
             raise ValueError(f"{index} belongs to other captions, or has another format: {remedy} again")
         self.encoder, self.width = str(arrays["encoder"]), int(arrays["width"])
-        self._token_starts, self._text_starts, self._texts = arrays["starts"], arrays["first"], arrays["texts"]
+        self._token_starts, self._text_starts, self._texts = (arrays[k].astype(np.int64) for k in _ROWS)
         self._longest = int(np.diff(self._token_starts).max(initial=1))
+        _compare(data, 2 * self.width * int(self._token_starts[-1]), arrays.get("features"), f"{remedy} again")
         self._features_path = data
         self._tokens: np.ndarray | None = None
 
@@ -80,34 +87,44 @@ class TextStore:
 
 
 def embed_captions(
-    folder: str | Path, encoder: TextEncoder, *, splits: Sequence[str] = ("train", "val"), progress: bool = True
+    folder: str | Path,
+    encoder: TextEncoder,
+    *,
+    splits: Sequence[str] = ("train", "val"),
+    progress: bool = True,
+    on_unchanged: Callable[[str], object] = lambda split: None,
 ) -> dict[str, int]:
     """Encodes the captions of the splits that have any; returns the number of different texts of each.
 
     A split whose captions and encoder are unchanged is left as it is.
 
+    Args:
+      on_unchanged: called with the name of every split that is left as it is.
+
     Raises:
-      ValueError: no split has captions.
+      ValueError: no split has captions, they are damaged, another process uses the folder, or features are not finite.
+      OSError: a file cannot be written; names it.
     """
     folder, counts = Path(folder), {}
-    for split in splits:
-        if not captions_path(folder, split).is_file():
-            continue
-        try:
-            store = TextStore(folder, split)
-            if store.encoder == encoder.name:
-                counts[split] = store.num_texts
-                continue
-        except ValueError:
-            pass
-        rows: list[list[int]] = []
-        index_of: dict[str, int] = {}
-        for caption in read_captions(folder, split):
-            texts = [text for style in caption.texts.values() for text in style]
-            rows.append([index_of.setdefault(text, len(index_of)) for text in texts])
-        counts[split] = _write(folder, split, list(index_of), rows, encoder, progress)
-    if not counts:
+    splits = [split for split in splits if captions_path(folder, split).is_file()]
+    if not splits:
         raise ValueError(f"{folder} holds no captions: run python -m scjax.data caption {folder}")
+    with locked_records(folder):
+        for split in splits:
+            try:
+                store = TextStore(folder, split)
+                if store.encoder == encoder.name:
+                    counts[split] = store.num_texts
+                    on_unchanged(split)
+                    continue
+            except ValueError:
+                pass
+            rows: list[list[int]] = []
+            index_of: dict[str, int] = {}
+            for caption in read_captions(folder, split):
+                texts = [text for style in caption.texts.values() for text in style]
+                rows.append([index_of.setdefault(text, len(index_of)) for text in texts])
+            counts[split] = _write(folder, split, list(index_of), rows, encoder, progress)
     return counts
 
 
@@ -115,37 +132,78 @@ def _write(
     folder: Path, split: str, texts: Sequence[str], rows: list[list[int]], encoder: TextEncoder, progress: bool
 ) -> int:
     index, data = _paths(folder, split)
-    temporary = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in (index, data)]
     lengths = np.zeros(len(texts), np.int64)
-    index.unlink(missing_ok=True)  # its presence says that the features are complete
     bar = tqdm(total=len(texts), desc=f"texts of {split}", unit="text", disable=not progress)
-    with temporary[1].open("wb") as file, bar:
+    with whole_file(data) as file, bar:
         for start in range(0, len(texts), _BATCH_SIZE):
             encoded = encoder(texts[start : start + _BATCH_SIZE])
             for row, text in enumerate(encoded):
                 lengths[start + row] = len(text.features)
-                file.write(text.features.astype(np.float16).tobytes())
+                file.write(_checked(text.features, encoder.name, texts[start + row]).tobytes())
             bar.update(len(encoded))
-    temporary[1].replace(data)
-    with temporary[0].open("wb") as file:
-        np.savez(
-            file,
-            format=FORMAT,
-            captions=_digest(folder, split),
-            encoder=encoder.name,
-            width=encoder.width,
-            starts=np.concatenate([[0], np.cumsum(lengths)]),
-            first=np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64),
-            texts=np.array([text for row in rows for text in row], np.int64),
-        )
-    temporary[0].replace(index)
+        index.unlink(missing_ok=True)  # it describes the features that are replaced now
+    arrays = {
+        "format": FORMAT,
+        "captions": _digest(folder, split, "caption the records again"),
+        "encoder": encoder.name,
+        "width": encoder.width,
+        "starts": np.concatenate([[0], np.cumsum(lengths)]),
+        "first": np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64),
+        "texts": np.array([text for row in rows for text in row], np.int64),
+        "features": stamp_file(data).sha256,
+    }
+    with whole_file(index) as file:
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
     return len(texts)
+
+
+def _checked(features: np.ndarray, encoder: str, text: str) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        features = features.astype(np.float16)
+    if not np.isfinite(features).all():
+        raise ValueError(
+            f"the text encoder {encoder} gives features of {text[:60]!r} that are NaN or above 65504: its weights are "
+            "damaged, or too large for float16: choose another encoder"
+        )
+    return features
+
+
+def _find_fault(arrays: dict[str, np.ndarray]) -> str:
+    """What is wrong with the arrays of an index; empty if nothing is."""
+    for name in _KINDS:
+        if name in arrays and arrays[name].ndim != (name in _ROWS):
+            return f"{name} has the shape {arrays[name].shape}"
+    starts, first, texts = (arrays[name] for name in _ROWS)
+    if not 1 <= int(arrays["width"]) <= _MAX_WIDTH:
+        return f"width is {arrays['width']}"
+    if not (len(starts) and starts[0] == 0 and (starts[1:] >= starts[:-1]).all()):
+        return "starts does not rise from 0"
+    if not (len(first) and first[0] == 0 and (first[1:] > first[:-1]).all() and first[-1] == len(texts)):
+        return f"first does not rise from 0 to {len(texts)}"
+    if texts.size and not (0 <= texts.min() and texts.max() < len(starts) - 1):
+        return f"texts holds numbers outside of 0..{len(starts) - 2}"
+    return ""
+
+
+def _compare(data: Path, size: int, digest: np.ndarray | None, cure: str) -> None:
+    """Raises a ValueError if ``data`` is not the file of features that the index describes."""
+    try:
+        actual = data.stat().st_size
+        if actual != size:
+            raise ValueError(f"{data} has {actual} bytes, not the {size} of its index: {cure}")
+        if digest is not None and stamp_file(data).sha256 != str(digest):  # older indices have none
+            raise ValueError(f"{data} holds other bytes than were written: {cure}")
+    except OSError as error:
+        raise ValueError(f"{data} cannot be read ({error.strerror}): {cure}") from error
 
 
 def _paths(folder: Path, split: str) -> tuple[Path, Path]:
     return folder / f"text-{split}.npz", folder / f"text-{split}.bin"
 
 
-def _digest(folder: Path, split: str) -> str:
-    with captions_path(folder, split).open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _digest(folder: Path, split: str, remedy: str) -> str:
+    path = captions_path(folder, split)
+    try:
+        return stamp_file(path).sha256
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror}): {remedy}") from error

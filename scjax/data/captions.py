@@ -9,21 +9,28 @@ from __future__ import annotations
 import functools
 import gzip
 import json
-import os
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from msgspec import Meta, Struct
 from tqdm import tqdm
 
 from scjax.data import records
-from scjax.data.build import load_manifest
+from scjax.data.manifest import load_manifest
+from scjax.data.ranges import check_number, check_seed, check_workers
+from scjax.data.record_folder import locked_records
 from scjax.data.workers import WorkerPool
 from scjax.language.captioner import STYLES, write_caption
 from scjax.language.facts import Facts, extract_facts
+from scjax.scene.document import parse_document
+from scjax.scene.files import MEGABYTE, whole_file
 
 FORMAT = 2
+_MAX_PARAPHRASES = 1000
+_MAX_LINE = MEGABYTE  # bytes
 
 
 class Caption(NamedTuple):
@@ -53,30 +60,31 @@ def add_captions(
       progress: whether to show a progress bar.
 
     Raises:
-      ValueError: the folder holds no records, ``paraphrases`` is less than 1, ``drop`` is no probability, or
-        ``workers`` less than 0.
+      ValueError: the folder holds no records, is in use by another process, or an argument is out of its range.
+      OSError: a file cannot be written; names it.
     """
-    if paraphrases < 1:
-        raise ValueError(f"paraphrases is {paraphrases}: write at least one text of each style")
-    if not 0 <= drop <= 1:
-        raise ValueError(f"drop is {drop}: give a probability, 0 to write all facts")
-    if workers < 0:
-        raise ValueError(f"workers is {workers}: give 0 or more processes")
+    most = _MAX_PARAPHRASES
+    check_number("paraphrases", paraphrases, 1, most, f"write at least one text of each style, {most} at most")
+    check_number("drop", drop, 0, 1, "give a probability, 0 to write all facts", whole=False)
+    check_seed(seed)
+    check_workers(workers)
     folder, counts = Path(folder), {}
-    manifest = load_manifest(folder)
-    for split, entry in manifest["splits"].items():
-        if not entry["records"]:
-            continue
-        path = captions_path(folder, split)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-        caption = functools.partial(_caption_line, folder, split, manifest["hash"], paraphrases, drop, seed)
-        rows, label = range(entry["records"]), f"captions of {split}"
-        with gzip.open(temporary, "wt", encoding="utf-8") as file, WorkerPool(workers, chunk_size=32) as run:
-            file.write(json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}) + "\n")
-            lines = run(caption, rows)
-            file.writelines(tqdm(lines, label, total=len(rows), unit="record", disable=not progress))
-        temporary.replace(path)
-        counts[split] = len(rows)
+    load_manifest(folder)  # a folder without one stays untouched
+    with locked_records(folder):
+        manifest = load_manifest(folder)
+        for split, entry in manifest["splits"].items():
+            if not entry["records"]:
+                continue
+            head = {"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}
+            caption = functools.partial(_caption_line, folder, split, manifest["hash"], paraphrases, drop, seed)
+            rows, label = range(entry["records"]), f"captions of {split}"
+            with whole_file(captions_path(folder, split)) as file, WorkerPool(workers, chunk_size=32) as run:
+                lines = tqdm(run(caption, rows), label, total=len(rows), unit="record", disable=not progress)
+                # Without name and time in the head, equal captions are equal bytes.
+                with gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed:
+                    packed.write(f"{json.dumps(head)}\n".encode())
+                    packed.writelines(line.encode() for line in lines)
+            counts[split] = len(rows)
     return counts
 
 
@@ -84,7 +92,7 @@ def _caption_line(
     folder: Path, split: str, records_hash: str, paraphrases: int, drop: float, seed: int, row: int
 ) -> str:
     """The line of one record in the captions file."""
-    record = records.decode_record(_open_records(folder, split, records_hash)[row])
+    record = records.read_record(_open_records(folder, split, records_hash), row)
     facts = extract_facts(records.sample_scene(record))
     seeds = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
     texts = {
@@ -101,22 +109,65 @@ def _open_records(folder: Path, split: str, records_hash: str):
     return records.open_records(folder, split)
 
 
+class _Head(Struct):
+    """The first line of a file of captions."""
+
+    format: Any = None
+    records: Any = None
+
+
+class _Line(Struct):
+    """The line of a record."""
+
+    facts: dict[str, Any]
+    texts: Annotated[dict[str, Annotated[list[str], Meta(min_length=1)]], Meta(min_length=1)]
+
+
 def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
     """Captions of a split, in record order.
 
     Raises:
-      ValueError: there are none, or they belong to other records or another format.
+      ValueError: there are none, they belong to other records or another format, or the file is damaged; then with the
+        number of the line.
     """
     path, remedy = captions_path(Path(folder), split), f"run python -m scjax.data caption {folder}"
     if not path.is_file():
         raise ValueError(f"{path} is not there: {remedy}")
-    with gzip.open(path, "rt", encoding="utf-8") as file:
-        head = json.loads(file.readline())
-        if head.get("format") != FORMAT or head.get("records") != load_manifest(folder)["hash"]:
-            raise ValueError(f"{path} was written for other records or in another format: {remedy} again")
-        for line in file:
-            content = json.loads(line)
-            yield Caption(Facts.from_json(content["facts"]), content["texts"])
+    manifest = load_manifest(folder)
+    number = 0
+    with path.open("rb") as packed, gzip.GzipFile(fileobj=packed) as file:
+        for number, line in enumerate(_lines(file, path, remedy)):
+            name, cure = f"{path}, line {number + 1}", f"{remedy} again"
+            if not number:
+                head = parse_document(line, _Head, name, cure)
+                if head.format != FORMAT or head.records != manifest["hash"]:
+                    raise ValueError(f"{path} was written for other records or in another format: {cure}")
+                continue
+            content = parse_document(line, _Line, name, cure)
+            try:
+                facts = Facts.from_json(content.facts)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}: {cure}") from error
+            yield Caption(facts, content.texts)
+    expected = manifest["splits"].get(split, {"records": 0})["records"]
+    if number != expected:
+        raise ValueError(f"{path} holds captions of {number} records, but there are {expected}: {remedy} again")
+
+
+def _lines(file: gzip.GzipFile, path: Path, remedy: str) -> Iterator[bytes]:
+    """The lines of a packed file of text; at least one, if it is empty an empty one."""
+    number = 1
+    while True:
+        try:
+            line = file.readline(_MAX_LINE)
+        except (OSError, EOFError, zlib.error) as error:
+            raise ValueError(f"{path}, line {number}: the file is damaged ({error}): {remedy} again") from error
+        if line and not line.endswith(b"\n"):
+            raise ValueError(f"{path}, line {number}: it is cut short, or longer than any caption: {remedy} again")
+        if not line and number > 1:
+            return
+        yield line
+        number += 1
 
 
 def read_official(folder: str | Path, split: str, name: str) -> str | None:

@@ -23,4 +23,4 @@ class JoinOptions:
 
     def __post_init__(self):
         if not 0 < self.distance <= MAX_JOIN_DISTANCE:
-            raise ValueError(f"join distance is {self.distance} m: it must be above 0 and at most {MAX_JOIN_DISTANCE}")
+            raise ValueError(f"join_distance is {self.distance} m: it must be above 0 and at most {MAX_JOIN_DISTANCE}")

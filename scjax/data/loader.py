@@ -249,8 +249,8 @@ def training_batches(
       process, processes: number of this process, and of all; a process gets its rows of every batch.
 
     Raises:
-      ValueError: the texts are not those of the records, both texts and images are given, or images are given but no
-        window is ahead of the ego.
+      ValueError: as ``records.open_records``, and later as ``records.read_record``; the texts are not those of the
+        records, both texts and images are given, or images are given but no window is ahead of the ego.
     """
     if images and texts is not None:
         raise ValueError("a network reads texts or images: leave one of them out")
@@ -279,15 +279,15 @@ class _Examples:
     texts: TextStore | None
     images: bool
 
-    def draw(self, item: tuple[int, bytes], rng: np.random.Generator) -> Drawn:
-        """The augmented scene of a record (number, bytes), and one of its captions."""
-        number, data = item
+    def draw(self, item: tuple[int, records.SceneRecord], rng: np.random.Generator) -> Drawn:
+        """The augmented scene of a record and its number, and one of its captions."""
+        number, record = item
         config = self.config
         frequencies = np.cumsum(config.crops) / np.sum(config.crops)
         crop = Crop(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
-        scene = records.sample_scene(records.decode_record(data), crop, dx, dy, turn)
+        scene = records.sample_scene(record, crop, dx, dy, turn)
         scene = clip_counts(self.codec.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else sort_tokens(scene)[0]
         if self.texts is None or crop == Crop.FORWARD:
@@ -311,14 +311,14 @@ class _Examples:
 class _Numbered:
     """A source of (number, record) pairs."""
 
-    def __init__(self, source: Any):
+    def __init__(self, source: records.RecordShards):
         self._source = source
 
     def __len__(self) -> int:
         return len(self._source)
 
-    def __getitem__(self, index: int) -> tuple[int, bytes]:
-        return index, self._source[index]
+    def __getitem__(self, index: int) -> tuple[int, records.SceneRecord]:
+        return index, records.read_record(self._source, index)
 
 
 def validation_scenes(
@@ -332,10 +332,14 @@ def validation_scenes(
     """Every record of a split once, without jitter, unpadded, in file order, tokens in recursive order.
 
     Scenes larger than ``bucket`` lose their farthest agents and lanes.
+
+    Raises:
+      ValueError: as ``records.open_records`` and ``records.read_record``.
     """
     scenes = []
-    for data in records.open_records(folder, split):
-        scene = codec.select(records.sample_scene(records.decode_record(data), crop, 0.0, 0.0, 0.0))
+    stored = records.open_records(folder, split)
+    for row in range(len(stored)):
+        scene = codec.select(records.sample_scene(records.read_record(stored, row), crop, 0.0, 0.0, 0.0))
         scenes.append(sort_tokens(clip_counts(scene, bucket))[0])
     return scenes
 

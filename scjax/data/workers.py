@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import concurrent.futures.process
 import multiprocessing
 import os
 import threading
@@ -16,6 +17,9 @@ class WorkerPool:
     Args:
       workers: number of processes; 0: this process does the work.
       chunk_size: tasks that a process takes at a time.
+
+    Raises:
+      ValueError: while results are taken, if a process was killed.
     """
 
     def __init__(self, workers: int, chunk_size: int = 1):
@@ -32,7 +36,13 @@ class WorkerPool:
 
     def _run(self, function: Callable[..., Any], *tasks: Any) -> Iterator[Any]:
         assert self._pool is not None
-        return self._pool.map(function, *tasks, chunksize=self._chunk_size)
+        try:
+            yield from self._pool.map(function, *tasks, chunksize=self._chunk_size)
+        except concurrent.futures.process.BrokenProcessPool as error:
+            raise ValueError(
+                "a worker process was stopped from outside, perhaps for lack of memory: run the command again, with "
+                "fewer --workers"
+            ) from error
 
 
 def _exit_with_parent() -> None:

@@ -77,7 +77,8 @@ class RecordScenes:
     def _clusters(self) -> list[str]:
         from scjax.data import records
 
-        return [f"{record.domain}/{record.cluster}" for record in map(records.decode_record, self._data)]
+        rows = (records.read_record(self._data, row) for row in range(len(self._data)))
+        return [f"{record.domain}/{record.cluster}" for record in rows]
 
     def read(self, rows: Sequence[int]) -> list[Scene]:
         return [self.read_moved(int(row)) for row in rows]
@@ -87,7 +88,7 @@ class RecordScenes:
         from scjax.data import records
         from scjax.data.loader import clip_counts
 
-        record = records.decode_record(self._data[row])
+        record = records.read_record(self._data, row)
         return clip_counts(records.sample_scene(record, Crop.CENTERED, dx, dy, turn), LARGEST_COUNTS)
 
     def __getstate__(self):

@@ -25,6 +25,7 @@ from scjax.language.traffic import Traffic, count_traffic
 from scjax.language.turn_lanes import find_turn_lanes
 from scjax.metrics.pooling import singles
 from scjax.scene import AgentType, Scene, Signal
+from scjax.scene.document import convert_document
 
 FORMAT = 2
 RoadLayout = Literal[
@@ -119,7 +120,7 @@ class Facts:
         """Inverse of ``to_json``.
 
         Raises:
-          ValueError: another format, or an unknown field.
+          ValueError: another format, an unknown field, or a value of another type; names the field.
         """
         values = dict(content)
         if (version := values.pop("format", None)) != FORMAT:
@@ -127,10 +128,7 @@ class Facts:
         known = {field.name for field in dataclasses.fields(cls)}
         if unknown := sorted(set(values) - known):
             raise ValueError(f"facts hold unknown fields: {', '.join(unknown)}")
-        values["traffic"] = Traffic(**values.get("traffic", {}))
-        for name in ("turn_lanes", "ego_options", "events"):
-            values[name] = tuple(values.get(name, ()))
-        return cls(**values)
+        return convert_document(values, cls, "facts", "caption the scenes again")
 
 
 def extract_facts(scene: Scene) -> Facts:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from scjax.scene.limits import MAX_COORDINATE, MAX_SIZE, MAX_SLOTS, MAX_SPEED
 from scjax.scene.polyline import resample_polyline
@@ -26,6 +26,7 @@ MAX_CELLS = 1 << 24
 Id = Annotated[int, Meta(ge=0)] | str
 Coordinate = Annotated[float, Meta(gt=-MAX_COORDINATE, lt=MAX_COORDINATE)]
 Size = Annotated[float, Meta(gt=0, le=MAX_SIZE)]
+CropWord = Literal["centred", "centered", "partitioned", "forward"]
 Slots = Annotated[int, Meta(ge=0, le=MAX_SLOTS)]
 
 
@@ -65,8 +66,8 @@ class SceneRow(Struct, forbid_unknown_fields=True):
     agents: list[AgentRow]
     lanes: list[LaneRow]
     domain: Annotated[int, Meta(ge=0, lt=2**31)] = 0
-    layout: Literal["centred", "centered", "partitioned", "forward"] | None = None
-    crop: Literal["centred", "centered", "partitioned", "forward"] | None = None
+    layout: CropWord | UnsetType = UNSET
+    crop: CropWord | UnsetType = UNSET
 
 
 class SceneFile(Struct, forbid_unknown_fields=True):
@@ -76,7 +77,7 @@ class SceneFile(Struct, forbid_unknown_fields=True):
     version: Literal[1]
     scenes: list[SceneRow]
     units: dict[str, str] = {}
-    batch_shape: list[Slots] | None = None
+    batch_shape: list[Slots] | UnsetType = UNSET
     agent_slots: Slots = 0
     lane_slots: Slots = 0
     points_per_lane: Literal[20] = POINTS_PER_LANE
@@ -101,7 +102,7 @@ def scenes_of(content: SceneFile, name: str, size: int) -> Scene:
     for column, unit in content.units.items():
         if unit != UNITS.get(column):
             raise ValueError(f"{name}: units: {column!r} in {unit!r}: files hold {UNITS}: convert the values")
-    lead = content.batch_shape if content.batch_shape is not None else [len(content.scenes)]
+    lead = [len(content.scenes)] if content.batch_shape is UNSET else content.batch_shape
     if math.prod(lead) != len(content.scenes):
         raise ValueError(f"{name}: batch_shape {lead} does not fit {len(content.scenes)} scenes: correct one of them")
     agents = max([content.agent_slots, *(len(row.agents) for row in content.scenes)])

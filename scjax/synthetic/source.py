@@ -10,6 +10,7 @@ import numpy as np
 
 from scjax.data.build_options import BuildOptions
 from scjax.data.lane_graph import build_graph, index_segments
+from scjax.data.ranges import MAX_COUNT, check_number, check_seed
 from scjax.data.readers.base import LogInfo
 from scjax.data.record_source import PosedLog
 from scjax.data.tiles import pose_of
@@ -35,7 +36,7 @@ class Worlds:
         often. Empty: any event in some of the worlds.
 
     Raises:
-      ValueError: if ``count`` is less than 1, ``seed`` negative, ``ordinary`` no share, or an event unknown.
+      ValueError: if ``count``, ``seed`` or ``ordinary`` is out of its range, or an event unknown.
     """
 
     seed: int
@@ -44,14 +45,11 @@ class Worlds:
     events: tuple[str, ...] = ()
 
     def __post_init__(self):
-        if not 0 <= self.ordinary <= 1:
-            raise ValueError(f"ordinary is {self.ordinary}: give a share from 0 to 1")
+        check_number("ordinary", self.ordinary, 0, 1, "give a share from 0 to 1", whole=False)
         if unknown := set(self.events) - set(EVENTS):
             raise ValueError(f"unknown event {min(unknown)!r}: choose of {', '.join(EVENTS)}")
-        if self.count < 1 or self.seed < 0:
-            raise ValueError(
-                f"count is {self.count} and seed {self.seed}: give at least one world, a seed of 0 or more"
-            )
+        check_number("count", self.count, 1, MAX_COUNT, f"give at least one world, {MAX_COUNT} at most")
+        check_seed(self.seed)
 
     def names(self) -> list[str]:
         """``seed/k`` of every world."""

@@ -10,7 +10,9 @@ from scjax import cli
 from scjax.cli.data import main
 from scjax.data import build_shards
 from scjax.data.build import load_manifest
+from scjax.scene.files import locked_folder
 from tests.factories import scene_files
+from tests.factories.words import Words
 
 
 @pytest.fixture
@@ -56,12 +58,83 @@ def test_build_strict_exits_1_at_bad_file(build, scenes, capsys):
 
 
 @pytest.mark.parametrize(
-    "option", [("--limit", "0"), ("--workers", "-1"), ("--spacing", "0"), ("--files-per-shard", "0")]
+    "option",
+    [
+        ("--limit", "0"),
+        ("--workers", "-1"),
+        ("--workers", "100000"),
+        ("--files-per-shard", "0"),
+        ("--files-per-shard", "99999999999999999999"),
+        ("--split-percent", "nan"),
+        ("--split-percent", "100"),
+        ("--spacing", "0"),
+        ("--spacing", "nan"),
+        ("--train-spacing", "inf"),
+        ("--max-poses", "0"),
+        ("--train-recorder-stride", "-3"),
+        ("--other-stride", "99999999999999999999"),
+    ],
 )
-def test_build_bad_value_exits_1(build, option, capsys):
+def test_build_bad_value_exits_1(build, option, tmp_path, capsys):
     assert main([*build, *option]) == 1
     error = capsys.readouterr().err
-    assert error.startswith("error: ") and "Traceback" not in error
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert not (tmp_path / "records").exists()
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--worlds", "0"),
+        ("--worlds", "99999999999999"),
+        ("--seed", "-1"),
+        ("--seed", str(2**63)),
+        ("--ordinary", "nan"),
+        ("--split-percent", "-inf"),
+        ("--workers", "-1"),
+    ],
+)
+def test_synthetic_bad_value_exits_1(option, tmp_path, capsys):
+    assert main(["synthetic", str(tmp_path / "records"), "--workers", "0", *option]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert not (tmp_path / "records").exists()
+
+
+@pytest.mark.parametrize("command", ["build", "synthetic", "caption", "embed"])
+def test_second_process_is_refused(command, build, tmp_path, monkeypatch, capsys):
+    records = tmp_path / "records"
+    assert main(build) == 0 and main(["caption", str(records), "--workers", "0"]) == 0
+    monkeypatch.setattr("scjax.encoders.text.load_text_encoder", lambda folder: Words())
+    words = {"build": build, "synthetic": ["synthetic", str(records), "--worlds", "1"]}
+    capsys.readouterr()
+    with locked_folder(records):
+        assert main(words.get(command, [command, str(records)])) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and "in use by another process" in error and error.count("\n") == 1
+
+
+def test_embed_again_says_that_nothing_is_to_do(build, tmp_path, monkeypatch, capsys):
+    """Captions are written again with the same options: the same bytes, whose features stay."""
+    monkeypatch.setattr("scjax.encoders.text.load_text_encoder", lambda folder: Words())
+    records = str(tmp_path / "records")
+    for command in (build, ["caption", records, "--workers", "0"], ["embed", records]):
+        assert main(command) == 0
+    assert "different texts embedded" in capsys.readouterr().out
+    before = (tmp_path / "records" / "text-train.bin").stat().st_mtime_ns
+    assert main(["caption", records, "--workers", "0"]) == 0 and main(["embed", records]) == 0
+    assert "nothing to do" in capsys.readouterr().out
+    assert (tmp_path / "records" / "text-train.bin").stat().st_mtime_ns == before
+
+
+def test_fault_of_the_program_is_one_line(build, monkeypatch, capsys):
+    def fail(*_):
+        raise TypeError("an integer\nis required")
+
+    monkeypatch.setattr(build_shards, "write_shard", fail)
+    assert main(build) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: TypeError: an integer is required: please report") and error.count("\n") == 1
 
 
 def test_build_without_scenes_exits_1(tmp_path, capsys):
@@ -124,7 +197,11 @@ def test_synthetic_takes_several_events(tmp_path, capsys):
     ("option", "message"),
     [
         (("--paraphrases", "0"), "at least one text"),
+        (("--paraphrases", "99999999"), "1000 at most"),
         (("--drop", "1.5"), "a probability"),
+        (("--drop", "nan"), "a probability"),
+        (("--seed", "-1"), "a whole number from 0"),
+        (("--seed", str(2**63)), "a whole number from 0"),
         (("--workers", "-1"), "0 or more processes"),
         ((), "manifest.json: not there"),
     ],

@@ -1,7 +1,12 @@
 from __future__ import annotations
 
+import os
+import shutil
+
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
@@ -10,7 +15,9 @@ from scjax.data.captions import add_captions, captions_path, read_captions
 from scjax.data.loader import LoaderConfig, training_batches
 from scjax.models.codec import scjax
 from scjax.scene import Crop
+from scjax.scene.files import part_path
 from scjax.synthetic.source import Worlds
+from tests.factories.damage import damaged_bytes
 from tests.factories.words import Words
 
 
@@ -92,3 +99,110 @@ def test_text_store_refuses_missing_and_stale_files(folder, tmp_path):
     (tmp_path / "text-val.npz").write_bytes(b"PK\x03\x04 cut")
     with pytest.raises(ValueError, match="damaged"):
         TextStore(tmp_path, "val")
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    """A folder with the captions and features of the validation split, which may be damaged."""
+    for name in ("manifest.json", captions_path(folder, "val").name, "text-val.npz", "text-val.bin"):
+        shutil.copy(folder / name, tmp_path / name)
+    return tmp_path
+
+
+def _rewrite(folder, **changes):
+    with np.load(folder / "text-val.npz") as index:
+        arrays = {**index, **changes}
+    np.savez(folder / "text-val.npz", **{name: value for name, value in arrays.items() if value is not None})
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"starts": np.array([0, 7, 3])}, "starts does not rise from 0"),
+        ({"starts": np.array([], np.int64)}, "starts does not rise from 0"),
+        ({"starts": np.array([0, 7])}, "texts holds numbers outside of 0..0"),
+        ({"first": np.array([0, 2, 2, 4])}, "first does not rise from 0"),
+        ({"texts": np.array(3)}, r"texts has the shape \(\)"),
+        ({"texts": np.array([0.5])}, "texts has the type float64"),
+        ({"width": np.array(0)}, "width is 0"),
+        ({"width": np.array(6)}, r"\.bin has \d+ bytes, not the \d+ of its index"),
+        ({"encoder": None}, r"lacks the arrays \['encoder'\]"),
+        ({"format": np.array(9)}, "has another format"),
+    ],
+)
+def test_text_store_names_what_is_wrong(copy, changes, fault):
+    _rewrite(copy, **changes)
+    with pytest.raises(ValueError, match=rf"text-val.*{fault}.*scjax\.data embed"):
+        TextStore(copy, "val")
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(draw=st.data(), name=st.sampled_from(["text-val.npz", "text-val.bin"]))
+def test_text_store_of_damaged_files(folder, copy, draw, name):
+    expected = TextStore(folder, "val")
+    for other in ("text-val.npz", "text-val.bin"):
+        shutil.copy(folder / other, copy / other)
+    data = (folder / name).read_bytes()
+    (copy / name).write_bytes(damaged := draw.draw(damaged_bytes(data)))
+    try:
+        store = TextStore(copy, "val")
+    except ValueError as error:
+        assert str(copy / "text-val") in str(error) and "\n" not in str(error)
+        return
+    assert name == "text-val.npz" or damaged == data
+    for text in range(expected.num_texts):
+        np.testing.assert_array_equal(store.features(text), expected.features(text))
+
+
+def test_text_store_without_hash_is_read(folder, copy):
+    _rewrite(copy, features=None)
+    assert len(TextStore(copy, "val")) == len(TextStore(folder, "val"))
+    (copy / "text-val.bin").write_bytes((copy / "text-val.bin").read_bytes()[:-2])
+    with pytest.raises(ValueError, match=r"text-val\.bin has \d+ bytes"):
+        TextStore(copy, "val")
+
+
+def test_text_store_finds_changed_features(copy):
+    data = np.fromfile(copy / "text-val.bin", np.float16)
+    data[3] = np.nan
+    data.tofile(copy / "text-val.bin")
+    with pytest.raises(ValueError, match=r"text-val\.bin holds other bytes than were written"):
+        TextStore(copy, "val")
+    assert embed_captions(copy, Words(), progress=False)["val"] == TextStore(copy, "val").num_texts
+
+
+class _BadWords(Words):
+    """An encoder with damaged weights."""
+
+    name = "words-2"
+
+    def __init__(self, value):
+        super().__init__()
+        self.value = value
+
+    def __call__(self, texts):
+        return [text._replace(features=np.full_like(text.features, self.value)) for text in super().__call__(texts)]
+
+
+@pytest.mark.parametrize("value", [np.nan, 1e6])
+def test_embed_captions_refuses_features_that_are_not_finite(copy, value):
+    with pytest.raises(ValueError, match=r"words-2 gives features of '.*' that are NaN or above"):
+        embed_captions(copy, _BadWords(value), progress=False)
+    assert TextStore(copy, "val").encoder == Words.name and not list(copy.glob(".*.part"))
+
+
+def test_embed_captions_removes_parts_of_killed_runs(copy):
+    """Also of a process whose number another one has today, and of earlier versions."""
+    (copy / f".text-val.bin.{os.getpid()}.part").write_bytes(b"half of the features")
+    part_path(copy / "text-train.bin").write_bytes(b"half of the features")
+    embed_captions(copy, Words(), progress=False)
+    assert not list(copy.glob(".*.part"))
+
+
+def test_embed_captions_of_equal_captions_has_nothing_to_do(folder, copy):
+    for path in folder.glob("*.arrayrecord"):
+        shutil.copy(path, copy / path.name)
+    add_captions(copy, paraphrases=1, progress=False)
+    unchanged, encoder = [], Words()
+    embed_captions(copy, encoder, splits=("val",), progress=False, on_unchanged=unchanged.append)
+    assert unchanged == ["val"] and not encoder.calls

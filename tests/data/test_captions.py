@@ -5,14 +5,17 @@ import json
 import shutil
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from scjax.cli.data import main
 from scjax.data import records
 from scjax.data.build import build_records
-from scjax.data.captions import read_captions, read_official
+from scjax.data.captions import add_captions, read_captions, read_official
 from scjax.language.captioner import STYLES
 from scjax.language.facts import extract_facts
 from scjax.synthetic.source import Worlds
+from tests.factories.damage import damaged_bytes
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +81,91 @@ def test_read_captions_refuses_other_records(folder, tmp_path):
         path.write_bytes(original)
     with pytest.raises(ValueError, match="is not there: run python"):
         next(read_captions(folder, "nothing"))
+
+
+def test_captions_again_are_equal_bytes(folder):
+    """Otherwise features of the captions would be thrown away; gzip writes the time, unless it is told not to."""
+    path = folder / "captions-train.jsonl.gz"
+    original = path.read_bytes()
+    assert original[:10] == b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x02\xff"  # no flags, no time
+    assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
+    assert path.read_bytes() == original
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    """A folder with captions that may be damaged."""
+    for name in ("manifest.json", "captions-train.jsonl.gz"):
+        shutil.copy(folder / name, tmp_path / name)
+    return tmp_path
+
+
+def _rewrite(folder, change):
+    path = folder / "captions-train.jsonl.gz"
+    lines = gzip.decompress(path.read_bytes()).decode().splitlines()
+    change(lines)
+    path.write_bytes(gzip.compress("".join(f"{line}\n" for line in lines).encode()))
+
+
+def _edit_facts(lines, **facts):
+    content = json.loads(lines[3])
+    content["facts"] |= facts
+    lines[3] = json.dumps(content)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda lines: lines.__setitem__(3, "{"), "line 4 is no JSON"),
+        (
+            lambda lines: lines.__setitem__(3, '{"facts": {}, "texts": {}}'),
+            "line 4: texts: expected `object` of length",
+        ),
+        (lambda lines: lines.__setitem__(3, '{"facts": {}, "texts": {"short": [3]}}'), "line 4: texts"),
+        (lambda lines: lines.__setitem__(0, "[]"), "line 1: expected `object`"),
+        (lambda lines: _edit_facts(lines, lanes_same="2"), "line 4: facts: lanes_same: expected `int`"),
+        (lambda lines: _edit_facts(lines, layout="moon"), "line 4: facts: layout: invalid enum value"),
+        (lambda lines: _edit_facts(lines, traffic={"vehicles": None}), "line 4: facts: traffic.vehicles: expected"),
+        (lambda lines: _edit_facts(lines, more=1), "line 4: facts hold unknown fields: more"),
+        (lambda lines: lines.pop(), "holds captions of"),
+        (lambda lines: lines.append(lines[-1]), "holds captions of"),
+        (list.clear, "line 1 is no JSON"),
+    ],
+)
+def test_read_captions_names_the_line(copy, change, fault):
+    _rewrite(copy, change)
+    with pytest.raises(ValueError, match=rf"captions-train\.jsonl\.gz.*{fault}.*scjax\.data caption"):
+        list(read_captions(copy, "train"))
+
+
+def test_read_captions_of_a_truncated_file(copy):
+    path = copy / "captions-train.jsonl.gz"
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ValueError, match=r"captions-train\.jsonl\.gz, line \d+: the file is damaged"):
+        list(read_captions(copy, "train"))
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(draw=st.data())
+def test_read_captions_of_damaged_files(folder, copy, draw):
+    path = copy / "captions-train.jsonl.gz"
+    path.write_bytes(draw.draw(damaged_bytes((folder / path.name).read_bytes())))
+    try:
+        number = len(list(read_captions(copy, "train")))
+    except ValueError as error:
+        assert str(path) in str(error) and "\n" not in str(error)
+    else:
+        assert number == len(records.open_records(folder, "train"))
+
+
+def test_captions_stay_as_they_are_if_records_cannot_be_read(folder, tmp_path):
+    copy = shutil.copytree(folder, tmp_path / "records")
+    before = (copy / "captions-train.jsonl.gz").read_bytes()
+    shard = copy / "train-00000-of-00001.arrayrecord"
+    shard.write_bytes(shard.read_bytes()[:-9])
+    with pytest.raises(ValueError, match=r"train-00000-of-00001\.arrayrecord: has"):
+        add_captions(copy, progress=False)
+    assert (copy / "captions-train.jsonl.gz").read_bytes() == before and not list(copy.glob(".*.part"))
 
 
 def test_read_official(tmp_path):

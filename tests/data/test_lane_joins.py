@@ -53,7 +53,7 @@ def test_inferred_joins_up_to_the_distance(gap, distance, joined):
 
 @pytest.mark.parametrize("distance", [0.0, -1.0, 1.01, float("nan"), float("inf")])
 def test_join_options_refuse_distances_out_of_range(distance):
-    with pytest.raises(ValueError, match="join distance is"):
+    with pytest.raises(ValueError, match="join_distance is"):
         JoinOptions(distance)
 
 
