@@ -161,8 +161,8 @@ def _number(value: Any) -> float:
 def _check_version(name: str | Path, version: Any, supported: int) -> None:
     if version is None:
         raise ValueError(f"{name} has no format version: it was not written by scjax.scene.io: write it again")
-    if isinstance(version, np.ndarray) and version.size == 1:
-        version = version.reshape(()).item()
+    if isinstance(version, np.ndarray):
+        version = version.tolist()[:3] if version.ndim else version.item()
     if isinstance(version, bool) or version != supported:
         raise ValueError(f"{name} has format version {version!r}, this scjax reads {supported}: update or re-export")
 
