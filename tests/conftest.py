@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 from pathlib import Path
 
@@ -76,6 +77,17 @@ def parity_dir() -> Path:
 def eval_dir() -> Path:
     """Real tiles and golden metric values."""
     return _folder("SCJAX_EVAL_DIR", "eval")
+
+
+@pytest.fixture(scope="session")
+def golden_designs(eval_dir) -> dict[str, list]:
+    """Worked examples of all golden metric files by name, as "match" and "obb"."""
+    designs: dict[str, list] = {}
+    for path in sorted(eval_dir.glob("golden_metrics*.json")):
+        for name, cases in json.loads(path.read_text()).get("design", {}).items():
+            if isinstance(cases, list):
+                designs.setdefault(name, []).extend(cases)
+    return designs
 
 
 @pytest.fixture(scope="session")

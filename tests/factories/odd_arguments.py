@@ -16,7 +16,7 @@ import numpy as np
 import scjax
 from scjax import Condition, Guidance, Stream
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.scene import Scene, unpadded
+from scjax.scene import Crop, Scene, unpadded
 from tests.factories.examples import example_scene
 from tests.factories.worlds import tiny_model
 
@@ -92,8 +92,16 @@ def sample(**options: Any) -> Scene:
     return scjax.sample(arguments.pop("key"), arguments.pop("condition"), **arguments)
 
 
+def _read_whole_numbers() -> None:
+    condition = Condition(num_lanes=3.0, num_agents=np.int16(2), domain=np.int32(1), crop="forward")  # pyright: ignore
+    assert (condition.num_lanes, condition.num_agents, condition.domain) == (3, 2, 1)
+    assert condition.crop is Crop.FORWARD and type(condition.num_lanes) is int
+    sample(num_steps=2.0, num_scenes=np.int64(1), key=np.int64(3))
+
+
 def calls() -> Iterator[tuple[str, Callable[[], Any]]]:
-    """(what the message must name, the call) of every case."""
+    """(what the message must name, the call) of every case; the first one is accepted."""
+    yield "read", _read_whole_numbers
     for name, values in CONDITIONS.items():
         yield from ((f"Condition.{name}", lambda n=name, v=value: Condition(**{n: v})) for value in values)
     for name, values in OPTIONS.items():

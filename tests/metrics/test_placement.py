@@ -1,6 +1,5 @@
 """The match rule on hand-made agents and on the eval set's golden cases; the baseline that only knows the lanes."""
 
-import json
 import math
 
 import numpy as np
@@ -70,8 +69,8 @@ def test_placement_of_a_stream_equals_pooled_parts():
     assert match_summary(pool(parts)) == placement(iter(pairs))
 
 
-def test_golden_match(eval_dir):
-    cases = json.loads((eval_dir / "golden_metrics.json").read_text())["design"]["match"]
+def test_golden_match(eval_dir, golden_designs):
+    cases = golden_designs["match"]
     assert cases
     for case in cases:
         reference, generated = (

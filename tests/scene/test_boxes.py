@@ -1,7 +1,5 @@
 """Exact overlap of boxes: hand-made pairs, symmetry, rigid motion, and the eval set's golden pairs."""
 
-import json
-
 import numpy as np
 import pytest
 import shapely
@@ -63,8 +61,8 @@ def test_overlaps_agrees_with_dense_points():
         assert inside.all(-1).any() or not overlaps(shrunk)[0, 1]
 
 
-def test_overlaps_golden(eval_dir):
-    cases = json.loads((eval_dir / "golden_metrics.json").read_text())["design"]["obb"]
+def test_overlaps_golden(eval_dir, golden_designs):
+    cases = golden_designs["obb"]
     tiles = {
         variant: eval_tiles(eval_dir, "real_train", variant=variant) for variant in {case["agents"] for case in cases}
     }
