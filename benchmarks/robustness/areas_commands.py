@@ -150,7 +150,9 @@ def _fixed(fixtures: Path, old: bool) -> list[list[str]]:
 
 
 def _case(arguments: list[str], flag: str, value: str) -> Case:
-    words = tuple(word for word in (flag.strip("-"), value, *arguments) if len(word) > 1) or ("Usage",)
+    words = tuple(word for word in (flag.strip("-"), value, *arguments) if len(word) > 1 or word in ("-", ".")) or (
+        "Usage",
+    )
     shown = " ".join(ascii(word) if len(word) < 60 else f"{word[:20]!a}..." for word in arguments)
 
     def write(folder: Path) -> None:

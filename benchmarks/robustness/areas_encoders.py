@@ -57,7 +57,7 @@ def encoders(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
 
     for text, kind, changes in _encoder_damage(rng, fixtures):
         write = folder_writer(fixtures / kind, FOLDER, changes)
-        yield Case(f"{kind}, {text}", read, check, (FOLDER, *changes), write)
+        yield Case(f"{kind}, {text}", read, check, (FOLDER, *changes, *damage_json.field_names(text)), write)
 
 
 def _encoder_damage(rng: np.random.Generator, fixtures: Path) -> Iterator[tuple[str, str, dict[str, bytes | None]]]:
@@ -88,20 +88,21 @@ def weight_damage(rng: np.random.Generator, data: bytes, number: int) -> Iterato
     """``number`` safetensors files with damaged arrays (half), header (a quarter) and bytes (a quarter)."""
     arrays = {name: np.array(value) for name, value in safetensors.numpy.load(data).items()}
     header, body = damage_bytes.safetensors_parts(data)
+    metadata = header.get("__metadata__")
     keys = list(arrays)
     for _ in range(number - 2 * (number // 4)):
         name = keys[rng.integers(len(keys))]
         rest = {key: value for key, value in arrays.items() if key != name}
         kind = int(rng.integers(4))
         if kind == 0:
-            yield f"{name} is missing", safetensors.numpy.save(rest)
+            yield f"{name} is missing", safetensors.numpy.save(rest, metadata)
         elif kind == 1:
-            yield f"{name} is renamed", safetensors.numpy.save({**rest, f"{name}.x": arrays[name]})
+            yield f"{name} is renamed", safetensors.numpy.save({**rest, f"{name}.x": arrays[name]}, metadata)
         else:
             text, array = damage_bytes.array_damage(rng, arrays[name])
             if array.dtype.kind not in "fiub" or array.dtype == np.float16:
                 text, array = "all NaN", np.full_like(arrays[name], np.nan)
-            yield f"{name}: {text}", safetensors.numpy.save({**rest, name: np.ascontiguousarray(array)})
+            yield f"{name}: {text}", safetensors.numpy.save({**rest, name: np.ascontiguousarray(array)}, metadata)
     for text, changed in damage_json.documents(rng, header, number // 4):
         yield f"header: {text}", damage_bytes.safetensors_of(changed, body)
     yield from damage_bytes.anywhere(rng, data, number // 4)

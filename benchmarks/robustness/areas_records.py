@@ -176,12 +176,12 @@ def _features(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
 
     def read(folder: Path) -> Any:
         features = store(folder, "train")
-        texts = [int(text) for record in range(len(features)) for text in features.texts_of(record)]
-        return len(features), texts, [np.array(features.features(text)) for text in texts]
+        texts = [np.asarray(features.texts_of(record)).tolist() for record in range(len(features))]
+        return len(features), texts, [np.array(features.features(text)) for row in texts for text in row]
 
     before = read(fixtures / "records")
 
-    def check(result: tuple[int, list[int], list[np.ndarray]]) -> str | None:
+    def check(result: tuple[int, list[list[int]], list[np.ndarray]]) -> str | None:
         if result[:2] != before[:2]:
             return "other records or texts than were embedded"
         same = all(np.array_equal(a, b) for a, b in zip(result[2], before[2], strict=True))

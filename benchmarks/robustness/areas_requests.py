@@ -72,7 +72,14 @@ def requests(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     for name in (*_FIELDS, *(_ONLY_OLD if old else ("streams",))):
         for value in _ODD:
             kind = "image" if name in ("image", "depth") else "text" if "prompt" in name or "token" in name else "plain"
-            yield _case(f"Condition.{name} = {_show(value)}", fixtures, kind, {name: value}, {}, (name,))
+            yield _case(
+                f"Condition.{name} = {_show(value)}",
+                fixtures,
+                kind,
+                {name: value},
+                {},
+                (name, name.removeprefix("negative_")),
+            )
     for name in _ARGUMENTS:
         if name in absent:
             continue
@@ -154,7 +161,7 @@ def _fault(scenes: Any, fields: dict[str, Any], arguments: dict[str, Any]) -> st
 
 def _known(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     """Known scenes: every field damaged, of other sizes, as a batch, padded, on the device."""
-    example, stack = names.get("example_scene"), names.get("stack")
+    example, stack, permute = names.get("example_scene"), names.get("stack"), names.get("permute")
     scene = example(0, agents=2, lanes=3, padding=0)
     counts = {"num_lanes": 5, "num_agents": 4}
     whole = {
@@ -162,12 +169,20 @@ def _known(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         "a batch of one": stack([scene]),
         "padded": example(0, agents=2, lanes=3, padding=2),
         "its arrays": scene.to_dict(),
-        "empty": example(0, agents=1, lanes=0, padding=0),
+        "without lanes": permute(scene, np.arange(2), np.arange(0)),
+        "empty": permute(scene, np.arange(0), np.arange(0)),
         "more than the counts": example(0, agents=9, lanes=9, padding=0),
         "more than the model": example(0, agents=70, lanes=120, padding=0),
     }
     for text, known in whole.items():
-        yield _case(f"known: {text}", fixtures, "plain", {**counts, "known": known}, {}, ("known", "num_"))
+        yield _case(
+            f"known: {text}",
+            fixtures,
+            "plain",
+            {**counts, "known": known},
+            {},
+            ("known", "Condition.num_lanes", "Condition.num_agents"),
+        )
     fields = list(scene.to_dict())
     for k in range(66):
         name = fields[k % len(fields)]
@@ -249,7 +264,22 @@ def _stream(text: str, fixtures: Path, kind: str, streams: dict[str, tuple[Any, 
             fields = {"streams": {name: stream(value, mask) for name, (value, mask) in streams.items()}}
         return _sample(fixtures, kind, fields, {})
 
-    return Case(text, read, lambda scenes: _fault(scenes, {}, {}), ("stream", "token", "Condition.", "mask"))
+    return Case(
+        text,
+        read,
+        lambda scenes: _fault(scenes, {}, {}),
+        (
+            "Condition.streams",
+            "streams",
+            "Stream.tokens",
+            "Stream.mask",
+            "Condition.tokens",
+            "Condition.negative_tokens",
+            "Condition.token_mask",
+            "tokens",
+            "mask",
+        ),
+    )
 
 
 def _camera(text: str, fixtures: Path, image: Any, depth: Any, old: bool) -> Case:
@@ -262,4 +292,4 @@ def _camera(text: str, fixtures: Path, image: Any, depth: Any, old: bool) -> Cas
             fields["streams"] = {"image": stream.from_image(image), "depth": stream.from_depth(depth)}
         return _sample(fixtures, "image", fields, {})
 
-    return Case(text, read, lambda scenes: _fault(scenes, {}, {}), ("stream", "image", "depth"))
+    return Case(text, read, lambda scenes: _fault(scenes, {}, {}), ("Condition.streams", "image", "images", "depth"))

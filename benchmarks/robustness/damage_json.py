@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -69,6 +70,13 @@ def show(value: Any) -> str:
 def show_path(path: Path) -> str:
     """A short text for a path."""
     return ".".join(map(str, path)) or "the document"
+
+
+def field_names(text: str) -> tuple[str, ...]:
+    """The innermost field that the text of a damage speaks of, if its name is long enough to be told from words."""
+    path = re.match(r"(?:[\w ./,-]+: )*([\w.]+)(?: = | is | holds )", text)
+    keys = [key for key in path[1].split(".") if not key.isdigit() and len(key) > 2] if path else []
+    return tuple(keys[-1:])
 
 
 def places(document: Any, path: Path = ()) -> Iterator[Path]:

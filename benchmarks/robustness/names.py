@@ -14,6 +14,7 @@ NAMES = {  # name -> places, "module:attribute", the newest first
     "save_json": ("scjax.scene.io:save_json", "scjax.scene_io:save_json"),
     "validate": ("scjax.scene:validate",),
     "stack": ("scjax.scene:stack",),
+    "permute": ("scjax.scene:permute",),
     "Crop": ("scjax.scene:Crop", "scjax.scene:Layout"),
     "load_log": ("scjax.scene.log_io:load_log",),
     "save_log": ("scjax.scene.log_io:save_log",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import time
 import traceback
@@ -55,8 +56,8 @@ def _run(case: Case, folder: Path) -> tuple[str, str, str, str]:
 
 
 def _refusal(message: str, names: tuple[str, ...]) -> str:
-    folded = message.casefold()
-    return "clean" if any(name.casefold() in folded for name in names) else "unnamed"
+    named = any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", message, re.IGNORECASE) for name in names)
+    return "clean" if named else "unnamed"
 
 
 def _place(error: BaseException) -> str:

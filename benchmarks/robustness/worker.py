@@ -40,7 +40,8 @@ def _answer(order: dict[str, Any], cases: dict[str, list[Case]], fixtures: Path,
         try:
             _start(area)
             rng = np.random.default_rng([seed, *area.encode()])
-            cases[area] = list(AREAS[area].inputs(rng, fixtures))
+            listed = list(AREAS[area].inputs(rng, fixtures))
+            cases[area] = [listed[k] for k in rng.permutation(len(listed))]  # so that a share is one of all kinds
         except (Unavailable, FileNotFoundError) as error:
             return {"unavailable": str(error)}
     if "index" not in order:
