@@ -108,7 +108,7 @@ def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
         (["plot", scene], ["--out"]),
         (["plot", "PLACE"], ["PLACE"]),
         (["info"], ["--model"]),
-        (["demo", "--model", model], ["--seed", "--out"]),
+        (["demo", "--out", "out", *steps], ["--seed", "--out", "--model"]),
         (
             build,
             ["--split-percent", "--limit", "--files-per-shard", "--spacing", "--max-poses", "--train-other-stride"],

@@ -18,8 +18,10 @@ import sys, types
 package = types.ModuleType("benchmarks")
 package.__path__ = [{str(_HERE)!r}]
 sys.modules["benchmarks"] = package
+sys.meta_path = [finder for finder in sys.meta_path if "__editable__" not in getattr(finder, "__module__", "")]
 """
-"""Makes these benchmarks importable in any checkout, beside the scjax that is found first on the path."""
+"""Makes these benchmarks importable beside the scjax that is first on the path. Finders of editable installs go: they
+would add modules of another checkout to it."""
 
 
 def child(code: Path, statement: str, *arguments: str, cache: Path, **options: Any) -> subprocess.Popen[str]:
