@@ -118,7 +118,7 @@ def _one(worker: Worker, area: str, index: int, seconds: float) -> dict[str, Any
         return result
     # A new process lists the inputs again; its time is not that of an input.
     text = worker.ask({"area": area, "index": index, "text": True}, _LISTING)
-    outcome = "hang" if result == "hang" else "traceback"
+    outcome = result if result in FAULTS else "traceback"
     return {
         "outcome": outcome,
         "text": text["text"] if isinstance(text, dict) else "",

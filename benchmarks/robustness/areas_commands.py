@@ -60,8 +60,9 @@ def commands(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
             default = {"SOURCE": str(fixtures / "recordings"), "FILE": str(fixtures / "scene.npz"), "TEXT": PROMPT}
             arguments = [default.get(word, word) for word in words if word != "PLACE"] + [f"{flag}={value}"]
         yield _case(arguments, flag, value)
-    for text in _fixed(fixtures, old):
-        yield _case(text, "", "")
+    for arguments in _fixed(fixtures, old):
+        flag = arguments[-1].removeprefix("--config.").partition("=")[0].rpartition(".")[2] if arguments else ""
+        yield _case(arguments, flag, "")
 
 
 def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
@@ -150,19 +151,19 @@ def _fixed(fixtures: Path, old: bool) -> list[list[str]]:
 
 
 def _case(arguments: list[str], flag: str, value: str) -> Case:
-    words = tuple(word for word in (flag.strip("-"), value, *arguments) if len(word) > 1 or word in ("-", ".")) or (
-        "Usage",
-    )
-    shown = " ".join(ascii(word) if len(word) < 60 else f"{word[:20]!a}..." for word in arguments)
+    shown = [word for word in (value, ascii(value)[1:-1]) if len(word) > 1 or (word and flag == "PLACE")]
+    words = [word for word in arguments if len(word) > 1 and not word.startswith("--")]
+    named = (flag.strip("-"), flag.strip("-").replace("-", "_"), *shown, *words)
+    text = " ".join(ascii(word) if len(word) < 60 else f"...{word[-30:]!a}" for word in arguments)
 
     def write(folder: Path) -> None:
         (folder / "command.txt").write_text(ascii(arguments))
 
     return Case(
-        f"scjax {shown}"[-180:],
+        f"scjax ... {text[-85:]}",
         lambda folder: _run(folder, arguments),
         lambda end: _fault(end, flag, value),
-        words,
+        tuple(filter(None, named)) or ("Usage",),
         write,
     )
 

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+_MOST_GIGABYTES = 7.0  # of a worker and its children; more would take the machine from others
 _HERE = Path(__file__).resolve().parents[1]
 _CODE = f"""
 import sys, types
@@ -49,7 +50,7 @@ class Worker:
         self.folder = work / f"input-{os.getpid()}"
 
     def ask(self, order: dict[str, Any], seconds: float) -> dict[str, Any] | str:
-        """The answer to an order, or what happened instead: "hang" or "died by signal N".
+        """The answer to an order, or what happened instead: "hang", "memory" or "died by signal N".
 
         Args:
           seconds: of processor time, or four times as long on the clock (the machine may be busy).
@@ -62,11 +63,14 @@ class Worker:
         except BrokenPipeError:
             return self._end()
         start, cpu = time.monotonic(), _cpu_seconds(process.pid)
-        while not select.select([process.stdout], [], [], 0.5)[0]:
+        while not select.select([process.stdout], [], [], 0.3)[0]:
             slow = _cpu_seconds(process.pid) - cpu > seconds
             if slow or time.monotonic() - start > 4 * seconds:
                 self.close()
                 return "hang"
+            if _gigabytes(process.pid) > _MOST_GIGABYTES:
+                self.close()
+                return "memory"
         line = process.stdout.readline()
         return json.loads(line) if line.endswith("\n") else self._end()
 
@@ -110,3 +114,13 @@ def _cpu_seconds(pid: int) -> float:
     except OSError:
         return 0.0
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
+def _gigabytes(pid: int) -> float:
+    """Memory of a process and of its children."""
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9 + sum(_gigabytes(int(child)) for child in children)
