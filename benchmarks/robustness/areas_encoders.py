@@ -86,7 +86,7 @@ def damage_names(data: bytes) -> list[str]:
 
 def weight_damage(rng: np.random.Generator, data: bytes, number: int) -> Iterator[tuple[str, bytes]]:
     """``number`` safetensors files with damaged arrays (half), header (a quarter) and bytes (a quarter)."""
-    arrays = {name: np.array(value) for name, value in safetensors.numpy.load(data).items()}
+    arrays = {name: np.array(value) for name, value in sorted(safetensors.numpy.load(data).items())}
     header, body = damage_bytes.safetensors_parts(data)
     metadata = header.get("__metadata__")
     keys = list(arrays)

@@ -39,7 +39,7 @@ def _records(rng: np.random.Generator, stored: list[bytes]) -> Iterator[tuple[st
     for k in range(440):
         data = stored[k % len(stored)]
         header, _ = damage_bytes.safetensors_parts(data)
-        arrays = {name: np.array(value) for name, value in safetensors.numpy.load(data).items()}
+        arrays = {name: np.array(value) for name, value in sorted(safetensors.numpy.load(data).items())}
         name = list(arrays)[k % len(arrays)]
         text, array = damage_bytes.array_damage(rng, arrays[name])
         try:
@@ -80,7 +80,7 @@ def _folder_case(
         if data is not None:
             (folder / name).write_bytes(data)
 
-    return Case(f"{name}: {text}", read, check, (name, "shard"), write)
+    return Case(f"{name}: {text}", read, check, (name, "shard", "shards"), write)
 
 
 def shards(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:

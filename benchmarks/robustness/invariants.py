@@ -49,8 +49,9 @@ def scene_fault(scene: Any) -> str | None:
         return f"a size is {states[:, 6:].min()}"
     if (np.abs(np.hypot(states[:, 4], states[:, 5]) - 1) > 0.011).any():
         return "a heading is no unit vector"
+    pairs = lane_mask[..., :, None] & lane_mask[..., None, :]
     for name, number in _ENUMS.items():
-        real = {"agent_types": mask, "signals": lane_mask}.get(name, np.ones(fields[name].shape, bool))
+        real = {"agent_types": mask, "signals": lane_mask, "links": pairs}.get(name, np.ones(lead, bool))
         used = fields[name][real]
         if used.size and not (0 <= used.min() and used.max() < number):
             return f"{name} holds {used.min()}..{used.max()}"
