@@ -50,14 +50,17 @@ def encode_conditions(
 def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | None) -> dict[str, np.ndarray]:
     """Text -> token features [tokens, width]: those stored in the model, else from the text encoder."""
     if not model.text_encoder:
-        raise ValueError("a prompt is given, but this model was not trained on text: leave it out, or load another one")
+        raise ValueError(
+            "Condition.prompt is given, but this model was not trained on text: leave it out, or load another one"
+        )
     missing = [text for text in texts if text not in model.prompts]
     if not missing:
         return dict(model.prompts)
     encoder = encoder or load_text_encoder()
     if encoder.name != model.text_encoder:
         raise ValueError(
-            f"the text encoder is {encoder.name}, but this model was trained with {model.text_encoder}: "
+            f"Condition.prompt needs the encoder that this model was trained with, {model.text_encoder}, but the text "
+            f"encoder here is {encoder.name}: "
             "give the folder of that one by the variable SCJAX_TEXT_ENCODER"
         )
     for text in missing:

@@ -29,6 +29,9 @@ NETWORKS: dict[str, Callable[[Any], Functional]] = {
 """Name of a component -> its network for a config."""
 
 _MAX_SIZE, _MAX_BLOCKS = 1 << 20, 256
+MAX_PARAMETER = 1e9
+"""Larger values of a parameter overflow in products."""
+
 _MAX_RANGE = 1e4  # m, m/s
 
 
@@ -80,6 +83,8 @@ def check_codec(codec: SceneCodec) -> None:
     Raises:
       ValueError: names the field.
     """
+    if not isinstance(codec.name, str):
+        raise ValueError(f"codec.name must be a text, not {codec.name!r:.80}")
     ranges = {"agent_z": codec.agent_z, "lane_z": codec.lane_z, "speed": codec.speed}
     for row, sizes in enumerate(codec.sizes):
         if len(sizes) != 3:
@@ -102,14 +107,17 @@ def check_codec(codec: SceneCodec) -> None:
 
 
 def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuses NaN and infinity: a training that diverged, or damage.
+    """Refuses NaN, infinity and absurd values: a training that diverged, or damage.
 
     Raises:
       ValueError: names the first such array.
     """
     for name, array in arrays.items():
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise ValueError(f"the array {name} holds NaN or infinity: its training diverged, or the file is damaged")
+        if array.dtype.kind == "f" and not (np.abs(array) < MAX_PARAMETER).all():
+            raise ValueError(
+                f"the array {name} holds NaN, infinity or values beyond {MAX_PARAMETER:g}: its training diverged, or the "
+                "file is damaged"
+            )
 
 
 def _check_params(name: str, config: Any, params: Any) -> None:

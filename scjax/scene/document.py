@@ -42,6 +42,8 @@ def convert_document(content: Any, expected: Any, name: str | Path, cure: str) -
         return msgspec.convert(content, expected)
     except (msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"{name}: {_located(error)}: {cure}") from error
+    except UnicodeError as error:  # halves of surrogate pairs
+        raise ValueError(f"{name}: a text holds characters that are none ({error}): {cure}") from error
 
 
 def json_schema(document: type) -> dict[str, Any]:

@@ -150,6 +150,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
             f"{folder} is in use by another process, whose files would mix with these: wait for its end, or choose "
             "another folder"
         ) from error
+    except OSError as error:
+        raise OSError(error.errno, f"the folder cannot be locked: {error.strerror}", str(folder / LOCK_FILE)) from error
     try:
         yield
     finally:
