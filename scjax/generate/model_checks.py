@@ -115,8 +115,8 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not (np.abs(array) < MAX_PARAMETER).all():
             raise ValueError(
-                f"the array {name} holds NaN, infinity or values beyond {MAX_PARAMETER:g}: its training diverged, or the "
-                "file is damaged"
+                f"the array {name} holds NaN, infinity or values beyond {MAX_PARAMETER:g}: its training diverged, or "
+                "the file is damaged"
             )
 
 

@@ -86,7 +86,7 @@ def test_encode_refuses_a_prompt_without_text_training():
 def test_encode_refuses_another_encoder(text_model):
     other = Words()
     other.name = "words-2"
-    with pytest.raises(ValueError, match="words-2, but this model was trained with words-1"):
+    with pytest.raises(ValueError, match="trained with, words-1, but the text encoder here is words-2"):
         encode_conditions([Condition(prompt="a street")], text_model, other)
 
 
