@@ -19,8 +19,9 @@ from scjax.language.ego_road import (
     road_changes,
 )
 from scjax.language.events import find_events
-from scjax.language.intersections import EgoSide, Intersection, IntersectionType, find_intersections, has_roundabout
+from scjax.language.intersections import EgoSide, Intersection, IntersectionType, find_intersections
 from scjax.language.road import Road, road_from_scene, wrap_to_pi
+from scjax.language.roundabouts import has_roundabout
 from scjax.language.traffic import Traffic, count_traffic
 from scjax.language.turn_lanes import find_turn_lanes
 from scjax.metrics.pooling import singles

@@ -7,11 +7,9 @@ positions vary by 25 degrees, headings by 5; connectors have the headings of arm
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from scjax.language.road import Road, wrap_to_pi
 
@@ -31,12 +29,6 @@ _MAX_END_TURN = 0.12  # rad over the last tenth of a lane that the window cuts
 _BORDER = 31.0  # m
 _MIN_RAMP_RADIUS = 25.0  # m, larger turn radii belong to interchanges
 _MIN_TURN, _MAX_RAMP_TURN = 0.35, 1.2  # rad
-_RING_SPACING = 3.0  # m between the points of a ring
-_MIN_RING_POINTS = 8
-_RING_LENGTH = (35, 220)  # m
-_RING_TURN = (5.2, 7.4)  # rad
-_MAX_RING_LANES = 16
-_STRAIGHT_CURVATURE = 0.02  # rad/m, ring segments below are straight
 _POINT_STRIDE = 4  # in the search for crossings
 _INSIDE_MARGIN = 6  # m
 
@@ -105,15 +97,6 @@ def find_intersections(road: Road) -> tuple[list[Intersection], int]:
         if intersection.type is not None and not _is_interchange(road, members):
             intersections.append(intersection)
     return sorted(intersections, key=lambda item: (-item.crossings, item.distance, *item.center)), bridges
-
-
-def has_roundabout(road: Road) -> bool:
-    """Whether lanes form a ring that is round and nowhere straight for long, unlike parking lots and city blocks."""
-    for start in range(len(road)):
-        ring = _shortest_ring(road, start)
-        if ring and _is_round(road, ring):
-            return True
-    return False
 
 
 def _quadrant(position: np.ndarray) -> Literal["ahead", "behind", "left", "right"]:
@@ -220,45 +203,3 @@ def _is_interchange(road: Road, members: set[int]) -> bool:
         return False
     radii = [road.length[lane] / abs(road.turn[lane]) for lane in turning]
     return bool(min(radii) > _MIN_RAMP_RADIUS and all(abs(road.turn[lane]) < _MAX_RAMP_TURN for lane in turning))
-
-
-def _shortest_ring(road: Road, start: int) -> list[int]:
-    """Lanes of a shortest way from ``start`` back to itself (breadth-first search); empty without one."""
-    previous: dict[int, int] = {}
-    level = [start]
-    for _ in range(_MAX_RING_LANES):
-        next_level = []
-        for lane, successor in itertools.chain.from_iterable(((x, y) for y in road.successors[x]) for x in level):
-            if successor == start:
-                ring = [lane]
-                while ring[-1] != start:
-                    ring.append(previous[ring[-1]])
-                return ring[::-1]
-            if successor not in previous:
-                previous[successor] = lane
-                next_level.append(successor)
-        level = next_level
-    return []
-
-
-def _is_round(road: Road, ring: list[int]) -> bool:
-    line = _resample_ring(np.concatenate([road.points[lane][:-1] for lane in ring]))
-    step = np.roll(line, -1, 0) - line
-    heading, length = np.arctan2(step[:, 1], step[:, 0]), np.linalg.norm(step, axis=-1)
-    bends = wrap_to_pi(np.roll(heading, -1) - heading)
-    turn = abs(bends.sum())  # clockwise where traffic keeps to the left
-    if not _RING_LENGTH[0] <= length.sum() <= _RING_LENGTH[1] or not _RING_TURN[0] <= turn <= _RING_TURN[1]:
-        return False
-    radius = np.linalg.norm(line - line.mean(0), axis=-1)
-    straight_share = (np.abs(bends) < _STRAIGHT_CURVATURE * length).mean()
-    is_steady = np.abs(bends).sum() < 1.35 * turn and radius.std() < 0.2 * radius.mean()
-    return bool(is_steady and straight_share < 0.2)
-
-
-def _resample_ring(ring: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "even 2"]:
-    """Points of a closed line about 3 m apart; closer points would lie between the corners of its lanes."""
-    closed = np.concatenate([ring, ring[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=-1))])
-    count = max(round(arc[-1] / _RING_SPACING), _MIN_RING_POINTS)
-    positions = np.linspace(0, arc[-1], count, endpoint=False)
-    return np.stack([np.interp(positions, arc, column) for column in closed.T], -1)

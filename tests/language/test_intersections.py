@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from scjax.language.facts import extract_facts
-from scjax.language.intersections import find_intersections, has_roundabout
+from scjax.language.intersections import find_intersections
 from scjax.language.road import Road, road_from_scene
+from scjax.language.roundabouts import has_roundabout
 from scjax.scene import empty
 from tests.factories.hand_drawn_scene import SceneBuilder
 
