@@ -144,7 +144,7 @@ def test_train_refuses_another_model_in_the_folder(undisturbed, records):
     config = get_config("autoencoder")
     config.records = str(records)
     config.model.lane_ff = 16
-    with pytest.raises(ValueError, match=r"config\.model \(lane_ff differ\)"):
+    with pytest.raises(ValueError, match=r"config\.model\.lane_ff is 8 there and 16 here"):
         train(config, undisturbed)
 
 
