@@ -120,7 +120,7 @@ def _load(folder: Path) -> FrozenTextEncoder:
         state = {name.removeprefix(network.prefix): array for name, array in read_weights(folder).items()}
         rules = network.weight_rules(config)
         check_weights(state, rules, network.table_shapes(config))
-        expected = jax.eval_shape(pure_functions(network, config).init, jax.random.key(0))
+        expected = pure_functions(network, config).shapes()
         unused = [name for name in state if network.is_unused(name)]
         params = convert(state, rules, expected, unused, dict(network.aliases))
     except ValueError as error:
