@@ -2,9 +2,9 @@
 
 Each command runs once undisturbed. Then copies of its start are killed (SIGKILL, with all child processes) at random
 times, started again, and at last run to their end. The result must be that of the undisturbed run, byte for byte, and
-without temporary files; no step may stand twice in metrics.jsonl. On a full disk (no file may exceed some KB: EFBIG) the
-last line of a command must say so, and the same holds after it. Then processes meet: five with an empty cache of the
-text encoder, and loads of a model beside saves and their kills.
+without temporary files; no step may stand twice in metrics.jsonl. On a full disk (no file may exceed some KB) the last
+line of a command must say so, and the same holds after it. Then processes meet: five with an empty cache of the text
+encoder, and loads of a model beside saves and their kills.
 
     python -m benchmarks.kills --kills 100 --only train,save --scenes RECORDINGS
 
