@@ -68,20 +68,16 @@ class Task(NamedTuple):
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__)
-    parser.add_argument("--kills", type=int, default=100, help="kills of each command")
+    parser.add_argument("--kills", type=int, default=100, help="of each command")
     parser.add_argument("--only", default="train,build,synthetic,caption,embed,generate,save,cache")
-    parser.add_argument("--scenes", type=Path, help="folder of recordings, for build")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scenes", type=Path, help="recordings for build")
     args = parser.parse_args(arguments)
-    names, rng = args.only.split(","), random.Random(args.seed)
+    names, rng = args.only.split(","), random.Random(0)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"  # to start again takes less long
     with tempfile.TemporaryDirectory(prefix="kills-") as folder:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{folder}/programs")
-        rows = [
-            _row(task, Path(folder) / task.name, args.kills, rng)
-            for task in _tasks(Path(folder) / "templates", args.scenes)
-            if task.name in names
-        ]
+        tasks = _tasks(Path(folder) / "templates", args.scenes) if {*names} - {"save", "cache"} else []
+        rows = [_row(task, Path(folder) / task.name, args.kills, rng) for task in tasks if task.name in names]
         if "save" in names:
             rows.append(_save_row(Path(folder) / "save", args.kills, rng))
         if "cache" in names:
@@ -118,15 +114,15 @@ def _row(task: Task, folder: Path, kills: int, rng: random.Random) -> dict[str, 
         reference = _start(task, folder / "undisturbed")
         _run([_SCJAX, *task.arguments(reference)], check=True)
         seconds = time.perf_counter() - start
-    expected, done, counts = _digests(reference), 0, Counter(kills=0, full_disks=0)
-    faults: list[str] = []
+    expected, ends, faults = _digests(reference), len(_LIMITS), []
+    counts = Counter(kills=0, finished_before=0, full_disks=0)
     while counts["kills"] < kills:
         out = _start(task, folder / "killed")
         for _ in range(min(rng.randint(1, 4), kills - counts["kills"])):
             killed = _kill([_SCJAX, *task.arguments(out)], rng.uniform(0.4, 1.05) * seconds)
             counts["kills" if killed else "finished_before"] += 1
         faults += _finish(task, out, expected)
-        done += 1
+        ends += 1
     for limit in _LIMITS:
         out = _start(task, folder / "full")
         result = _run([_SCJAX, *task.arguments(out)], limit=limit)
@@ -135,9 +131,8 @@ def _row(task: Task, folder: Path, kills: int, rng: random.Random) -> dict[str, 
         if result.returncode != 0 and not last.startswith(("scjax", "error:")):
             faults.append(f"{task.name}: full disk ({limit} KB) ends with {last[:200]!r}")
         faults += _finish(task, out, expected)
-    for fault in faults:
-        print(fault, file=sys.stderr)
-    return {"command": task.name, "seconds": seconds, "ends": done + len(_LIMITS), **counts, "faults": len(faults)}
+    print(*faults, sep="\n", file=sys.stderr)
+    return {"command": task.name, "seconds": seconds, "ends": ends, **counts, "faults": len(faults)}
 
 
 def _start(task: Task, out: Path) -> Path:
@@ -198,12 +193,8 @@ def _run(
 
 def _kill(arguments: Sequence[str], seconds: float) -> bool:
     """Whether the process, killed after so many seconds, had not ended before."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", *arguments],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    quiet: dict[str, Any] = dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-c", *arguments], start_new_session=True, **quiet)
     try:
         process.wait(seconds)
         return False
@@ -230,7 +221,7 @@ def _save_row(folder: Path, kills: int, rng: random.Random) -> dict[str, Any]:
             faults += _run([_LOAD, str(out)]).returncode != 0
     _run(["import sys, scjax; scjax.save(scjax.load(), sys.argv[1])", str(out)], check=True)
     faults += [path.name for path in folder.iterdir() if not path.name.endswith(".lock")] != [out.name]
-    return {"command": "save", "seconds": time.perf_counter() - start, "ends": loads, "kills": kills, "faults": faults}
+    return _other_row("save", start, ends=loads, kills=kills, faults=faults)
 
 
 def _cache_row(folder: Path) -> dict[str, Any]:
@@ -245,7 +236,12 @@ def _cache_row(folder: Path) -> dict[str, Any]:
         started = [subprocess.Popen(command, env=environment) for _ in range(5)]
         faults += sum(process.wait() != 0 for process in started)
         faults += [path.name for path in cache.iterdir()] != [NAME]
-    return {"command": "cache", "seconds": time.perf_counter() - start, "ends": 50, "kills": 0, "faults": faults}
+    return _other_row("cache", start, ends=50, faults=faults)
+
+
+def _other_row(name: str, start: float, **counts: int) -> dict[str, Any]:
+    zeros = dict.fromkeys(("ends", "kills", "finished_before", "full_disks", "faults"), 0)
+    return {"command": name, "seconds": time.perf_counter() - start, **zeros, **counts}
 
 
 if __name__ == "__main__":
