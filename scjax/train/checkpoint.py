@@ -8,6 +8,7 @@ import json
 import logging
 import re
 import sys
+import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -22,6 +23,9 @@ from scjax.train.resume import compare_runs
 
 FORMAT = 3
 """Format of the items below and of what they hold. Others are refused: their random numbers would not continue."""
+
+_REST = 0.2
+"""Seconds in which other tasks of orbax end after one has failed."""
 
 _FACTS = "checkpoint"
 """Key in the item ``config`` for what is not of the config: format, hashes of the inputs, checksums. Checkpoints from
@@ -115,6 +119,7 @@ class Checkpoints:
                 )
             except Exception as error:  # orbax raises nothing more precise
                 reason = str(error) or type(error).__name__
+                time.sleep(_REST)
         if reason:
             raise ValueError(_damaged(self._folder, step, reason))
         state, data = items["state"], items["data"]
@@ -151,7 +156,7 @@ def check_resume(folder: Path, config: Mapping[str, Any], inputs: Mapping[str, s
     path = folder / f"step_{step}" / "config" / "metadata"
     cure = _cure(folder, step)
     try:
-        saved = parse_document(path.read_bytes(), dict, f"{path} is damaged", cure)
+        saved = parse_document(path.read_bytes(), dict, path, cure)
     except OSError as error:
         raise ValueError(_damaged(folder, step, error)) from error
     facts = saved.pop(_FACTS, {})
@@ -183,7 +188,7 @@ def _root_format(folder: Path, step: int) -> Any:
     """The format of checkpoints from before ``_FACTS``, which orbax keeps for the whole folder."""
     path = folder / "metadata" / "_ROOT_METADATA"
     try:
-        content = parse_document(path.read_bytes(), dict, f"{path} is damaged", _cure(folder, step))
+        content = parse_document(path.read_bytes(), dict, path, _cure(folder, step))
     except FileNotFoundError:
         return 1
     except OSError as error:
