@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import numpy as np
 
 from scjax.models.autoencoder.config import AutoencoderConfig
@@ -49,7 +48,7 @@ def from_official(state: Mapping[str, np.ndarray], config: AutoencoderConfig) ->
     Raises:
       ValueError: listing every unexpected, missing and misshapen entry.
     """
-    expected = jax.eval_shape(autoencoder(config).init, jax.random.key(0))
+    expected = autoencoder(config).shapes()
     return convert(state, autoencoder_rules(config), expected, unused_sizes(config), aliases(config))
 
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-import safetensors
 import safetensors.numpy
 
 from scjax.convert.autoencoder import from_official
@@ -30,6 +30,10 @@ NUPLAN_LATENTS = LatentStatistics(
     mean=PerType(agents=-0.0077851, lanes=-0.0458711), std=PerType(agents=0.9948730, lanes=1.0398721)
 )
 NUPLAN_CITIES = ("pgh", "lav", "sgp", "bos")
+MAX_SIZE = 65536
+"""Largest width, number of tokens or of heads of a network."""
+
+_LISTED = 20
 _MARKER_KEYS = {"autoencoder": "encoder.Q", "denoiser": "model.lane_embedder.linear1.weight"}
 
 
@@ -45,14 +49,17 @@ def convert_checkpoint(
         release's.
 
     Raises:
-      ValueError: the file is unreadable or holds no known network, or entries are unexpected, missing or misshapen.
+      ValueError: the file is unreadable or holds no known network, entries are unexpected, missing, misshapen, of
+        another type or not finite, or heads that do not fit.
     """
+    _check_heads(heads)
     state, components = read_state(path), {}
     for name, marker in _MARKER_KEYS.items():
         network_state = _subtree(state, marker)
         if network_state is None:
             continue
         try:
+            _check_arrays(network_state)
             components[name] = (_autoencoder if name == "autoencoder" else _denoiser)(network_state, heads)
         except ValueError as error:
             raise ValueError(f"{path}: {name}: {error}") from error
@@ -79,7 +86,9 @@ def read_state(path: str | Path) -> State:
     if path.suffix == ".safetensors":
         try:
             return safetensors.numpy.load_file(path)
-        except safetensors.SafetensorError as error:
+        except OSError as error:
+            raise ValueError(f"{path} cannot be read ({error.strerror or error})") from error
+        except Exception as error:  # besides SafetensorError, unknown types of numbers raise several kinds
             raise ValueError(f"{path} is no whole safetensors file ({error}): download it again") from error
     try:
         import torch  # pyright: ignore[reportMissingImports]
@@ -91,11 +100,42 @@ def read_state(path: str | Path) -> State:
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds for a damaged or unsafe file
-        raise ValueError(f"{path} cannot be read as a plain state dict: {str(error).splitlines()[0]}") from error
+        raise ValueError(f"{path} cannot be read as a plain state dict: {_first_line(error)}") from error
     content = content.get("state_dict", content) if isinstance(content, dict) else content
     if not isinstance(content, dict):
         raise ValueError(f"{path} holds a {type(content).__name__}, not a state dict")
-    return {key: value.float().numpy() for key, value in content.items() if torch.is_tensor(value)}
+    tensors = {str(key): value for key, value in content.items() if torch.is_tensor(value)}
+    try:
+        return {key: (value.float() if value.is_floating_point() else value).numpy() for key, value in tensors.items()}
+    except Exception as error:  # sparse and quantized tensors raise several kinds
+        raise ValueError(f"{path} holds tensors that are no plain arrays: {_first_line(error)}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _check_heads(heads: Mapping[Any, tuple[int, int]] | None) -> None:
+    for name, pair in (heads or {}).items():
+        if name not in _MARKER_KEYS:
+            raise ValueError(f"heads of {name!r}: choose from {', '.join(_MARKER_KEYS)}")
+        if len(pair) != 2 or not all(isinstance(number, int) and 1 <= number <= MAX_SIZE for number in pair):
+            raise ValueError(f"heads of the {name} must be two numbers of 1 to {MAX_SIZE}, (lane, agent), not {pair!r}")
+
+
+def _check_arrays(state: State) -> None:
+    """Raises a ValueError that names the arrays that are empty, vast, of another type or not finite."""
+    problems = []
+    for key, array in sorted(state.items()):
+        if not jnp.issubdtype(array.dtype, jnp.floating):
+            problems.append(f"{key} is {array.dtype}, not floating-point")
+        elif not array.size or max(array.shape, default=1) > MAX_SIZE:
+            problems.append(f"{key} has shape {array.shape}: sizes are 1 to {MAX_SIZE}")
+        elif not np.isfinite(array).all() or np.abs(array).max() > np.finfo(np.float32).max:
+            problems.append(f"{key} is not finite")
+    if problems:
+        more = f"\n  and {len(problems) - _LISTED} more" if len(problems) > _LISTED else ""
+        raise ValueError("these arrays are damaged:\n  " + "\n  ".join(problems[:_LISTED]) + more)
 
 
 def _subtree(state: State, marker: str) -> State | None:
@@ -124,10 +164,13 @@ def _blocks(state: State, pattern: str) -> int:
     return len({match[1] for key in state if (match := re.match(pattern, key))})
 
 
-def _shape(state: State, key: str) -> tuple[int, ...]:
+def _shape(state: State, key: str, axes: tuple[int, ...] = (2,)) -> tuple[int, ...]:
     if key not in state:
         raise ValueError(f"missing: {key}")
-    return state[key].shape
+    shape = state[key].shape
+    if len(shape) not in axes:
+        raise ValueError(f"misshapen: {key} is {shape}, but must have {' or '.join(map(str, axes))} axes")
+    return shape
 
 
 def _autoencoder(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> Component[AutoencoderConfig]:
@@ -164,12 +207,12 @@ def _denoiser(state: State, heads: Mapping[Any, tuple[int, int]] | None) -> Comp
     lane, agent = (_shape(state, f"model.{kind}_embedder.linear1.weight") for kind in ("lane", "agent"))
     condition = None
     if "model.text_embedding_lanes.0.weight" in state:
-        condition = TextCondition(width=state["model.text_embedding_lanes.0.weight"].shape[1])
+        condition = TextCondition(width=_shape(state, "model.text_embedding_lanes.0.weight")[1])
     elif "model.dino_proj.weight" in state:
-        cells = round(_shape(state, "model.pos_emb_img")[-2] ** 0.5)
-        condition = ImageCondition(channels=state["model.dino_proj.weight"].shape[1], grid=(cells, cells))
+        cells = round(_shape(state, "model.pos_emb_img", (2, 3))[-2] ** 0.5)
+        condition = ImageCondition(channels=_shape(state, "model.dino_proj.weight")[1], grid=(cells, cells))
     lane_heads, agent_heads = (heads or {}).get("denoiser", (16, 8))
-    latents = next((value.shape[1] for key, value in state.items() if key.endswith("cross_attn.latent_tokens")), 32)
+    latents = next((_shape(state, key, (3,))[1] for key in state if key.endswith("cross_attn.latent_tokens")), 32)
     config = dataclasses.replace(
         DenoiserConfig.preset("official", condition=condition),
         lane_width=lane[0],

@@ -14,7 +14,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import grain
 import numpy as np
@@ -23,14 +23,13 @@ from jaxtyping import Bool, Float, Integer
 from scjax.camera.raycast import CLASSES, GRID, SemanticDepth, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
+from scjax.data.loader_config import Bucket, LoaderConfig
 from scjax.data.token_order import sort_tokens
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
 from scjax.scene.pytree import Replaceable, pytree
 
 _PLANNED = 2  # batches that are under way while a step runs
-
-Bucket = tuple[int, int]  # (agent slots, lane slots)
 
 
 @pytree
@@ -52,49 +51,6 @@ class TrainingExample(Replaceable):
     image: Float[AnyArray, "*b classes rows columns"] | None = None
     depth: Float[AnyArray, "*b rows columns"] | None = None
     has_image: Bool[AnyArray, "*b"] | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LoaderConfig:
-    """What a stream of training batches looks like.
-
-    Attributes:
-      batch_size: scenes a batch, over all processes.
-      buckets: (agent slots, lane slots) of the padded shapes, smallest first; all scenes of a batch share one.
-      crops: relative frequencies of the centered, partitioned and forward crop.
-      jitter_position: largest shift of the pose along x and along y [m].
-      jitter_heading: largest rotation of the pose [degrees].
-      order: "shuffle" permutes all but the ego (autoencoder), "recursive" sorts (denoiser; official-spec §3).
-      text_slots: largest number of tokens of a caption; the rest is cut off. Batches have as many slots as the
-        longest caption needs (``TextStore.slots``), so that few are padding.
-      seed: seed of everything random in the stream.
-      workers: threads that prepare examples ahead of their step.
-    """
-
-    batch_size: int = 16
-    buckets: tuple[Bucket, ...] = ((12, 16), (16, 28), (32, 48), (61, 100))
-    crops: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    jitter_position: float = 2.0
-    jitter_heading: float = 10.0
-    order: Literal["shuffle", "recursive"] = "shuffle"
-    text_slots: int = 96
-    seed: int = 0
-    workers: int = 1
-
-    @classmethod
-    def from_json(cls, fields: dict[str, Any], **changes: Any) -> LoaderConfig:
-        """A config from its JSON fields, in which lists stand for tuples."""
-        return cls(**{**{name: _as_tuples(value) for name, value in fields.items()}, **changes})
-
-    def __post_init__(self):
-        if self.batch_size < 1:
-            raise ValueError(f"batch_size must be at least 1, not {self.batch_size}")
-        if not self.buckets or list(self.buckets) != sorted(self.buckets):
-            raise ValueError(f"buckets must be (agents, lanes) pairs, smallest first, not {self.buckets}")
-        if len(self.crops) != len(Crop) or min(self.crops) < 0 or sum(self.crops) <= 0:
-            raise ValueError(f"crops must be three frequencies of positive sum, not {self.crops}")
-        if self.order not in ("shuffle", "recursive"):
-            raise ValueError(f'order must be "shuffle" or "recursive", not {self.order!r}')
 
 
 class Drawn(NamedTuple):
@@ -356,7 +312,3 @@ def clip_counts(scene: Scene, bucket: Bucket) -> Scene:
     if agents <= bucket[0] and lanes <= bucket[1]:
         return scene
     return permute(scene, np.arange(min(agents, bucket[0])), np.arange(min(lanes, bucket[1])))
-
-
-def _as_tuples(value: Any) -> Any:
-    return tuple(map(_as_tuples, value)) if isinstance(value, list | tuple) else value

@@ -8,14 +8,26 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
+import msgspec
 import numpy as np
 from flax import nnx
 from jaxtyping import Float
 
 from scjax.nn.functional import Functional, functional
 from scjax.nn.state_dict import Rules
+
+CONFIG_FILE, CONFIG_CURE = "config.json", "copy the encoder's folder again"
+
+Size: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=2**20)]
+"""Width, length or number of heads in a ``config.json``."""
+
+Rows: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=2**24)]
+"""Entries of a vocabulary."""
+
+Layers: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=1024)]
+Epsilon: TypeAlias = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
 
 class TokenFeatures(NamedTuple):
@@ -59,6 +71,11 @@ class TextNetworkConfig(Protocol):
         """Tokens that the network reads at most."""
         ...
 
+    @property
+    def vocab_size(self) -> int:
+        """Number of different tokens."""
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class TextNetwork:
@@ -67,6 +84,7 @@ class TextNetwork:
     Attributes:
       read_config: content of ``config.json`` -> config; ValueError for a variant that the module is not.
       module: (config, init=) -> the network.
+      table_shapes: config -> key of the state dict and shape of the arrays that all sizes of the config decide.
       weight_rules: config -> keys of the transformers state dict and the parameters that they become.
       is_unused: key of the state dict -> whether no parameter needs it.
       prefix: left out of keys that start with it.
@@ -75,6 +93,7 @@ class TextNetwork:
 
     read_config: Callable[[Mapping[str, Any]], Any]
     module: Callable[..., nnx.Module]
+    table_shapes: Callable[[Any], dict[str, tuple[int, ...]]]
     weight_rules: Callable[[Any], Rules]
     is_unused: Callable[[str], bool]
     prefix: str = ""

@@ -11,11 +11,12 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.encoders.base import TextNetwork
+from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, Rows, Size, TextNetwork
 from scjax.nn.attention import attend
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
+from scjax.scene.document import convert_document
 
 _STD = 0.02
 _UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias")  # keys that tokens do not need
@@ -25,26 +26,34 @@ _UNUSED = ("embeddings.position_ids", "pooler.dense.weight", "pooler.dense.bias"
 class BertConfig:
     """Sizes, named as in ``config.json`` of the transformers library."""
 
-    vocab_size: int = 30522
-    hidden_size: int = 384
-    num_hidden_layers: int = 6
-    num_attention_heads: int = 12
-    intermediate_size: int = 1536
-    max_position_embeddings: int = 512
-    type_vocab_size: int = 2
-    layer_norm_eps: float = 1e-12
+    vocab_size: Rows = 30522
+    hidden_size: Size = 384
+    num_hidden_layers: Layers = 6
+    num_attention_heads: Size = 12
+    intermediate_size: Size = 1536
+    max_position_embeddings: Size = 512
+    type_vocab_size: Size = 2
+    layer_norm_eps: Epsilon = 1e-12
+
+    def __post_init__(self):
+        if self.hidden_size % self.num_attention_heads:
+            raise ValueError(
+                f"hidden_size {self.hidden_size} is no multiple of num_attention_heads {self.num_attention_heads}"
+            )
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> BertConfig:
         """Sizes from the content of a ``config.json``.
 
         Raises:
-          ValueError: a variant of BERT that this network is not.
+          ValueError: a field of another type or out of its range, or a variant of BERT that this network is not.
         """
         for name, supported in (("hidden_act", "gelu"), ("position_embedding_type", "absolute")):
             if content.get(name, supported) != supported:
-                raise ValueError(f"{name} is {content[name]!r}: only {supported!r} is supported for BERT")
-        return cls(**{field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content})
+                raise ValueError(
+                    f"{CONFIG_FILE}: {name} is {content[name]!r}: only {supported!r} is supported for BERT"
+                )
+        return convert_document(dict(content), cls, CONFIG_FILE, CONFIG_CURE)
 
     @property
     def width(self) -> int:
@@ -102,6 +111,17 @@ class Bert(nnx.Module):
         return jnp.where(mask[..., None], x, 0.0)
 
 
+def bert_table_shapes(config: BertConfig) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays that decide all sizes."""
+    width = config.hidden_size
+    return {
+        "embeddings.word_embeddings.weight": (config.vocab_size, width),
+        "embeddings.position_embeddings.weight": (config.max_position_embeddings, width),
+        "embeddings.token_type_embeddings.weight": (config.type_vocab_size, width),
+        "encoder.layer.0.intermediate.dense.weight": (config.intermediate_size, width),
+    }
+
+
 def bert_weight_rules(config: BertConfig) -> Rules:
     """Keys of a transformers state dict (without the prefix "bert.") -> parameters and layout changes."""
     rules: dict[str, Any] = {
@@ -135,6 +155,7 @@ def _norm(foreign: str, path: tuple) -> dict[str, Any]:
 NETWORK = TextNetwork(
     read_config=BertConfig.from_json,
     module=Bert,
+    table_shapes=bert_table_shapes,
     weight_rules=bert_weight_rules,
     is_unused=lambda name: name in _UNUSED,
     prefix="bert.",

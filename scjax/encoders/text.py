@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import json
 import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,15 +12,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import safetensors
-import safetensors.numpy
 from jaxtyping import Array
 
 from scjax.encoders import bert, t5
-from scjax.encoders.base import TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
+from scjax.encoders.base import CONFIG_FILE, TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
 from scjax.encoders.download import find_encoder
+from scjax.encoders.weights import check_weights, read_weights
 from scjax.nn.functional import Params
 from scjax.nn.state_dict import convert
+from scjax.scene.document import parse_document
 
 _LENGTH_STEP = 32  # texts are padded to a multiple of so many tokens, so that few programs are compiled
 _GROUP = 16  # texts in a call
@@ -42,8 +41,6 @@ class FrozenTextEncoder:
     def __init__(self, network: TextNetwork, config: TextNetworkConfig, params: Params, tokenizer: Any, name: str):
         self.config, self.params, self.tokenizer, self.name = config, params, tokenizer, name
         self._program = _program(network, config)
-        tokenizer.no_padding()
-        tokenizer.enable_truncation(config.max_tokens)
 
     @property
     def width(self) -> int:
@@ -56,9 +53,9 @@ class FrozenTextEncoder:
         A text with more tokens than the encoder reads (512) is cut at its end.
 
         Raises:
-          ValueError: a text that is empty or no text.
+          ValueError: a text that is empty or no text, or features that are not finite, as of damaged weights.
         """
-        encoded = [self.tokenizer.encode(clean_text(text)) for text in texts]
+        encoded = [self._encode(text) for text in texts]
         results: dict[int, TokenFeatures] = {}
         order = sorted(range(len(encoded)), key=lambda i: len(encoded[i].ids))
         for start in range(0, len(order), _GROUP):
@@ -70,13 +67,29 @@ class FrozenTextEncoder:
                 ids[row, : len(encoded[i].ids)] = encoded[i].ids
                 mask[row, : len(encoded[i].ids)] = True
             features = np.asarray(self._program(self.params, jnp.asarray(ids), jnp.asarray(mask)))
+            if not np.isfinite(features).all():
+                raise ValueError(
+                    f"the text encoder {self.name} has features that are not finite: copy its folder again"
+                )
             for row, i in enumerate(part):
                 results[i] = TokenFeatures(features[row, : len(encoded[i].ids)], tuple(encoded[i].tokens))
         return [results[i] for i in range(len(encoded))]
 
     def is_cut(self, text: str) -> bool:
         """Whether ``text`` has more tokens than the encoder reads."""
-        return bool(self.tokenizer.encode(clean_text(text)).overflowing)
+        return bool(self._encode(text).overflowing)
+
+    def _encode(self, text: str) -> Any:
+        clean = clean_text(text)
+        try:
+            encoded = self.tokenizer.encode(clean)
+        except Exception as error:  # the library raises nothing more precise
+            raise ValueError(
+                f"the tokenizer of {self.name} fails ({error}): copy the encoder's folder again"
+            ) from error
+        if not encoded.ids:
+            raise ValueError(f"the tokenizer of {self.name} finds no token in {clean[:50]!r}: use other words")
+        return encoded
 
 
 def load_text_encoder(folder: str | Path | None = None, *, progress: bool = True) -> FrozenTextEncoder:
@@ -96,29 +109,25 @@ def load_text_encoder(folder: str | Path | None = None, *, progress: bool = True
 
 @functools.lru_cache(maxsize=2)
 def _load(folder: Path) -> FrozenTextEncoder:
-    content = read_json_object(folder / "config.json")
+    content = read_json_object(folder / CONFIG_FILE)
     model_type = content.get("model_type")
-    if model_type not in NETWORKS:
+    if not isinstance(model_type, str) or model_type not in NETWORKS:
         *others, last = NETWORKS
         raise ValueError(
-            f"{folder}/config.json: model type {model_type!r} is not supported: use {', '.join(others)} or {last}"
+            f"{folder / CONFIG_FILE}: model type {model_type!r} is not supported: use {', '.join(others)} or {last}"
         )
     network = NETWORKS[model_type]
-    state = {name.removeprefix(network.prefix): array for name, array in read_weights(folder).items()}
     try:
         config = network.read_config(content)
-        expected = jax.eval_shape(pure_functions(network, config).init, jax.random.key(0))
+        state = {name.removeprefix(network.prefix): array for name, array in read_weights(folder).items()}
+        rules = network.weight_rules(config)
+        check_weights(state, rules, network.table_shapes(config))
+        expected = pure_functions(network, config).shapes()
         unused = [name for name in state if network.is_unused(name)]
-        params = convert(state, network.weight_rules(config), expected, unused, dict(network.aliases))
+        params = convert(state, rules, expected, unused, dict(network.aliases))
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error
-    from tokenizers import Tokenizer  # a tenth of a second, which prompts that ship with the model do not need
-
-    path = folder / "tokenizer.json"
-    try:
-        tokenizer = Tokenizer.from_file(str(path))
-    except Exception as error:  # the library raises nothing more precise
-        raise ValueError(f"{path}: cannot be read ({error}): copy the encoder's folder again") from error
+    tokenizer = load_tokenizer(folder / "tokenizer.json", config)
     return FrozenTextEncoder(network, config, params, tokenizer, f"{model_type}-{weights_digest(state)}")
 
 
@@ -147,29 +156,38 @@ def clean_text(text: object) -> str:
     return plain
 
 
+def load_tokenizer(path: Path, config: TextNetworkConfig) -> Any:
+    """The tokenizer of a ``tokenizer.json``, cut at what the network reads, once it has encoded a text.
+
+    Raises:
+      ValueError: the file is damaged, or belongs to a network with another vocabulary.
+    """
+    from tokenizers import Tokenizer  # a tenth of a second, which prompts that ship with the model do not need
+
+    cure = "copy the encoder's folder again"
+    try:
+        tokenizer = Tokenizer.from_file(str(path))
+        tokenizer.no_padding()
+        tokenizer.enable_truncation(config.max_tokens)
+        last = max(tokenizer.get_vocab().values(), default=0)
+        tokenizer.encode("a road, 2 cars")
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # the library raises nothing more precise, and panics of Rust are no Exception
+        raise ValueError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]}): {cure}") from error
+    if last >= config.vocab_size:
+        raise ValueError(f"{path}: has token {last}, the network {config.vocab_size} of them: {cure}")
+    return tokenizer
+
+
 def read_json_object(path: Path) -> dict[str, Any]:
     """The object in a JSON file; ValueError names the file if that fails."""
+    cure = "give the folder of a text encoder, or copy it again"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read ({error}): give the folder of a text encoder") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: holds no JSON object: give the folder of a text encoder")
-    return content
-
-
-def read_weights(folder: Path) -> dict[str, np.ndarray]:
-    """Name -> array of model.safetensors, or of all files that model.safetensors.index.json names."""
-    files = [folder / "model.safetensors"]
-    if (index := folder / "model.safetensors.index.json").is_file():
-        files = [folder / name for name in sorted(set(read_json_object(index)["weight_map"].values()))]
-    state: dict[str, np.ndarray] = {}
-    for file in files:
-        try:
-            state |= safetensors.numpy.load_file(file)
-        except (OSError, safetensors.SafetensorError) as error:
-            raise ValueError(f"{file}: cannot be read ({error}): copy the encoder's folder again") from error
-    return state
+        data = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror or error}): {cure}") from error
+    return parse_document(data, dict, path, cure)
 
 
 def weights_digest(state: dict[str, np.ndarray]) -> str:

@@ -25,10 +25,12 @@ class Functional(NamedTuple):
     Attributes:
       init: typed key -> parameters (nested dict of float32 arrays).
       apply: (params, *args, method="__call__", **kwargs) -> result of that method.
+      shapes: () -> the parameters as ``jax.ShapeDtypeStruct``; allocates nothing, however large the network is.
     """
 
     init: Callable[[jax.Array], Params]
     apply: Callable[..., Any]
+    shapes: Callable[[], Params]
 
 
 def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
@@ -53,7 +55,11 @@ def functional(make: Callable[[ParamInit], nnx.Module]) -> Functional:
         nnx.replace_by_pure_dict(state, params)
         return getattr(nnx.merge(graphdef, state), method)(*args, **kwargs)
 
-    return Functional(jax.jit(init), apply)
+    def shapes() -> Params:
+        leaves = flatten(nnx.to_pure_dict(abstract))
+        return unflatten({path: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for path, leaf in leaves.items()})
+
+    return Functional(jax.jit(init), apply, shapes)
 
 
 def _record(make: Callable[[ParamInit], nnx.Module]) -> tuple[nnx.Module, list[tuple[str, int]]]:

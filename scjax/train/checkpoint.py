@@ -2,35 +2,71 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import json
+import logging
+import re
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import orbax.checkpoint as ocp
+
+from scjax.scene.document import parse_document
+from scjax.train.resume import compare_runs
 
 FORMAT = 3
 """Format of the items below and of what they hold. Others are refused: their random numbers would not continue."""
+
+_REST = 0.2
+"""Seconds in which other tasks of orbax end after one has failed."""
+
+_FACTS = "checkpoint"
+"""Key in the item ``config`` for what is not of the config: format, hashes of the inputs, checksums. Checkpoints from
+before these facts have no such key."""
 
 
 class Checkpoints:
     """The checkpoints of one run in ``folder``; a context manager that waits for the last write.
 
     Items: ``state`` (any PyTree of arrays, typed keys included), ``data`` (JSON: position of the input stream),
-    ``config`` (JSON: the resolved config and data statistics).
+    ``config`` (JSON: the resolved config, with the format, the hashes of the inputs and checksums of the other items).
+
+    Args:
+      config: resolved config of the run.
+      inputs: name of an input -> hash of its content.
+      keep: checkpoints that stay.
+
+    Raises:
+      ValueError: files of the folder are damaged.
     """
 
-    def __init__(self, folder: Path, config: dict[str, Any], *, keep: int = 2):
+    def __init__(self, folder: Path, config: dict[str, Any], inputs: Mapping[str, str] | None = None, *, keep: int = 2):
         self._folder = folder.resolve()
-        self._config = config
-        self._manager = ocp.CheckpointManager(
-            self._folder,
-            item_names=("state", "data", "config"),
-            options=ocp.CheckpointManagerOptions(
-                max_to_keep=keep, create=True, enable_async_checkpointing=True, step_prefix="step"
-            ),
-            metadata={"format": FORMAT},
-        )
+        self._config, self._inputs = config, dict(inputs or {})
+        try:
+            self._manager = ocp.CheckpointManager(
+                self._folder,
+                item_names=("state", "data", "config"),
+                options=ocp.CheckpointManagerOptions(
+                    max_to_keep=keep,
+                    create=True,
+                    enable_async_checkpointing=True,
+                    step_prefix="step",
+                    cleanup_tmp_directories=True,
+                ),
+                metadata={"format": FORMAT},
+            )
+        except OSError:
+            raise
+        except Exception as error:  # orbax raises nothing more precise
+            raise ValueError(_damaged(self._folder, _latest_step(self._folder), error)) from error
 
     def __enter__(self) -> Checkpoints:
         return self
@@ -48,12 +84,18 @@ class Checkpoints:
         """Starts writing; waits for the write before, and raises its errors."""
         if step == self.latest:
             return
+        facts = {
+            "format": FORMAT,
+            "inputs": self._inputs,
+            "state": int(_checksum(jax.tree.leaves(state))),
+            "data": _text_checksum(data),
+        }
         self._manager.save(
             step,
             args=ocp.args.Composite(
                 state=ocp.args.StandardSave(jax.tree.map(_one_copy, state)),
                 data=ocp.args.JsonSave(data),
-                config=ocp.args.JsonSave(self._config),
+                config=ocp.args.JsonSave({**self._config, _FACTS: facts}),
             ),
         )
         if wait:
@@ -63,29 +105,137 @@ class Checkpoints:
         """(state, data position) of the last checkpoint; ``like`` has its shapes, dtypes and shardings.
 
         Raises:
-          ValueError: if it was written by another format or under another config.
+          ValueError: it was written by another format or under another config, its inputs had another content, or it is
+            damaged.
         """
         step = self.latest
-        version = (self._manager.metadata().custom_metadata or {}).get("format", 1)
-        if version != FORMAT:
-            cure = "update scjax" if version > FORMAT else "start from an exported model with --config.init_from"
-            raise ValueError(
-                f"{self._folder} has checkpoint format {version}, this code reads {FORMAT}: {cure}, "
-                "or choose another --workdir"
-            )
-        items = self._manager.restore(step, args=ocp.args.Composite(config=ocp.args.JsonRestore()))
-        saved, current = (_network_fields(json.loads(json.dumps(c))) for c in (items["config"], self._config))
-        if saved != current:
-            changed = sorted(key for key in {*saved, *current} if saved.get(key) != current.get(key))
-            raise ValueError(
-                f"{self._folder} holds a run with another config.model ({', '.join(changed)} differ): "
-                "give its values, or another --workdir"
-            )
+        facts = check_resume(self._folder, self._config, self._inputs)
         target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-        items = self._manager.restore(
-            step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
+        reason = ""
+        with _silent_tasks():
+            try:
+                items = self._manager.restore(
+                    step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
+                )
+            except Exception as error:  # orbax raises nothing more precise
+                reason = str(error) or type(error).__name__
+                time.sleep(_REST)
+        if reason:
+            raise ValueError(_damaged(self._folder, step, reason))
+        state, data = items["state"], items["data"]
+        for name, checksum in (("state", int(_checksum(jax.tree.leaves(state)))), ("data", _text_checksum(data))):
+            if facts.get(name, checksum) != checksum:
+                raise ValueError(_damaged(self._folder, step, f"its {name} has another checksum than was recorded"))
+        return state, data
+
+    def use_position(self, restore: Callable[[dict[str, Any]], None], position: dict[str, Any]) -> None:
+        """Calls ``restore`` with the data position of the last checkpoint.
+
+        Raises:
+          ValueError: the position is of another form, i.e. damaged.
+        """
+        try:
+            restore(position)
+        except (AttributeError, IndexError, KeyError, OverflowError, TypeError) as error:
+            raise ValueError(_damaged(self._folder, self.latest, f"its data position is {position!r}")) from error
+
+
+def check_resume(folder: Path, config: Mapping[str, Any], inputs: Mapping[str, str]) -> dict[str, Any]:
+    """Compares a command with the run whose checkpoints ``folder`` holds, if any; only reads.
+
+    Returns:
+      What the last checkpoint says about itself.
+
+    Raises:
+      ValueError: that run has another format, fields that shape it differ, its inputs had another content, or the
+        checkpoint is damaged.
+    """
+    step = _latest_step(folder)
+    if step is None:
+        return {}
+    path = folder / f"step_{step}" / "config" / "metadata"
+    cure = _cure(folder, step)
+    try:
+        saved = parse_document(path.read_bytes(), dict, path, cure)
+    except OSError as error:
+        raise ValueError(_damaged(folder, step, error)) from error
+    facts = saved.pop(_FACTS, {})
+    if not isinstance(facts, dict):
+        raise ValueError(_damaged(folder, step, f"{path} has no facts"))
+    version = facts.get("format")
+    if version is None:
+        version = _root_format(folder, step)
+    if not isinstance(version, int) or version != FORMAT:
+        is_newer = isinstance(version, int) and version > FORMAT
+        advice = "update scjax" if is_newer else "start from an exported model with --config.init_from"
+        raise ValueError(
+            f"{folder} has checkpoint format {version}, this code reads {FORMAT}: {advice}, or choose another --workdir"
         )
-        return items["state"], items["data"]
+    saved_inputs = facts.get("inputs")
+    plain = json.loads(json.dumps(config))
+    differences = compare_runs(saved, saved_inputs if isinstance(saved_inputs, dict) else None, plain, inputs)
+    if differences:
+        raise ValueError(f"{folder} holds another run: {'; '.join(differences)}. Give its values, or another --workdir")
+    return facts
+
+
+def _latest_step(folder: Path) -> int | None:
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    return max((int(match[1]) for name in names if (match := re.fullmatch(r"step_(\d+)", name))), default=None)
+
+
+def _root_format(folder: Path, step: int) -> Any:
+    """The format of checkpoints from before ``_FACTS``, which orbax keeps for the whole folder."""
+    path = folder / "metadata" / "_ROOT_METADATA"
+    try:
+        content = parse_document(path.read_bytes(), dict, path, _cure(folder, step))
+    except FileNotFoundError:
+        return 1
+    except OSError as error:
+        raise ValueError(_damaged(folder, step, error)) from error
+    custom = content.get("custom_metadata")
+    return custom.get("format", 1) if isinstance(custom, dict) else 1
+
+
+def _cure(folder: Path, step: int | None) -> str:
+    return f"delete {folder / f'step_{step}'}: the checkpoint before is taken, or the run begins anew"
+
+
+def _damaged(folder: Path, step: int | None, reason: object) -> str:
+    text = " ".join(str(reason).split())
+    text = text if len(text) <= 200 else f"{text[:197]}..."
+    return f"the checkpoint of step {step} in {folder} is damaged ({text}): {_cure(folder, step)}"
+
+
+@contextlib.contextmanager
+def _silent_tasks() -> Iterator[None]:
+    """Within it, tasks of orbax that nobody waits for any more, after the first one has failed, print no traceback."""
+    logger = logging.getLogger("asyncio")
+    hooks = sys.unraisablehook, sys.excepthook, logger.disabled
+    sys.unraisablehook, sys.excepthook, logger.disabled = lambda _: None, lambda *_: None, True
+    try:
+        yield
+        gc.collect()
+    finally:
+        sys.unraisablehook, sys.excepthook, logger.disabled = hooks
+
+
+@jax.jit
+def _checksum(leaves: list[Any]) -> jax.Array:
+    """The sum of the bits of all numbers, modulo 2^32; it does not depend on how they are sharded."""
+    total = jnp.zeros((), jnp.uint32)
+    for leaf in leaves:
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            leaf = jax.random.key_data(leaf)
+        if leaf.dtype == bool:
+            leaf = leaf.astype(jnp.uint8)
+        bits = jax.lax.bitcast_convert_type(leaf, f"uint{8 * leaf.dtype.itemsize}")
+        total = 31 * total + jnp.sum(bits.astype(jnp.uint32), dtype=jnp.uint32)
+    return total
+
+
+def _text_checksum(content: Any) -> int:
+    return zlib.crc32(json.dumps(content, sort_keys=True).encode())
 
 
 def _one_copy(leaf: Any) -> Any:
@@ -96,11 +246,3 @@ def _one_copy(leaf: Any) -> Any:
     if isinstance(leaf, jax.Array) and leaf.is_fully_replicated and jax.process_count() == 1:
         return leaf.addressable_shards[0].data
     return leaf
-
-
-def _network_fields(config: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a resolved config that decide what the parameters mean."""
-    return {
-        **config["model"],
-        **{name: config[name] for name in ("cross_attention", "cross_attention_options") if name in config},
-    }

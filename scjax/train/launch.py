@@ -10,6 +10,7 @@ Any field is changed on the command line: --config.batch.batch_size=32. The same
 at the very next batch; Ctrl-C and SIGTERM save first. At the end FOLDER/model is the model for scjax.load.
 
   --no-keep-memory   give freed memory back to the system (slower on CPUs; see scjax/train/malloc.py)
+  --debug            print the trace of an unexpected error
   --distributed      one process of several, which JAX finds in the environment (jax.distributed.initialize)
 """
 
@@ -29,6 +30,7 @@ from scjax.train.malloc import without_memory_option
 
 _CONFIGS = Path(__file__).parent / "configs"
 _ALIASES = {"counter": "counts"}
+DEBUG = "--debug"
 HELP_OPTIONS = {"-h", "--help", "--helpfull"}
 
 
@@ -43,7 +45,7 @@ def main(arguments: Sequence[str], program: str) -> int:
         print((__doc__ or "").replace("PROGRAM", program))
         return 0
     try:
-        config, workdir, distributed = parse_arguments(arguments, program)
+        config, workdir, distributed = parse_arguments(without_debug(arguments), program)
     except (AttributeError, KeyError, TypeError, ValueError, OSError, flags.Error) as error:
         print(f"{program}: {_one_line(error)}", file=sys.stderr)
         return 2
@@ -59,6 +61,9 @@ def main(arguments: Sequence[str], program: str) -> int:
     start_jax()
     try:
         train(config, workdir)
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted before the first step; the same command starts again", file=sys.stderr)
+        return 130
     except (ValueError, FloatingPointError) as error:
         print(f"{program}: {error}", file=sys.stderr)
         return 1
@@ -68,7 +73,19 @@ def main(arguments: Sequence[str], program: str) -> int:
         print(f"{program}: {error}{where}", file=sys.stderr, flush=True)
         # The threads of a checkpoint that could not be written would print their traces after this line.
         os._exit(1)
+    except Exception as error:
+        if DEBUG in arguments:
+            raise
+        kind, text = type(error).__name__, " ".join(str(error).split())
+        advice = f"run with {DEBUG} for the trace, please report it"
+        print(f"{program}: unexpected {kind}: {text or 'no message'}; {advice}", file=sys.stderr)
+        return 1
     return 0
+
+
+def without_debug(arguments: Sequence[str]) -> list[str]:
+    """The arguments without ``--debug``."""
+    return [argument for argument in arguments if argument != DEBUG]
 
 
 def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, bool]:

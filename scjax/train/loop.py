@@ -18,7 +18,9 @@ from scjax.data.loader import BatchLoader, LoaderConfig, training_batches
 from scjax.generate.model import save_model
 from scjax.nn.functional import Params
 from scjax.nn.sharding import host_copy
-from scjax.train.checkpoint import Checkpoints
+from scjax.scene.files import locked_folder, remove_stale_parts, write_text
+from scjax.train.checkpoint import Checkpoints, check_resume
+from scjax.train.configs.schema import check_config
 from scjax.train.objectives import make_objective
 from scjax.train.objectives.base import Objective
 from scjax.train.reporter import Reporter
@@ -28,33 +30,45 @@ from scjax.train.step import Metrics, TrainingStep, TrainState, initial_state, m
 def train(config, workdir: Path) -> None:
     """Trains ``config.objective`` in ``workdir``, from its last checkpoint if there is one, to ``config.steps``.
 
+    Nothing is written before the config, the inputs and the last checkpoint are checked.
+
     Raises:
-      ValueError: an option or file that does not fit.
-      FloatingPointError: the loss is not finite.
+      ValueError: an option or file that does not fit, another run in ``workdir``, a damaged checkpoint, or another
+        process that trains there.
+      FloatingPointError: a loss or an update is not finite.
     """
-    workdir.mkdir(parents=True, exist_ok=True)
-    resolved = json.loads(config.to_json())
-    if jax.process_index() == 0:
-        (workdir / "config.json").write_text(json.dumps(resolved, indent=1))
+    resolved = check_config(config)
+    loader = LoaderConfig.from_json(resolved["batch"])
     objective = make_objective(config)
-    batches = training_batches(
-        config.records,
-        objective.codec,
-        LoaderConfig.from_json(resolved["batch"]),
-        texts=objective.texts,
-        images=objective.images,
-        process=jax.process_index(),
-        processes=jax.process_count(),
-    )
-    with stop_signals() as stop, Checkpoints(workdir / "checkpoints", resolved) as checkpoints:
-        run = TrainingRun(config, resolved, workdir, objective, batches, checkpoints)
-        run.run_steps(stop)
-        run.save(wait=True)
-        if stop:
-            print(f"stopped at step {run.number} of {config.steps}; the same command continues", file=sys.stderr)
-            return
-    folder = run.export("model")
-    print(f"trained model: {folder}", file=sys.stderr)
+    inputs, checkpoints_folder = objective.inputs, workdir / "checkpoints"
+    check_resume(checkpoints_folder, resolved, inputs)
+    if workdir.exists() and not workdir.is_dir():
+        raise ValueError(f"{workdir} is no folder: choose another --workdir")
+    is_first = jax.process_index() == 0
+    with stop_signals() as stop, locked_folder(workdir) if is_first else contextlib.nullcontext():
+        if is_first:
+            remove_stale_parts(workdir)
+            remove_stale_parts(workdir / "pictures")
+        batches = training_batches(
+            config.records,
+            objective.codec,
+            loader,
+            texts=objective.texts,
+            images=objective.images,
+            process=jax.process_index(),
+            processes=jax.process_count(),
+        )
+        with Checkpoints(checkpoints_folder, resolved, inputs) as checkpoints:
+            run = TrainingRun(config, resolved, workdir, objective, batches, checkpoints)
+            if is_first:
+                write_text(workdir / "config.json", json.dumps(resolved, indent=1))
+            run.run_steps(stop)
+            run.save(wait=True)
+            if stop:
+                print(f"stopped at step {run.number} of {config.steps}; the same command continues", file=sys.stderr)
+                return
+        folder = run.export("model")
+        print(f"trained model: {folder}", file=sys.stderr)
 
 
 class TrainingRun:
@@ -93,7 +107,7 @@ class TrainingRun:
         self.state: TrainState = self._step.place(initial_state(params, self._groups, optimizer))
         if checkpoints.latest is not None:
             self.state, position = checkpoints.restore(self.state)
-            batches.restore(position)
+            checkpoints.use_position(batches.restore, position)
             self.number = checkpoints.latest
             print(f"continuing {workdir} at step {self.number}", file=sys.stderr)
 
@@ -111,6 +125,7 @@ class TrainingRun:
             tensorboard=config.tensorboard,
             quiet=jax.process_index() > 0,
         ) as reporter:
+            self._export_if_due(again=False)
             start, scenes = time.perf_counter(), 0
             while self.number < config.steps and not stop:
                 batch = next(self._batches)
@@ -155,20 +170,41 @@ class TrainingRun:
             self._check(number, metrics)
             self.save()
         if number in config.export_at:
-            self.export(f"model-{number}")
+            self._check(number, metrics)
+        self._export_if_due(again=True)
+
+    def _export_if_due(self, *, again: bool) -> None:
+        """Exports the model of this step if ``config.export_at`` has it; an existing one is replaced with ``again``.
+
+        A process may have been killed between the checkpoint and the model of a step.
+        """
+        name = f"model-{self.number}"
+        if self.number in self._config.export_at and (again or not (self._workdir / name).exists()):
+            self.export(name)
 
     def _ema_params(self) -> Params:
         return self._groups.unpack(host_copy(self.state.ema))
 
     def _check(self, number: int, metrics: Metrics) -> None:
-        """Stops the run at a loss that is not finite."""
-        if not np.isfinite(float(metrics["loss"])):
-            latest = self._checkpoints.latest
-            raise FloatingPointError(
-                f"the loss of step {number} is not finite; "
-                + (f"the last good checkpoint is step {latest}" if latest is not None else "no checkpoint is before it")
-                + ". Lower --config.optimizer.learning_rate, or look at the data of that step"
+        """Stops the run at a loss or an update that is not finite, before either can reach a file.
+
+        The update has a finite norm only if all its numbers, and so the parameters after it, are finite.
+        """
+        for name, text in (("loss", "loss"), ("gradient_norm", "gradient"), ("update_norm", "update")):
+            if not np.isfinite(float(metrics[name])):
+                raise FloatingPointError(f"the {text} of step {number} is not finite; {self._way_on()}")
+
+    def _way_on(self) -> str:
+        latest = self._checkpoints.latest
+        if latest is None:
+            return (
+                "no checkpoint is before it. Lower --config.optimizer.learning_rate, or look at the data of that step"
             )
+        return (
+            f"the last good checkpoint is step {latest}, from which the same command continues. If it fails again, "
+            f"look at the data of that step, or give --config.export_at=({latest},) for the model of that checkpoint, "
+            "and start another --workdir from it with --config.init_from and a lower --config.optimizer.learning_rate"
+        )
 
 
 def is_due(step: int, every: int, last: int) -> bool:

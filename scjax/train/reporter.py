@@ -11,13 +11,16 @@ from typing import Any, TextIO
 import numpy as np
 from tqdm import tqdm
 
+from scjax.scene.files import write_file
+
 
 class Reporter:
     """Writes scalars and pictures of one run into its folder; a context manager.
 
     Args:
       folder: of the run; made if it is missing.
-      first_step, last_step: range of the progress bar.
+      first_step: step that the run continues after; what was reported of later ones is removed, since they come again.
+      last_step: end of the progress bar.
       tensorboard: whether to write TensorBoard files as well.
       quiet: write no files and show nothing, as processes other than the first do.
     """
@@ -25,8 +28,8 @@ class Reporter:
     def __init__(self, folder: Path, *, first_step: int, last_step: int, tensorboard: bool, quiet: bool = False):
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._quiet = folder, quiet
-        self._lines: TextIO | None = None if quiet else (folder / "metrics.jsonl").open("a")
-        self._board = _summary_writer(folder / "tensorboard") if tensorboard and not quiet else None
+        self._lines: TextIO | None = None if quiet else _opened(folder / "metrics.jsonl", first_step)
+        self._board = _summary_writer(folder / "tensorboard", first_step) if tensorboard and not quiet else None
         self._is_terminal = sys.stderr.isatty()
         self._bar = tqdm(initial=first_step, total=last_step, unit="step", disable=quiet or not self._is_terminal)
 
@@ -66,7 +69,25 @@ class Reporter:
         return folder / f"{name}_{step:07d}.png"
 
 
-def _summary_writer(folder: Path):
+def _opened(path: Path, last_step: int) -> TextIO:
+    """The file, open for appending, without lines of later steps and without lines that a kill left incomplete."""
+    if path.exists():
+        lines = path.read_bytes().splitlines(keepends=True)
+        kept = [line for line in lines if _is_until(line, last_step)]
+        if len(kept) < len(lines):
+            write_file(path, lambda file: file.writelines(kept))
+    return path.open("a", encoding="utf-8")
+
+
+def _is_until(line: bytes, last_step: int) -> bool:
+    try:
+        content = json.loads(line)
+        return line.endswith(b"\n") and int(content["step"]) <= last_step
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return False
+
+
+def _summary_writer(folder: Path, first_step: int):
     from tensorboardX import SummaryWriter
 
-    return SummaryWriter(str(folder))
+    return SummaryWriter(str(folder), purge_step=first_step + 1)

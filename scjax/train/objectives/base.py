@@ -51,6 +51,11 @@ class Objective(Protocol):
         """Paths of parameters that are not trained."""
         ...
 
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Config field (or "captions") -> hash of the content that the run reads there."""
+        ...
+
     def init(self, key: Array) -> Params:
         """Parameters of step 0."""
         ...

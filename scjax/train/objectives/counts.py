@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, validation_scenes
 from scjax.generate.model import Model, load_model
@@ -21,6 +22,7 @@ from scjax.nn import random
 from scjax.nn.functional import Functional, Params, Path
 from scjax.train.objectives.base import PicturePath, Terms, mean_terms
 from scjax.train.objectives.validation_examples import first_captions
+from scjax.train.resume import captions_hash, model_hash
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,6 +31,7 @@ class CountObjective:
 
     Attributes:
       base: the model of ``config.denoiser``, which the trained network joins.
+      records: record folder; records_hash: from its manifest.
       texts: captions of the training split; validation: held-back scenes with a caption each.
       model: sizes of the network.
       domain_dropout: share of examples whose domain is hidden.
@@ -36,6 +39,8 @@ class CountObjective:
     """
 
     base: Model
+    records: str
+    records_hash: str
     texts: TextStore
     validation: list[TrainingExample]
     model: CountPredictorConfig
@@ -64,6 +69,8 @@ class CountObjective:
         scenes = validation_scenes(config.records, base.codec, bucket=bucket)
         return cls(
             base=base,
+            records=config.records,
+            records_hash=load_manifest(config.records)["hash"],
             texts=texts,
             validation=first_captions(config.records, scenes, config.batch.text_slots),
             model=CountPredictorConfig(text_width=texts.width, domains=len(base.domains), **config.model.to_dict()),
@@ -81,6 +88,13 @@ class CountObjective:
     def network(self) -> Functional:
         """The count predictor as pure functions."""
         return count_predictor(self.model)
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Hashes of the records, their captions, and the model that the network joins."""
+        base = model_hash(self.base, *sorted(self.base.components), domains=self.base.domains)
+        captions = captions_hash(self.records, self.texts.encoder)
+        return {"records": self.records_hash, "captions": captions, "denoiser": base}
 
     def init(self, key: Array) -> Params:
         """Fresh parameters."""

@@ -39,6 +39,7 @@ from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
 from scjax.train.objectives.validation_examples import validation_examples
+from scjax.train.resume import captions_hash, model_hash, params_hash
 from scjax.train.warm_start import denoiser_base, load_init_model, warm_start
 from scjax.viz import grid
 
@@ -163,6 +164,14 @@ class DenoiserObjective:
         frozen = frozenset(flatten(self.init_params)) if self.freeze else frozenset()
         shapes = jax.eval_shape(self.network.init, jax.random.key(0))
         return frozen | {path for path in flatten(shapes) if path[0] == _HEADS}
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Hashes of the records, their captions, the frozen autoencoder, and the parameters to begin with."""
+        captions = {} if self.texts is None else {"captions": captions_hash(self.records, self.texts.encoder)}
+        start = {"init_from": params_hash(self.init_params)} if self.init_params else {}
+        base = model_hash(self.base, "autoencoder")
+        return {"records": self.manifest["hash"], "autoencoder": base, **captions, **start}
 
     def init(self, key: Array) -> Params:
         """Fresh parameters, and those of ``config.init_from`` where it has any."""
