@@ -17,23 +17,25 @@ _MAX_RING_LANES = 16
 _STRAIGHT_CURVATURE = 0.02  # rad/m, ring segments below are straight
 _ARC_STEP = 2.0  # m between the places at which lanes are looked at
 _ARC_LENGTH = 8.0  # m over which their curvature is measured
-_RADIUS = (6.0, 40.0)  # m
+_RADIUS = (4.0, 30.0)  # m
 _CENTER_SPREAD = 5.0  # m between the centers of arcs of one circulation
 _RING_WIDTH = 0.3  # share of the radius, within which lanes belong to the ring
-_MIN_COVERED = np.deg2rad(240.0)  # of the visible circle
 _BINS = 36  # of the circle
+_MIN_COVERED = 24  # of them, 240 degrees
 _MIN_ARCS = 8  # of one circulation
 _MIN_ROADS = 2  # that enter or leave
-_VIEW_MARGIN = 2.0  # m inside the outermost lanes, beyond which a circle is not visible
 
 
 def has_roundabout(road: Road) -> bool:
-    """Whether lanes form a ring that is round and nowhere straight for long, unlike parking lots and city blocks."""
+    """Whether lanes form a ring that is round and nowhere straight for long, unlike parking lots and city blocks.
+
+    Without a closed ring of that kind, lanes that circulate around one place count too.
+    """
     for start in range(len(road)):
         ring = _shortest_ring(road, start)
         if ring and _is_round(road, ring):
             return True
-    return False
+    return _circulates(road)
 
 
 def _shortest_ring(road: Road, start: int) -> list[int]:
@@ -108,12 +110,7 @@ def _is_circulation(road: Road, sense: int, center: np.ndarray, radius: float) -
     ring = around & (np.abs(distance - radius) < _RING_WIDTH * radius)
     covered = np.zeros(_BINS, bool)
     covered[((angle[ring] + np.pi) / (2 * np.pi) * _BINS).astype(int) % _BINS] = True
-    middle = (np.arange(_BINS) + 0.5) / _BINS * 2 * np.pi - np.pi
-    circle = center + radius * np.stack([np.cos(middle), np.sin(middle)], -1)
-    low, high = place.min(0) + _VIEW_MARGIN, place.max(0) - _VIEW_MARGIN
-    visible = ((circle > low) & (circle < high)).all(-1)
-    needed = max(_MIN_COVERED / (2 * np.pi) * visible.sum(), _BINS / 3)
-    if (covered & visible).sum() < needed:
+    if covered.sum() < _MIN_COVERED:
         return False
     ends = np.linalg.norm(road.points[:, [0, -1]] - center, axis=-1)
     meets = (np.abs(ends - radius) < _RING_WIDTH * radius + 2.0).any(1) & (

@@ -39,6 +39,34 @@ def test_has_roundabout_rejects_block_with_round_corners():
     assert not has_roundabout(ring_road(quarters))
 
 
+def circulation(*, rings=(14.0,), start=0.0, end=360.0, gap=0.0, arms=4, sense=1) -> Road:
+    """Quarters of rings, open by ``gap`` meters at their ends, with roads that lead there and away; links are absent."""
+    builder = SceneBuilder(speed=6.0)
+    for radius in rings:
+        for low in np.arange(start, end, 90.0):
+            cut = np.rad2deg(gap / radius)
+            turn = np.deg2rad(np.linspace(low, min(low + 90.0, end) - cut, 12))
+            builder.add_lane(*(radius * np.stack([np.cos(turn), sense * np.sin(turn)], -1)))
+    for turn in np.deg2rad(np.linspace(start, end, arms, endpoint=False) + 20.0):
+        direction = np.array([np.cos(turn), sense * np.sin(turn)])
+        builder.add_lane(32 * direction, (max(rings) + 1) * direction)
+    return road_from_scene(builder.scene())
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize(
+    "shape", [{"gap": 1.5}, {"rings": (12.0, 15.5)}, {"rings": (20.0,), "start": -130.0, "end": 130.0}, {"arms": 2}]
+)
+def test_has_roundabout_by_circulation(shape, sense):
+    """An open joint, two lanes side by side, a ring that the window cuts, two roads only; no lane is linked."""
+    assert has_roundabout(circulation(**shape, sense=sense))
+
+
+@pytest.mark.parametrize("shape", [{"end": 180.0}, {"arms": 0}, {"arms": 1}])
+def test_has_roundabout_rejects_bends_and_turning_circles(shape):
+    assert not has_roundabout(circulation(gap=1.0, **shape))
+
+
 def test_find_intersections_is_empty_for_a_tangle_of_lanes():
     """Untrained models draw such scenes; comparing all their crossings took minutes and gigabytes."""
     scene = empty(1, 60).replace(
