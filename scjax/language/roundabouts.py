@@ -137,7 +137,7 @@ def _arcs(road: Road) -> tuple[np.ndarray, np.ndarray]:
     centers, curvatures = [np.zeros((0, 2))], [np.zeros(0)]
     for line, length in zip(road.points, road.length, strict=True):
         step = length / (len(line) - 1)
-        reach = int(min(_ARC_LENGTH, length) / step) - 1
+        reach = int(np.clip(min(_ARC_LENGTH, length) / step - 1, 1, len(line) - 2))
         if length < _ARC_LENGTH / 2:
             continue
         direction = np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))

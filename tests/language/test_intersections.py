@@ -40,7 +40,7 @@ def test_has_roundabout_rejects_block_with_round_corners():
 
 
 def circulation(*, rings=(14.0,), start=0.0, end=360.0, gap=0.0, arms=4, sense=1) -> Road:
-    """Quarters of rings, open by ``gap`` meters at their ends, with roads that lead there and away; links are absent."""
+    """Quarters of rings, open by ``gap`` meters at their ends, with roads that lead there; links are absent."""
     builder = SceneBuilder(speed=6.0)
     for radius in rings:
         for low in np.arange(start, end, 90.0):
