@@ -58,9 +58,11 @@ def commands(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         if flag == "PLACE":
             arguments = [value if word == "PLACE" else word for word in words]
         else:
-            default = {"SOURCE": str(fixtures / "recordings"), "FILE": str(fixtures / "scene.npz"), "TEXT": PROMPT}
-            arguments = [default.get(word, word) for word in words if word != "PLACE"] + [f"{flag}={value}"]
+            arguments = [word for word in words if word != "PLACE"] + [f"{flag}={value}"]
         yield _case(fixtures, arguments, flag, value)
+    for words, _ in _templates(fixtures, old):
+        if "PLACE" not in words:
+            yield _case(fixtures, words, "", "")  # undamaged
     for arguments in _fixed(fixtures, old):
         flag = arguments[-1].removeprefix("--config.").partition("=")[0].rpartition(".")[2] if arguments else ""
         yield _case(fixtures, arguments, flag, "")
@@ -193,7 +195,11 @@ def _run(folder: Path, arguments: list[str]) -> Any:
 def _fault(end: Any, flag: str, value: str) -> str | None:
     folder, output, errors = end
     for path in folder.rglob("*.npz"):
-        if "index" not in path.name and (fault := scene_fault(names.get("load_npz")(path))):
+        if (
+            path.parent.name != "records"
+            and "index" not in path.name
+            and (fault := scene_fault(names.get("load_npz")(path)))
+        ):
             return f"{path.name}: {fault}"
     if not output.strip() and not errors.strip():
         return "exit status 0 without a word"

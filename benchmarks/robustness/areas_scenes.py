@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robustness import damage_bytes, damage_json, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 from benchmarks.robustness.invariants import log_fault, old_log_fault, scene_fault
 
 
@@ -34,6 +34,7 @@ def recorded(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         yield file_case(text, "scene-7.json.gz", gzip.compress(data, 1, mtime=0), read, check)
     for text, data in damage_bytes.gzips(rng, json.dumps(document).encode(), 100):
         yield file_case(text, "scene-7.json.gz", data, read, check)
+    yield file_case(SOUND, "scene-7.json.gz", (fixtures / "recorded.json.gz").read_bytes(), read, check)
 
 
 def own_json(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
@@ -41,7 +42,8 @@ def own_json(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     read = names.get("load_json")
     for name, number in (("scene", 560), ("batch", 200)):
         document = json.loads((fixtures / f"{name}.json").read_text())
-        for text, data in damage_json.documents(rng, document, number):
+        damaged = damage_json.documents(rng, document, number)
+        for text, data in (*damaged, (SOUND, damage_json.dump(document))):
             yield file_case(
                 text, "my-scene.json", data, read, lambda scene, data=data: scene_fault(scene) or _unlike(scene, data)
             )
@@ -53,7 +55,7 @@ def own_npz(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     for name, number in (("scene", 420), ("batch", 120)):
         with np.load(fixtures / f"{name}.npz") as file:
             arrays = dict(file)
-        for text, data in damage_bytes.npzs(rng, arrays, number):
+        for text, data in (*damage_bytes.npzs(rng, arrays, number), (SOUND, damage_bytes.npz(arrays))):
             yield file_case(text, "my-scene.npz", data, read, scene_fault)
 
 
@@ -62,7 +64,7 @@ def logs(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     read = names.get("load_log")
     with np.load(fixtures / "log.npz") as file:
         arrays = dict(file)
-    for text, data in damage_bytes.npzs(rng, arrays, 180):
+    for text, data in (*damage_bytes.npzs(rng, arrays, 180), (SOUND, damage_bytes.npz(arrays))):
         yield file_case(text, "my-log.npz", data, read, log_fault)
     header = json.loads(str(arrays["header"]))
     for text, data in damage_json.documents(rng, header, 120):
