@@ -4,7 +4,7 @@
   clean      refused by ValueError or FileNotFoundError, or exit status 1 or 2, naming the file, field or argument
   unnamed    refused by a text that names none of them
   traceback  any other exception, or a process that died
-  hang       more than 30 s (60 to 90 s where networks are compiled) of processor time
+  hang       more than 30 s (60 s where networks are compiled) of processor time
   memory     more than 1 GB of memory for one input, or MemoryError
   wrong      accepted, but the result is not sound, or is not what the input says
 

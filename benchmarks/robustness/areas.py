@@ -44,8 +44,8 @@ AREAS: dict[str, Area] = {
     "prompts": Area(areas_encoders.prompts),
     "official": Area(areas_models.official, 60.0),
     "checkpoints": Area(areas_training.checkpoints),
-    "configs": Area(areas_training.configs, 90.0),
+    "configs": Area(areas_training.configs, 60.0),
     "commands": Area(areas_commands.commands, 60.0),
-    "models": Area(areas_models.models, 90.0),
-    "requests": Area(areas_requests.requests, 90.0),
+    "models": Area(areas_models.models, 60.0),
+    "requests": Area(areas_requests.requests, 60.0),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -57,18 +58,20 @@ def commands(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         if flag == "PLACE":
             arguments = [value if word == "PLACE" else word for word in words]
         else:
-            default = {"SOURCE": str(fixtures / "recordings"), "FILE": str(fixtures / "scene.npz"), "TEXT": PROMPT}
-            arguments = [default.get(word, word) for word in words if word != "PLACE"] + [f"{flag}={value}"]
-        yield _case(arguments, flag, value)
+            arguments = [word for word in words if word != "PLACE"] + [f"{flag}={value}"]
+        yield _case(fixtures, arguments, flag, value)
+    for words, _ in _templates(fixtures, old):
+        if "PLACE" not in words:
+            yield _case(fixtures, words, "", "")  # undamaged
     for arguments in _fixed(fixtures, old):
         flag = arguments[-1].removeprefix("--config.").partition("=")[0].rpartition(".")[2] if arguments else ""
-        yield _case(arguments, flag, "")
+        yield _case(fixtures, arguments, flag, "")
 
 
 def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
     """Words of a command, and the options that get odd values; PLACE is the positional argument that gets them."""
     steps = ["--steps", "2", "--pick", "1", "--tries", "1"] if old else ["--num-steps", "2", "--best-of", "1"]
-    model, records, scene = str(fixtures / "text"), str(fixtures / "records"), str(fixtures / "scene.npz")
+    model, scene = str(fixtures / "text"), str(fixtures / "scene.npz")
     generate = [
         "generate",
         PROMPT,
@@ -119,10 +122,10 @@ def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
             ["data", "synthetic", "out", "--worlds", "1", "--workers", "0"],
             ["--seed", "--ordinary", "--events", "--worlds"],
         ),
-        (["data", "caption", records, "--workers", "0"], ["--paraphrases", "--drop", "--seed"]),
+        (["data", "caption", "records", "--workers", "0"], ["--paraphrases", "--drop", "--seed"]),
         (["data", "caption", "PLACE"], ["PLACE"]),
         (["data", "embed", "PLACE", "--encoder", str(fixtures / "bert")], ["PLACE"]),
-        (["data", "embed", str(fixtures)], ["--encoder", "--split"]),
+        (["data", "embed", "records", "--encoder", str(fixtures / "bert")], ["--encoder", "--split"]),
     ]
 
 
@@ -150,20 +153,22 @@ def _fixed(fixtures: Path, old: bool) -> list[list[str]]:
     return lines
 
 
-def _case(arguments: list[str], flag: str, value: str) -> Case:
+def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
     shown = [word for word in (value, ascii(value)[1:-1]) if len(word) > 1 or (word and flag == "PLACE")]
-    words = [word for word in arguments if len(word) > 1 and not word.startswith("--")]
+    words = [Path(word).name for word in arguments if "/" in word and "\n" not in word and len(Path(word).name) > 1]
     named = (flag.strip("-"), flag.strip("-").replace("-", "_"), *shown, *words)
     text = " ".join(ascii(word) if len(word) < 60 else f"...{word[-30:]!a}" for word in arguments)
 
     def write(folder: Path) -> None:
         (folder / "command.txt").write_text(ascii(arguments))
+        if "records" in arguments:  # this command writes into them
+            shutil.copytree(fixtures / "records", folder / "records")
 
     return Case(
         f"scjax ... {text[-85:]}",
         lambda folder: _run(folder, arguments),
         lambda end: _fault(end, flag, value),
-        tuple(filter(None, named)) or ("Usage",),
+        tuple(filter(None, named)) or ("Usage", "command", "option"),
         write,
     )
 
@@ -190,7 +195,11 @@ def _run(folder: Path, arguments: list[str]) -> Any:
 def _fault(end: Any, flag: str, value: str) -> str | None:
     folder, output, errors = end
     for path in folder.rglob("*.npz"):
-        if "index" not in path.name and (fault := scene_fault(names.get("load_npz")(path))):
+        if (
+            path.parent.name != "records"
+            and "index" not in path.name
+            and (fault := scene_fault(names.get("load_npz")(path)))
+        ):
             return f"{path.name}: {fault}"
     if not output.strip() and not errors.strip():
         return "exit status 0 without a word"

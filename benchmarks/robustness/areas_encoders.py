@@ -12,7 +12,7 @@ import numpy as np
 import safetensors.numpy
 
 from benchmarks.robustness import damage_bytes, damage_json, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 
 FOLDER = "my-encoder"
 _TEXTS = ("a road with two lanes", "three cars")
@@ -61,7 +61,8 @@ def encoders(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
 
 
 def _encoder_damage(rng: np.random.Generator, fixtures: Path) -> Iterator[tuple[str, str, dict[str, bytes | None]]]:
-    for kind in ("bert", "t5"):
+    for kind in ("bert", "umt5"):
+        yield SOUND, kind, {}
         config = json.loads((fixtures / kind / "config.json").read_text())
         for text, data in damage_json.documents(rng, config, 60):
             yield f"config.json: {text}", kind, {"config.json": data}
@@ -139,6 +140,8 @@ def _prompt_writer(prompt: Any) -> Callable[[Path], None]:
 
 
 def _prompts(rng: np.random.Generator) -> Iterator[tuple[str, Any]]:
+    for prompt in _PROMPTS:
+        yield SOUND, prompt
     for value in (3, 1.5, True, b"two cars", ["two cars"], {"a": 1}, ("a", "b"), object(), np.array("a road"), 0, ""):
         yield f"a prompt of type {type(value).__name__}", value
     for digits in (1, 5, 30, 300, 4299, 4300, 4301, 10_000, 100_000):

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.robustness import damage_bytes, damage_json, names
 from benchmarks.robustness.areas_encoders import folder_writer, weight_damage
-from benchmarks.robustness.case import Case, Refused
+from benchmarks.robustness.case import SOUND, Case, Refused
 from benchmarks.robustness.fixtures import HEADS, PROMPT
 from benchmarks.robustness.invariants import arrays_fault, scene_fault
 
@@ -31,7 +31,7 @@ def official(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         def read(folder: Path, file_name: str = file_name, heads: tuple[int, int] = heads) -> Any:
             return _convert(folder / file_name, folder / "out", heads)
 
-        for text, changed in weight_damage(rng, data, 58):
+        for text, changed in (*weight_damage(rng, data, 58), (SOUND, data)):
             yield Case(f"{name}: {text}", read, arrays_fault, (file_name,), _writer(file_name, changed))
 
 
@@ -86,6 +86,7 @@ def _model_fault(result: Any) -> str | None:
 
 def _model_damage(rng: np.random.Generator, fixtures: Path) -> Iterator[tuple[str, str, dict[str, bytes | None]]]:
     for kind, number in (("plain", 60), ("text", 110)):
+        yield SOUND, kind, {}
         index = json.loads((fixtures / kind / "model.json").read_text())
         for text, data in damage_json.documents(rng, index, number):
             yield f"model.json: {text}", kind, {"model.json": data}

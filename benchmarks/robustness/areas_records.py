@@ -13,7 +13,7 @@ import numpy as np
 import safetensors.numpy
 
 from benchmarks.robustness import damage_bytes, damage_json, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 from benchmarks.robustness.invariants import arrays_fault, scene_fault
 
 _WORDS = ("data", "record")
@@ -31,7 +31,7 @@ def records(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     def check(scenes: list[Any]) -> str | None:
         return next((fault for scene in scenes if (fault := scene_fault(scene))), None)
 
-    for text, data in _records(rng, stored):
+    for text, data in (*_records(rng, stored), (SOUND, stored[0])):
         yield Case(text, lambda folder, data=data: read(data), check, _WORDS, _writer("record.bin", data))
 
 
@@ -97,6 +97,7 @@ def shards(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
             return f"{len(before)} records became {len(rows)}, or others"
         return next((fault for _, scene in rows if (fault := scene_fault(scene))), None)
 
+    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
     paths = sorted((fixtures / "records").glob("train-*.arrayrecord"))
     for path in paths:
         data = path.read_bytes()
@@ -119,15 +120,15 @@ def _manifests(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
 
     def read(folder: Path) -> Any:
         manifest = load_manifest(folder)
-        for split, entry in manifest["splits"].items():  # what writers of captions do first
-            if entry["records"]:
-                (folder / f"captions-{split}.jsonl.gz").unlink(missing_ok=True)
+        for path in folder.glob("captions-*"):
+            path.unlink()
         add_captions(folder, paraphrases=1, progress=False)
         return manifest
 
     before = json.loads((fixtures / "records/manifest.json").read_text())
+    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, _manifest_fault)
     for text, data in damage_json.documents(rng, before, 170):
-        yield _folder_case(text, fixtures, "manifest.json", data, read, lambda manifest: _manifest_fault(manifest))
+        yield _folder_case(text, fixtures, "manifest.json", data, read, _manifest_fault)
 
 
 def _manifest_fault(manifest: dict[str, Any]) -> str | None:
@@ -163,6 +164,7 @@ def _captions(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
                 return f"facts: {fault}"
         return None
 
+    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
     for k in (0, 1):
         for text, data in damage_json.documents(rng, json.loads(lines[k]), 50):
             content = b"\n".join([*lines[:k], data, *lines[k + 1 :]]) + b"\n"
@@ -187,6 +189,7 @@ def _features(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         same = all(np.array_equal(a, b) for a, b in zip(result[2], before[2], strict=True))
         return None if same else "other features than were embedded"
 
+    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
     with np.load(fixtures / "records/text-train.npz") as file:
         arrays = dict(file)
     for text, data in damage_bytes.npzs(rng, arrays, 80):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robustness import damage_bytes, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 from benchmarks.robustness.damage_json import show
 from benchmarks.robustness.fixtures import PROMPT, WIDTH
 from benchmarks.robustness.invariants import scene_fault
@@ -92,6 +92,8 @@ def requests(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
                 {name: value},
                 (name, names.OLD_ARGUMENTS.get(name, name)),
             )
+    for kind in ("plain", "text"):
+        yield _case(f"{kind}: {SOUND}", fixtures, kind, {}, {}, ())
     for value in (None, 0, "0", 1.5, [1, 2], np.zeros(2, np.uint32), object()):
         yield _case(f"key = {_show(value)}", fixtures, "plain", {}, {"key": value}, ("key",))
     yield from _known(rng, fixtures)

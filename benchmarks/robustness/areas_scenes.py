@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robustness import damage_bytes, damage_json, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 from benchmarks.robustness.invariants import log_fault, old_log_fault, scene_fault
 
 
@@ -31,9 +31,16 @@ def recorded(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     check = old_log_fault if names.is_old() else log_fault
     document = json.loads(gzip.decompress((fixtures / "recorded.json.gz").read_bytes()))
     for text, data in damage_json.documents(rng, document, 860):
-        yield file_case(text, "scene-7.json.gz", gzip.compress(data, 1, mtime=0), read, check)
+        yield file_case(
+            text,
+            "scene-7.json.gz",
+            gzip.compress(data, 1, mtime=0),
+            read,
+            lambda log, data=data: check(log) or _recorded_unlike(log, json.loads(data)),
+        )
     for text, data in damage_bytes.gzips(rng, json.dumps(document).encode(), 100):
         yield file_case(text, "scene-7.json.gz", data, read, check)
+    yield file_case(SOUND, "scene-7.json.gz", (fixtures / "recorded.json.gz").read_bytes(), read, check)
 
 
 def own_json(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
@@ -41,7 +48,8 @@ def own_json(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     read = names.get("load_json")
     for name, number in (("scene", 560), ("batch", 200)):
         document = json.loads((fixtures / f"{name}.json").read_text())
-        for text, data in damage_json.documents(rng, document, number):
+        damaged = damage_json.documents(rng, document, number)
+        for text, data in (*damaged, (SOUND, damage_json.dump(document))):
             yield file_case(
                 text, "my-scene.json", data, read, lambda scene, data=data: scene_fault(scene) or _unlike(scene, data)
             )
@@ -53,7 +61,7 @@ def own_npz(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     for name, number in (("scene", 420), ("batch", 120)):
         with np.load(fixtures / f"{name}.npz") as file:
             arrays = dict(file)
-        for text, data in damage_bytes.npzs(rng, arrays, number):
+        for text, data in (*damage_bytes.npzs(rng, arrays, number), (SOUND, damage_bytes.npz(arrays))):
             yield file_case(text, "my-scene.npz", data, read, scene_fault)
 
 
@@ -62,7 +70,7 @@ def logs(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     read = names.get("load_log")
     with np.load(fixtures / "log.npz") as file:
         arrays = dict(file)
-    for text, data in damage_bytes.npzs(rng, arrays, 180):
+    for text, data in (*damage_bytes.npzs(rng, arrays, 180), (SOUND, damage_bytes.npz(arrays))):
         yield file_case(text, "my-log.npz", data, read, log_fault)
     header = json.loads(str(arrays["header"]))
     for text, data in damage_json.documents(rng, header, 120):
@@ -70,6 +78,29 @@ def logs(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
             word = np.array(data.decode("utf-8", "replace"))
             changed = damage_bytes.npz({**arrays, "header": word}, compressed=True)
             yield file_case(f"header: {text}", "my-log.npz", changed, read, log_fault)
+
+
+def _recorded_unlike(log: Any, document: dict[str, Any]) -> str | None:
+    """How a log differs from the recording it was read from; numbers may be written as texts."""
+    objects, steps = document["objects"], document["timestamps"]
+    if (len(objects), len(steps)) != log.valid.shape:
+        return f"{len(objects)} objects and {len(steps)} steps became {log.valid.shape}"
+    lanes = [item for item in document["map"] if item["type"] == "lane"]
+    if [len(item["x"]) for item in lanes] != [len(lane.points) for lane in log.lanes]:
+        return "other lanes, or lanes of other lengths"
+    for i, item in enumerate(objects):
+        for key, values in (
+            ("x", log.positions[i, :, 0]),
+            ("vy", log.velocities[i, :, 1]),
+            ("heading", log.headings[i]),
+        ):
+            stated = np.array([np.nan if value is None else float(value) for value in item[key]])
+            if not np.allclose(stated[log.valid[i]], values[log.valid[i]], equal_nan=True):
+                return f"{key} of object {i} differs"
+    for item, lane in zip(lanes, log.lanes, strict=True):
+        if not np.allclose([float(value) for value in item["y"]], lane.points[:, 1]):
+            return "y of a lane differs"
+    return None
 
 
 def _unlike(scene: Any, data: bytes) -> str | None:

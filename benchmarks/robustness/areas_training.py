@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robustness import damage_bytes, damage_json, names
-from benchmarks.robustness.case import Case
+from benchmarks.robustness.case import SOUND, Case
 from benchmarks.robustness.fixtures import RESOLVED, state_of
 from benchmarks.robustness.invariants import arrays_fault
 
@@ -63,6 +63,7 @@ def checkpoints(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         return None if all(jax.tree.leaves(same)) else "another state than was saved"
 
     paths = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file())
+    yield _checkpoint_case(SOUND, source, paths[0], (source / paths[0]).read_bytes(), read, check)
     for path in paths:
         yield _checkpoint_case(f"{path} is missing", source, path, None, read, check)
     for k in range(max(140 - len(paths), 0)):
@@ -97,6 +98,12 @@ def configs(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         fields = [field for field in _leaves(_config(objective, fixtures).to_dict()) if "position_head" not in field]
         pairs = [(field, k) for field in fields for k in range(len(_VALUES))]
         rng.shuffle(pairs)
+        yield Case(
+            f"{objective}: {SOUND}",
+            lambda folder, o=objective: _start_run(o, fixtures, folder, "records", str(fixtures / "records")),
+            arrays_fault,
+            (),
+        )
         for field, k in pairs[:number]:
             value, short = _VALUES[int(k)], str(field).rsplit(".", 1)[-1]
             yield Case(
@@ -147,8 +154,13 @@ def _start_run(objective: str, fixtures: Path, folder: Path, field: str, value: 
             del node[name]
         else:
             node[name] = value
-    resolved = json.loads(config.to_json())
-    return _old_run(config, resolved) if names.is_old() else _new_run(config, resolved, folder)
+    if names.is_old():
+        return _old_run(config, json.loads(config.to_json()))
+    try:
+        from scjax.train.configs.schema import check_config
+    except ImportError:  # commits before this check
+        return _new_run(config, json.loads(config.to_json()), folder)
+    return _new_run(config, check_config(config), folder)  # as ``scjax.train.loop.train`` begins
 
 
 def _new_run(config: Any, resolved: dict[str, Any], folder: Path) -> Any:

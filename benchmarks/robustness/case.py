@@ -9,6 +9,8 @@ from typing import Any
 
 OUTCOMES = ("ok", "clean", "unnamed", "traceback", "hang", "memory", "wrong")
 FAULTS = OUTCOMES[2:]
+SOUND = "undamaged"
+"""Text of an input that must be accepted: it shows that an area reads what it means to, and that its check passes."""
 
 
 class Unavailable(Exception):

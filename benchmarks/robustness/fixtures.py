@@ -103,7 +103,9 @@ def _encoders(folder: Path) -> None:
     from scjax.encoders import t5
 
     words = json.loads((folder / "bert/config.json").read_text())["vocab_size"]
-    write(folder / "t5", t5.T5Config(vocab_size=words, d_model=16, d_kv=4, d_ff=24, num_layers=2, num_heads=2), "t5")
+    write(
+        folder / "umt5", t5.T5Config(vocab_size=words, d_model=16, d_kv=4, d_ff=24, num_layers=2, num_heads=2), "umt5"
+    )
 
 
 def _models(folder: Path) -> None:

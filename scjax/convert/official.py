@@ -16,6 +16,7 @@ import safetensors.numpy
 from scjax.convert.autoencoder import from_official
 from scjax.convert.denoiser import convert_denoiser
 from scjax.generate.model import Component, Model
+from scjax.generate.model_checks import MAX_PARAMETER
 from scjax.models import codec as codec
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
@@ -131,8 +132,8 @@ def _check_arrays(state: State) -> None:
             problems.append(f"{key} is {array.dtype}, not floating-point")
         elif not array.size or max(array.shape, default=1) > MAX_SIZE:
             problems.append(f"{key} has shape {array.shape}: sizes are 1 to {MAX_SIZE}")
-        elif not np.isfinite(array).all() or np.abs(array).max() > np.finfo(np.float32).max:
-            problems.append(f"{key} is not finite")
+        elif not (np.abs(array) < MAX_PARAMETER).all():
+            problems.append(f"{key} is not finite, or beyond {MAX_PARAMETER:g}")
     if problems:
         more = f"\n  and {len(problems) - _LISTED} more" if len(problems) > _LISTED else ""
         raise ValueError("these arrays are damaged:\n  " + "\n  ".join(problems[:_LISTED]) + more)
