@@ -156,7 +156,11 @@ def _fixed(fixtures: Path, old: bool) -> list[list[str]]:
 def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
     shown = [word for word in (value, ascii(value)[1:-1]) if len(word) > 1 or (word and flag == "PLACE")]
     words = [Path(word).name for word in arguments if "/" in word and "\n" not in word and len(Path(word).name) > 1]
+    words += [part for word in arguments for part in word.partition("=")[2].split(":") if len(part) > 2]
+    if flag == "PLACE" and not value:
+        shown.append(".")  # an empty path is the current folder
     named = (flag.strip("-"), flag.strip("-").replace("-", "_"), *shown, *words)
+    named += ("prompt", "workdir", "config") if value == "" else ()  # what is missing may be named
     text = " ".join(ascii(word) if len(word) < 60 else f"...{word[-30:]!a}" for word in arguments)
 
     def write(folder: Path) -> None:
@@ -168,7 +172,7 @@ def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
         f"scjax ... {text[-85:]}",
         lambda folder: _run(folder, arguments),
         lambda end: _fault(end, flag, value),
-        tuple(filter(None, named)) or ("Usage", "command", "option"),
+        tuple(filter(None, named)) or ("command", "option"),
         write,
     )
 

@@ -55,7 +55,12 @@ def models(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
     for text, kind, changes in _model_damage(rng, fixtures):
         prompt = PROMPT if kind == "text" else None
         write = folder_writer(fixtures / kind, FOLDER, changes)
-        arguments = (FOLDER, *changes, *damage_json.field_names(text), *(["text encoder"] if "prompts" in text else []))
+        arguments = (
+            FOLDER,
+            *changes,
+            *damage_json.field_names(text),
+            *(["text encoder"] if "prompts" in text else ["a prompt is given"]),
+        )
         yield Case(
             f"{kind}, {text}",
             lambda folder, prompt=prompt: _load_and_sample(folder, prompt),

@@ -78,7 +78,7 @@ def requests(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
                 kind,
                 {name: value},
                 {},
-                (name, name.removeprefix("negative_"), names.OLD_FIELDS.get(name, name)),
+                (name, name.removeprefix("negative_"), names.OLD_FIELDS.get(name, name), "text encoder"),
             )
     for name in _ARGUMENTS:
         if name in absent:
