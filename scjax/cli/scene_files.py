@@ -40,6 +40,8 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     """
     from scjax.metrics.plausibility import scene_doubts
 
+    if not str(path).strip():
+        raise ValueError("FILE is empty: give the name of a file")
     path = Path(path)
     if not path.name.endswith((".npz", ".json", ".json.gz")):
         other = _OTHER_FORMATS.get(path.suffix)

@@ -48,7 +48,7 @@ class Worlds:
         check_number("ordinary", self.ordinary, 0, 1, "give a share from 0 to 1", whole=False)
         if unknown := set(self.events) - set(EVENTS):
             raise ValueError(f"unknown event {min(unknown)!r}: choose of {', '.join(EVENTS)}")
-        check_number("count", self.count, 1, MAX_COUNT, f"give at least one world, {MAX_COUNT} at most")
+        check_number("the number of worlds", self.count, 1, MAX_COUNT, f"give at least one world, {MAX_COUNT} at most")
         check_seed(self.seed)
 
     def names(self) -> list[str]:

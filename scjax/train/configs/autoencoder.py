@@ -32,7 +32,9 @@ VARIANTS = {
 def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
     if variant not in VARIANTS:
-        raise ValueError(f"unknown variant {variant!r} of autoencoder.py: choose one of {', '.join(VARIANTS)}")
+        raise ValueError(
+            f"--config=autoencoder:{variant:.80} is an unknown variant: choose one of {', '.join(VARIANTS)}"
+        )
     batch_size, steps, learning_rate = VARIANTS[variant]
     official = variant == "official"
     config = ml_collections.ConfigDict()

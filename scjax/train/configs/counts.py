@@ -17,7 +17,7 @@ VARIANTS = {"tiny": (32, 300), "small": (64, 4000)}  # batch, steps
 def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
     if variant not in VARIANTS:
-        raise ValueError(f"unknown variant {variant!r} of counts.py: choose one of {', '.join(VARIANTS)}")
+        raise ValueError(f"--config=counts:{variant:.80} is an unknown variant: choose one of {', '.join(VARIANTS)}")
     batch_size, steps = VARIANTS[variant]
     config = ml_collections.ConfigDict()
     config.objective = "counts"

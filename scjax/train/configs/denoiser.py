@@ -43,7 +43,7 @@ def cross_attention_options() -> dict[str, dict]:
 def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
     if variant not in VARIANTS:
-        raise ValueError(f"unknown variant {variant!r} of denoiser.py: choose one of {', '.join(VARIANTS)}")
+        raise ValueError(f"--config=denoiser:{variant:.80} is an unknown variant: choose one of {', '.join(VARIANTS)}")
     batch_size, steps, learning_rate, ema_decay = VARIANTS[variant]
     official = variant == "official"
     config = ml_collections.ConfigDict()
