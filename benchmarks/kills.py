@@ -55,7 +55,7 @@ download.subprocess.run, download._MODULE = run, "no_such_package_at_all"
 folder = download.find_encoder(progress=False)
 assert all((folder / name).is_file() for name in download.FILES)"""
 _STRAY = ("*.part", "*tmp*", ".*.old", ".model*")
-_LIMITS = (1, 16, 128)  # KB of a file on a full disk
+_LIMITS = (1, 8, 32, 128)  # KB of a file on a full disk
 
 
 class Task(NamedTuple):
