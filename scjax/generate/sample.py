@@ -95,8 +95,8 @@ def sample_scenes(
     """Samples ``num_scenes`` scenes for one condition, or for each of several conditions.
 
     Scene i depends on ``fold_in(key, i)`` only, not on how many scenes are sampled with it. With several conditions,
-    scene j of condition c is scene number ``c * num_scenes + j``. A single scene and several are different programs, and
-    so are other processors or numbers of them: between these, scenes of one key differ in their last bits.
+    scene j of condition c is scene number ``c * num_scenes + j``. A single scene and several are different programs, as
+    are those of other processors: between them, scenes of one key differ in their last bits.
 
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
