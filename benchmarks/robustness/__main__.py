@@ -102,7 +102,8 @@ def run(args: argparse.Namespace, work: Path, fixtures: Path, out: TextIO) -> tu
                 out.write(json.dumps(faults[-1]) + "\n")
                 out.flush()
                 if args.keep and worker.folder.is_dir():
-                    shutil.copytree(worker.folder, args.keep / area / str(index), symlinks=True, dirs_exist_ok=True)
+                    shutil.rmtree(args.keep / area / str(index), ignore_errors=True)
+                    shutil.copytree(worker.folder, args.keep / area / str(index), symlinks=True)
         outcomes = {outcome: counts[outcome] for outcome in OUTCOMES}
         rows.append({"area": area, "inputs": len(indices), **outcomes, "s": round(time.perf_counter() - start)})
         tqdm.write(table(rows[-1:]), file=sys.stderr)
