@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from tqdm import tqdm
 
-from benchmarks.robustness.case import FAULTS, OUTCOMES
+from benchmarks.robustness.case import FAULTS, OUTCOMES, SOUND
 from benchmarks.robustness.pool import Worker, child
 
 _NAMES = (
@@ -92,19 +92,23 @@ def run(args: argparse.Namespace, work: Path, fixtures: Path, out: TextIO) -> tu
             reason = listing["unavailable"] if isinstance(listing, dict) else listing
             rows.append({"area": area, "inputs": 0, "not run": reason})
             continue
-        counts = collections.Counter()
+        counts, distrust = collections.Counter(), []
         indices = range(0, listing["inputs"], max(round(1 / args.scale), 1))
         for index in tqdm(indices, area, unit="input"):
             result = _one(worker, area, index, seconds)
             counts[result["outcome"]] += 1
+            if result["text"].endswith(SOUND) and result["outcome"] != "ok":
+                distrust.append(f"{area}: an undamaged input ends {result['outcome']}, so this row means little")
             if result["outcome"] in FAULTS:
                 faults.append({"area": area, "index": index, **result})
                 out.write(json.dumps(faults[-1]) + "\n")
                 out.flush()
                 if args.keep and worker.folder.is_dir():
-                    shutil.copytree(worker.folder, args.keep / area / str(index), symlinks=True, dirs_exist_ok=True)
+                    shutil.rmtree(args.keep / area / str(index), ignore_errors=True)
+                    shutil.copytree(worker.folder, args.keep / area / str(index), symlinks=True)
         outcomes = {outcome: counts[outcome] for outcome in OUTCOMES}
         rows.append({"area": area, "inputs": len(indices), **outcomes, "s": round(time.perf_counter() - start)})
+        rows[-1]["distrust"] = distrust
         tqdm.write(table(rows[-1:]), file=sys.stderr)
     worker.close()
     shutil.rmtree(worker.folder, ignore_errors=True)
@@ -137,6 +141,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = [f"| {' | '.join(columns)} |", f"|{' --- |' * len(columns)}"]
     for row in [*done, *([sums] if len(done) > 1 else [])]:
         lines.append(f"| {' | '.join(f'{row[name]:,}' if name != 'area' else row[name] for name in columns)} |")
+    lines += [line for row in rows for line in row.get("distrust", ())]
     lines += [f"{row['area']}: not run, {row['not run']}" for row in rows if not row["inputs"]]
     return "\n".join(lines)
 
