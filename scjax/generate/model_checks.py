@@ -43,7 +43,7 @@ def check_model(model: Model) -> None:
     """
     check_codec(model.codec)
     for name, component in model.components.items():
-        check_config(name, component.config)
+        check_network_config(name, component.config)
         _check_params(name, component.config, component.params)
     _check_fit(model)
     if not all(isinstance(domain, str) and domain for domain in model.domains):
@@ -59,7 +59,7 @@ def check_model(model: Model) -> None:
         _check_counts(model)
 
 
-def check_config(name: str, config: Any) -> None:
+def check_network_config(name: str, config: Any) -> None:
     """Types and sizes of the plain fields of a network's config.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from msgspec import Struct
 
-from scjax.generate.model_checks import check_config
+from scjax.generate.model_checks import check_network_config
 from scjax.models.codec import SceneCodec
 from scjax.scene import AgentType, Link
 
@@ -64,7 +64,7 @@ def read_config(name: str, config_type: type, fields: dict[str, Any]) -> Any:
       ValueError: names the component and what is wrong in it.
     """
     config = read_part(name, lambda content: config_from_json(config_type, content), fields)
-    check_config(name, config)
+    check_network_config(name, config)
     return config
 
 
