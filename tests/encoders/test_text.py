@@ -106,7 +106,7 @@ def write_config(folder, **changes):
         ({"vocab_size": "gone"}, "word_embeddings.weight"),
         ({"num_hidden_layers": 0}, "num_hidden_layers"),
         ({"intermediate_size": 25}, "intermediate.dense.weight"),
-        ({"layer_norm_eps": float("nan")}, "config.json is no JSON"),
+        ({"layer_norm_eps": float("nan")}, r"config\.json: layer_norm_eps: expected `float` > 0"),
         ({"layer_norm_eps": -1.0}, "layer_norm_eps"),
         ({"hidden_act": "relu"}, "hidden_act is 'relu'"),
         ({"model_type": ["bert"]}, "model type"),

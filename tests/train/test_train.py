@@ -144,7 +144,8 @@ def test_train_continues_after_a_full_disk_and_sigterm(undisturbed, records, tmp
     assert weights(tmp_path) == weights(undisturbed)
 
 
-def test_train_stops_at_a_loss_that_is_not_finite(undisturbed, records, tmp_path):
+def test_train_stops_at_a_loss_that_is_not_finite(undisturbed, records, tmp_path, monkeypatch):
+    monkeypatch.setattr("scjax.generate.model_checks.MAX_PARAMETER", float("inf"))  # else no such model is saved
     config = get_config("autoencoder")
     model = scjax.load(undisturbed / "model")
     coder = model.autoencoder
