@@ -158,7 +158,7 @@ def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
     words = [Path(word).name for word in arguments if "/" in word and "\n" not in word and len(Path(word).name) > 1]
     words += [part for word in arguments for part in word.partition("=")[2].split(":") if len(part) > 2]
     if flag == "PLACE" and not value:
-        shown.append(".")  # an empty path is the current folder
+        shown += [".", "is empty"]  # an empty path is the current folder, or is called empty
     named = (flag.strip("-"), flag.strip("-").replace("-", "_"), *shown, *words)
     named += ("prompt", "workdir", "config") if value == "" or flag == "PLACE" else ()  # what is missing may be named
     text = " ".join(ascii(word) if len(word) < 60 else f"...{word[-30:]!a}" for word in arguments)

@@ -35,12 +35,13 @@ class _DataCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Accepts several values after a repeatable option: ``--events A B`` is ``--events A --events B``."""
-        if "" in args:
-            raise click.UsageError("an argument is empty: give the name of a folder")
         repeatable = {name for option in self.params if getattr(option, "multiple", False) for name in option.opts}
         return super().parse_args(ctx, _repeat_options(args, repeatable))
 
     def invoke(self, ctx: click.Context) -> Any:
+        for param in self.params:
+            if ctx.params.get(param.name or "") == "":
+                raise click.UsageError(f"{param.human_readable_name} is empty: give the name of a folder", ctx)
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
