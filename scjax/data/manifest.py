@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -108,7 +109,7 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
             f"{MANIFEST_FORMAT}/{RECORD_FORMAT}: {_CURE}"
         )
     content = parse_document(data, dict, path, _CURE)
-    if fault := _find_fault(convert_document(content, Manifest, path, _CURE)):
+    if fault := _find_fault(convert_document(content, Manifest, path, _CURE)) or _not_finite(content, ""):
         raise ValueError(f"{path}: {fault}: {_CURE}")
     return content
 
@@ -131,6 +132,14 @@ def _find_fault(manifest: Manifest) -> str:
         if split.records and not split.shards:
             return f"splits.{name}.records: {split.records} without a shard"
     return ""
+
+
+def _not_finite(content: Any, path: str) -> str:
+    """The path of the first NaN or infinity, which JSON does not have but Python reads; empty without one."""
+    if isinstance(content, float) and not math.isfinite(content):
+        return f"{path.removeprefix('.')}: is {content}"
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    return next((fault for key, value in items if (fault := _not_finite(value, f"{path}.{key}"))), "")
 
 
 def file_entry(size: int, sha256: str) -> dict[str, Any]:
