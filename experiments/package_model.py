@@ -23,7 +23,8 @@ from experiments.studies.page import script_parser
 from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders import TextEncoder, load_text_encoder
-from scjax.generate.model import COMPONENTS, DEFAULT_MODEL, Model
+from scjax.generate.components import COMPONENTS, Model
+from scjax.generate.model import DEFAULT_MODEL
 from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
 

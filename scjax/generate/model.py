@@ -1,4 +1,4 @@
-"""A trained model: networks by name, with the codec, statistics and defaults that sampling needs.
+"""Models in folders: writing, reading, and the one that ships with the package.
 
 A model folder holds ``model.json`` (the index: configs and statistics), safetensors files with the parameters, and the
 token features of prompts that need no text encoder.
@@ -11,14 +11,14 @@ import functools
 import json
 import shutil
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
 from scjax.diffusion.defaults import DEFAULT_TEMPERATURE
 from scjax.diffusion.energy_guidance import EnergyGuidance
+from scjax.generate.components import COMPONENTS, Component, Model
 from scjax.generate.model_checks import check_model
 from scjax.generate.model_format import (
     FORMAT,
@@ -31,14 +31,9 @@ from scjax.generate.model_format import (
     upgrade,
 )
 from scjax.generate.prompt_cache import load_prompts, write_prompts
-from scjax.models.autoencoder.config import AutoencoderConfig
-from scjax.models.codec import SceneCodec
-from scjax.models.counts.predictor import CountPredictorConfig
-from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.latents import LatentStatistics
-from scjax.nn.functional import Params, flatten, unflatten
+from scjax.nn.functional import flatten, unflatten
 from scjax.nn.safetensors import read_arrays, sha256_of, write_arrays
-from scjax.nn.sharding import replicated, scene_mesh
 from scjax.scene.document import convert_document, parse_document
 from scjax.scene.files import part_path, remove_stale_parts, replace_folder
 from scjax.scene.per_type import PerType
@@ -46,98 +41,10 @@ from scjax.scene.per_type import PerType
 DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
 """Folder of the model that ships with the package."""
 
-COMPONENTS: dict[str, type] = {
-    "autoencoder": AutoencoderConfig,
-    "denoiser": DenoiserConfig,
-    "count_predictor": CountPredictorConfig,
-}
-"""Name of a network in ``Model.components`` -> type of its config. A new network is one more line."""
-
 INDEX, PROMPTS = "model.json", "prompts.safetensors"
 _CURE = "copy or export the model again"
 _ATTEMPTS = 20
 _WEIGHTS, _COUNTS = "weights.safetensors", "counts"
-
-Config = TypeVar("Config")
-
-
-@dataclasses.dataclass(frozen=True)
-class Component(Generic[Config]):
-    """A network of a model: its sizes, and its parameters as a nested dict of arrays."""
-
-    config: Config
-    params: Params
-    _placed: dict[int, Params] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
-
-    def placed_params(self, scenes: int) -> Params:
-        """The parameters on every device over which so many scenes are spread; they are copied there once."""
-        devices = scene_mesh(scenes).size
-        if devices not in self._placed:
-            self._placed[devices] = replicated(self.params, scenes)
-        return self._placed[devices]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Model:
-    """Everything that sampling needs. Without a denoiser a model only encodes and decodes.
-
-    Attributes:
-      components: networks by name, see ``COMPONENTS``.
-      codec: types, columns and ranges of the scenes.
-      latents: mean and standard deviation of the latents, per type.
-      domains: names behind the domain labels.
-      counts: [domains, crops, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
-      text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
-      prompts: text -> token features [tokens, width] of prompts that need no encoder.
-      temperature: default scale of the sampler's noise, per type.
-      energy_guidance: default energy guidance of the sampler, or None.
-      notes: free JSON: training data, steps, license.
-    """
-
-    components: Mapping[str, Component[Any]]
-    codec: SceneCodec
-    latents: LatentStatistics
-    domains: tuple[str, ...]
-    counts: np.ndarray | None = None
-    text_encoder: str = ""
-    prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    temperature: PerType = DEFAULT_TEMPERATURE
-    energy_guidance: EnergyGuidance | None = None
-    notes: dict[str, Any] = dataclasses.field(default_factory=dict)
-
-    def __post_init__(self):
-        unknown = sorted(self.components.keys() - COMPONENTS.keys())
-        if unknown:
-            raise ValueError(f"Model.components: {', '.join(unknown)} unknown: choose from {', '.join(COMPONENTS)}")
-
-    @property
-    def autoencoder(self) -> Component[AutoencoderConfig]:
-        """The network between scenes and latents; ValueError if the model has none."""
-        return self._component("autoencoder")
-
-    @property
-    def denoiser(self) -> Component[DenoiserConfig]:
-        """The diffusion network; ValueError if the model has none."""
-        return self._component("denoiser")
-
-    @property
-    def count_predictor(self) -> Component[CountPredictorConfig]:
-        """The network that predicts lane and agent counts from a prompt; ValueError if the model has none."""
-        return self._component("count_predictor")
-
-    def _component(self, name: str) -> Component[Any]:
-        if name not in self.components:
-            raise ValueError(f"this model has no {name}: train that stage (or convert its checkpoint) first")
-        return self.components[name]
-
-    def with_component(self, name: str, config: Any, params: Params) -> Model:
-        """The model with a network added or replaced."""
-        return dataclasses.replace(self, components={**self.components, name: Component(config, params)})
-
-    def without(self, *names: str) -> Model:
-        """The model without some of its networks."""
-        rest = {name: component for name, component in self.components.items() if name not in names}
-        return dataclasses.replace(self, components=rest)
 
 
 def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, largest: float | None = None) -> Path:
@@ -263,7 +170,7 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
             raise ValueError(f"components has no {name[:60]!r}: choose from {', '.join(COMPONENTS)}")
         if name not in params:
             raise ValueError(f"there are no arrays of the {name}")
-        components[name] = Component(read_config(name, COMPONENTS[name], fields), params[name])
+        components[name] = Component(read_config(name, COMPONENTS[name].config, fields), params[name])
     guidance = index.energy_guidance
     return Model(
         components=components,

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
 
-from scjax.models.autoencoder.model import autoencoder
+from scjax.generate.components import COMPONENTS, Model
 from scjax.models.codec import SceneCodec
-from scjax.models.counts.predictor import count_predictor
-from scjax.models.denoiser.model import denoiser
-from scjax.nn.functional import Functional, flatten
+from scjax.nn.functional import flatten
 from scjax.scene import Crop
 from scjax.scene.arguments import finite_number
-
-if TYPE_CHECKING:
-    from scjax.generate.model import Model
-
-NETWORKS: dict[str, Callable[[Any], Functional]] = {
-    "autoencoder": autoencoder,
-    "denoiser": denoiser,
-    "count_predictor": count_predictor,
-}
-"""Name of a component -> its network for a config."""
 
 _MAX_SIZE, _MAX_BLOCKS = 1 << 20, 256
 MAX_PARAMETER = 1e9
@@ -121,7 +109,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _check_params(name: str, config: Any, params: Any) -> None:
-    expected = flatten(jax.eval_shape(NETWORKS[name](config).init, jax.random.key(0)))
+    expected = flatten(jax.eval_shape(COMPONENTS[name].network(config).init, jax.random.key(0)))
     given = flatten(params)
     if missing := [path for path in expected if path not in given]:
         raise ValueError(f"{name}: {len(missing)} arrays are missing, the first is {_dotted(missing[0])}")
