@@ -55,7 +55,9 @@ def check_network_config(name: str, config: Any) -> None:
     """
     for field in dataclasses.fields(config):
         value, where = getattr(config, field.name), f"{name}.{field.name}"
-        if field.type == "int":
+        if dataclasses.is_dataclass(value):
+            check_network_config(where, value)
+        elif field.type == "int":
             most = _MAX_BLOCKS if field.name.endswith(("blocks", "stages")) else _MAX_SIZE
             if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
                 raise ValueError(f"{where} must be a whole number in 0..{most}, not {value!r:.80}")

@@ -34,6 +34,8 @@ def finite_number(value: Any, name: str, low: float = -math.inf, high: float = m
       ValueError: it is no number, or out of range.
     """
     number = _scalar(value)
+    if isinstance(number, int) and abs(number) > 1 << 1000:  # no float holds it
+        number = math.inf
     if not isinstance(number, int | float) or not math.isfinite(number) or not low <= number <= high:
         bounds = f" in {low:g}..{high:g}" if math.isfinite(high) else f" of at least {low:g}" if low > -math.inf else ""
         raise ValueError(f"{name} must be a finite number{bounds}, not {_shown(value)}")

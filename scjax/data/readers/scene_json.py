@@ -214,7 +214,7 @@ def _log_of(content: Recording, sha256: str, path: str) -> Log:
     lanes = tuple(
         _read_lane(convert_document(item, RecordedLane, f"{path}: map[{index}]", _CURE), index, unknown)
         for index, item in enumerate(content.map)
-        if item.get("type") == "lane"
+        if _feature_type(item, f"{path}: map[{index}]") == "lane"
     )
     if not lanes:
         raise ValueError("the map has no lanes: leave this file out")
@@ -246,6 +246,12 @@ def _log_of(content: Recording, sha256: str, path: str) -> Log:
             unknown_words=dict(sorted(unknown.items())),
         ),
     )
+
+
+def _feature_type(item: dict[str, Any], name: str) -> str:
+    if not isinstance(item.get("type"), str):
+        raise ValueError(f"{name}: type is {item.get('type')!r:.60}, not a text: {_CURE}")
+    return item["type"]
 
 
 def _cluster(content: Recording) -> str:
