@@ -94,6 +94,8 @@ def _is_running(process: int) -> bool:
         return False
     except OSError:  # it is another user's
         return True
+    with contextlib.suppress(OSError):  # Linux: a process that has ended, but that nobody waited for
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     return True
 
 
