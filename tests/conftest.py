@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import sys
 from pathlib import Path
 
 import jax
@@ -100,3 +101,22 @@ def data_dir() -> Path:
 def cases_dir() -> Path:
     """Inputs that failed when the project was tried as a user would."""
     return _folder("SCJAX_CASES_DIR", "cases")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Runs a command of ``scjax`` in an empty folder: exit code, stdout, stderr."""
+    from scjax.cli import main
+
+    monkeypatch.setattr("scjax.nn.startup.start_jax", lambda: None)  # no cache folder, no other devices
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["scjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return int(stop.value.code or 0), out, err
+
+    return call

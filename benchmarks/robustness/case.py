@@ -41,7 +41,7 @@ class Refused:
     """How a process or a function refused an input without an exception in this process.
 
     Attributes:
-      text: what it told the user.
+      text: what the user reads.
       code: exit status; below 0: a signal.
     """
 

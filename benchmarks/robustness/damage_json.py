@@ -73,7 +73,7 @@ def show_path(path: Path) -> str:
 
 
 def field_names(text: str) -> tuple[str, ...]:
-    """The two innermost fields that the text of a damage speaks of, if their names can be told from other words."""
+    """The two innermost fields that the text of a damage speaks of, if their names differ from other words."""
     path = re.match(r"(?:[\w ./,-]+: )*([\w.]+)(?: = | is | holds )", text)
     keys = [key for key in path[1].split(".") if not key.isdigit() and len(key) > 2] if path else []
     return tuple(keys[-2:])

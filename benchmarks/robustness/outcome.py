@@ -50,7 +50,7 @@ def _run(case: Case, folder: Path) -> tuple[str, str, str, str]:
         return _refusal(result.text, case.names), f"exit {result.code}", "", result.text[-_SHORT:]
     try:
         fault = case.check(result)
-    except Exception as error:  # what was handed out is not of the form that the check reads
+    except Exception as error:  # the result is not of the form that the check reads
         fault = f"the check of the result ends in {type(error).__name__}: {error}"
     return ("wrong", "", "", fault) if fault else ("ok", "", "", "")
 

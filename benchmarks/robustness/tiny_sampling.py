@@ -48,9 +48,9 @@ def result_fault(scenes: Any, fields: dict[str, Any], arguments: dict[str, Any])
     if len(scenes.agent_mask) != int(arguments.get("num_scenes", 1)):
         return f"{len(scenes.agent_mask)} scenes for {arguments['num_scenes']!r}"
     for name in COUNTS:
-        wanted, counts = fields.get(name, COUNTS[name]), getattr(scenes, name)
-        if wanted is not None and not (counts == int(wanted)).all():
-            return f"{name} is {counts[0]}, not {wanted!r}"
+        given, counts = fields.get(name, COUNTS[name]), getattr(scenes, name)
+        if given is not None and not (counts == int(given)).all():
+            return f"{name} is {counts[0]}, not {given!r}"
     for name, largest in (("temperature", 1e6), ("guidance", 1e6)):
         value = arguments.get(name)
         if isinstance(value, int | float) and abs(value) > largest:

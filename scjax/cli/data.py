@@ -200,7 +200,7 @@ def data_build(
 
 def _show_findings(manifest: dict[str, Any], most: int = 10) -> None:
     """What was noticed in the files, most frequent first; manifest.json names the files."""
-    for name, label in (("doubts", "warning: "), ("notes", "")):
+    for name, label in (("warnings", "warning: "), ("notes", "")):
         counts, files = Counter(), Counter()
         for entry in manifest[name]:
             counts.update(entry["found"])

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from scjax.cli.output import say
+from scjax.data.ranges import MAX_SEED
 
 DEFAULT_BEST_OF = 4
 """Candidates for each scene: as many as one call of a compiled program samples."""
@@ -74,7 +75,7 @@ seed_option = click.option(
     "--seed",
     default=0,
     show_default=True,
-    type=click.IntRange(0, 2**63 - 1),
+    type=click.IntRange(0, MAX_SEED),
     metavar="N",
     help="Random seed: the same seed gives the same results, on the same kind and number of processors.",
 )

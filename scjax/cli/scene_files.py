@@ -38,7 +38,7 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     Raises:
       ValueError: names the file and what is wrong with it.
     """
-    from scjax.metrics.plausibility import scene_doubts
+    from scjax.metrics.plausibility import scene_warnings
 
     if not str(path).strip():
         raise ValueError("FILE is empty: give the name of a file")
@@ -54,8 +54,8 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     except OSError as error:
         raise ValueError(f"{path} cannot be read ({error.strerror or error})") from error
     for number, scene in enumerate(scenes):
-        for doubt in scene_doubts(scene):
-            text = f"{path}, scene {number}: {doubt}"
+        for warning in scene_warnings(scene):
+            text = f"{path}, scene {number}: {warning}"
             if strict:
                 raise ValueError(f"{text} (--strict refuses it)")
             say(f"scjax: warning: {text}")
@@ -85,13 +85,8 @@ def _read(path: Path) -> list[Scene]:
 
 
 def _is_log(path: Path) -> bool:
-    import zipfile
-
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return "header.npy" in archive.namelist()
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
-        return False  # its reader says what is wrong
+    """Whether an npz file has the header of a log; names of arrays stand in it uncompressed."""
+    return b"header.npy" in path.read_bytes()
 
 
 def _scene_of_log(log: Log, path: Path) -> Scene:

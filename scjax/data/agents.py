@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.scene import AgentType
+from scjax.scene.limits import MAX_SIZE
 
 MAX_SPEED = 35.0  # m/s; faster ones are tracking errors
-MAX_SIZE = 100.0  # m
 # Mean length, width, height of each class on real tiles [m] (WOMD; static objects: cones and barriers).
 CLASS_SIZES = {
     AgentType.VEHICLE: (4.87, 2.15, 1.80),

@@ -101,7 +101,7 @@ def _build(
         reports = []
         for report in _progress(run(make_shard, tasks), len(tasks), "build", "shard"):
             _stop_if_strict(strict, report["skipped"])
-            _stop_if_strict(strict, [_as_reason(entry) for entry in report.get("doubts", [])])
+            _stop_if_strict(strict, [_as_reason(entry) for entry in report.get("warnings", [])])
             reports.append(report)
 
     if not any(report["rows"] for report in reports):
@@ -162,7 +162,7 @@ def _make_manifest(
         "splits": splits,
         "cleaned": dict(cleaned),
         "skipped": _skipped(infos) + [entry for report in reports for entry in report["skipped"]],
-        "doubts": [entry for report in reports for entry in report.get("doubts", [])],
+        "warnings": [entry for report in reports for entry in report.get("warnings", [])],
         "notes": [entry for report in reports for entry in report.get("notes", [])],
         "without_poses": [file for report in reports for file in report["without_poses"]],
         "statistics": statistics.summary(),

@@ -80,7 +80,7 @@ def build_shard(task: tuple[RecordSource, str, Shard, bool]) -> dict[str, Any]:
     if finished is not None:
         return finished
     report: dict[str, Any] = {"name": shard.name, "fingerprint": fingerprint, "skipped": [], "without_poses": []}
-    report |= {"rows": [], "labels": [], "scenes": 0, "cleaned": Counter(), "doubts": [], "notes": []}
+    report |= {"rows": [], "labels": [], "scenes": 0, "cleaned": Counter(), "warnings": [], "notes": []}
     statistics = SceneStatistics()
 
     def encoded_records() -> Iterator[bytes]:
@@ -128,7 +128,7 @@ def _encode_log(
 ) -> list[bytes]:
     """Encoded records of one log; adds its index rows, labels and counts to ``report``."""
     posed = source.load(item, shard.options, shard.dense)
-    for name, found in (("doubts", posed.doubts), ("notes", posed.notes)):
+    for name, found in (("warnings", posed.warnings), ("notes", posed.notes)):
         if found:
             report[name].append({"file": item.file, "found": found})
     if not posed.poses:

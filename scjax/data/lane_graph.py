@@ -34,7 +34,7 @@ class LaneGraph:
       neighbors: (i, j), lane i is the left neighbor of lane j and runs the same way.
       overlap_spans: for each neighbor pair: start and end on lane i, start and end on lane j, in xy arc length [m].
       signals: ``Signal`` of each lane at each step.
-      doubts, notes: what to report of the source's connections and neighbors -> how often (``Joins``).
+      warnings, notes: what to report of the source's connections and neighbors -> how often (``Joins``).
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -43,7 +43,7 @@ class LaneGraph:
     neighbors: Int[np.ndarray, "pairs 2"]
     overlap_spans: Float64[np.ndarray, "pairs 4"]
     signals: Int[np.ndarray, "lanes steps"]
-    doubts: dict[str, int] = dataclasses.field(default_factory=dict)
+    warnings: dict[str, int] = dataclasses.field(default_factory=dict)
     notes: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
@@ -79,7 +79,7 @@ def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
         joins = recorded_joins(lanes, points)
     else:
         joins = inferred_joins(points, join_options or JoinOptions())
-    doubts = dict(joins.doubts)
+    warnings = dict(joins.warnings)
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
@@ -89,11 +89,11 @@ def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
     if log.has_topology:
         neighbors, overlap_spans, refused = recorded_neighbors(lanes, chains, stacked, offsets)
         if refused:
-            doubts["listed lane neighbors refused, more than 8 m apart"] = refused
+            warnings["listed lane neighbors refused, more than 8 m apart"] = refused
     else:
         neighbors, overlap_spans = infer_neighbors(stacked, offsets)
     signals = _chain_signals(log, [[lanes[member].id for member in chain] for chain in chains])
-    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, doubts, joins.notes)
+    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
 
 
 def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains steps"]:

@@ -24,12 +24,12 @@ class Joins(NamedTuple):
 
     Attributes:
       pairs: (i, j), lane j follows lane i.
-      doubts: what is wrong in the source -> how often; those connections are refused.
+      warnings: what is wrong in the source -> how often; those connections are refused.
       notes: what a user may want to know -> how often.
     """
 
     pairs: Pairs
-    doubts: dict[str, int]
+    warnings: dict[str, int]
     notes: dict[str, int]
 
 

@@ -86,7 +86,7 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
       statistics: per column, of training records.
       cleaned: filled sizes and clipped speeds.
       skipped: files and reasons; ``without_poses``: files.
-      doubts, notes: files, and what was found in them how often: what looks wrong, what may be of interest. Older
+      warnings, notes: files, and what was found in them how often: what looks wrong, what may be of interest. Older
         builds did not write them.
       sources: file -> sha256.
       files: shard -> its size in bytes and sha256; older builds did not write it.

@@ -13,15 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from scjax.data.lane_graph import SegmentIndex, nearest_lane
+from scjax.metrics.plausibility import PLAUSIBLE_LENGTHS
 from scjax.scene import AgentType, Log
 
 _MOVING = 2.0  # m/s
 _LEAST_VEHICLES = 3  # fewer say nothing about a file
-_SIZES = {  # range of lengths of a class, m; a few outliers are tracking errors
-    AgentType.VEHICLE: (1.0, 30.0),
-    AgentType.PEDESTRIAN: (0.15, 3.0),
-    AgentType.CYCLIST: (0.5, 4.0),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,14 +47,14 @@ class _Motion:
         return np.array([np.median(row[mask]) for row, mask in zip(values, self.moving, strict=True) if mask.sum() > 4])
 
 
-def find_doubts(log: Log, index: SegmentIndex) -> list[str]:
+def log_warnings(log: Log, index: SegmentIndex) -> list[str]:
     """What looks wrong in a log, one sentence each; see ``CHECKS``.
 
     Args:
       index: search structure of the log's lanes.
     """
     motion = _Motion.of(log)
-    return [doubt for check in CHECKS if (doubt := check(log, motion, index))]
+    return [warning for check in CHECKS if (warning := check(log, motion, index))]
 
 
 def _heading_range(log: Log, motion: _Motion, index: SegmentIndex) -> str:
@@ -102,7 +98,7 @@ def _speeds(log: Log, motion: _Motion, index: SegmentIndex) -> str:
 
 
 def _box_sizes(log: Log, motion: _Motion, index: SegmentIndex) -> str:
-    for agent_type, (low, high) in _SIZES.items():
+    for agent_type, (low, high) in PLAUSIBLE_LENGTHS.items():
         lengths = log.sizes[log.object_types == agent_type, 0]
         lengths = lengths[lengths > 0]  # others are filled, and counted by the build
         if len(lengths) >= _LEAST_VEHICLES and not low <= (middle := float(np.median(lengths))) <= high:

@@ -6,7 +6,7 @@ import numbers
 from typing import Any
 
 MAX_COUNT = 1_000_000  # of logs, worlds, poses, steps, meters
-MAX_SEED = 2**63 - 1
+MAX_SEED = 2**63 - 1  # of jax.random.key too
 MAX_WORKERS = 256
 
 

@@ -9,7 +9,7 @@ from scjax.data.build_options import BuildOptions
 from scjax.data.join_options import JoinOptions
 from scjax.data.lane_graph import LaneGraph, SegmentIndex, build_graph, index_segments
 from scjax.data.lane_poses import lane_poses
-from scjax.data.plausibility import find_doubts
+from scjax.data.plausibility import log_warnings
 from scjax.data.readers.base import LogInfo, LogReader
 from scjax.data.tiles import Pose, find_poses
 from scjax.scene import Log
@@ -24,7 +24,7 @@ class PosedLog:
       num_standard: the first so many poses are standard ones (``BuildOptions.poses``).
       labels: what the source knows of each pose, JSON-serializable; None if it knows nothing.
       keep_parked: vehicles parked off the lanes are agents like all others (``LocalMap.off_road``).
-      doubts: what looks wrong in the log -> how often; a strict build refuses it.
+      warnings: what looks wrong in the log -> how often; a strict build refuses it.
       notes: what its user may want to know -> how often.
     """
 
@@ -35,7 +35,7 @@ class PosedLog:
     num_standard: int
     labels: list[dict[str, Any]] | None = None
     keep_parked: bool = False
-    doubts: dict[str, int] = dataclasses.field(default_factory=dict)
+    warnings: dict[str, int] = dataclasses.field(default_factory=dict)
     notes: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
@@ -84,8 +84,8 @@ class ReaderSource:
             raise ValueError(f"{log.metadata.source_file}: changed while the build ran: build again")
         graph = build_graph(log, JoinOptions(options.join_distance))
         index = index_segments(graph)
-        doubts = {f"unknown {word}": count for word, count in log.metadata.unknown_words.items()}
-        doubts |= graph.doubts | dict.fromkeys(find_doubts(log, index), 1)
+        warnings = {f"unknown {word}": count for word, count in log.metadata.unknown_words.items()}
+        warnings |= graph.warnings | dict.fromkeys(log_warnings(log, index), 1)
         standard = find_poses(log, index, **dataclasses.asdict(options.poses))
         poses = standard
         if dense:
@@ -93,4 +93,4 @@ class ReaderSource:
         if not poses and options.lane_poses:
             log, graph, poses = lane_poses(log, graph, index, options.lane_poses)
             standard = poses
-        return PosedLog(log, graph, index, poses, len(standard), doubts=doubts, notes=graph.notes)
+        return PosedLog(log, graph, index, poses, len(standard), warnings=warnings, notes=graph.notes)

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from scjax.data.ranges import MAX_SEED
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model, load_model
 from scjax.scene import Scene
 from scjax.scene.arguments import whole_number
 
 MAX_SCENES, MAX_STEPS, MAX_TEMPERATURE = 100_000, 100, 100.0
-MAX_SEED = 2**63 - 1
 
 
 def sampling_key(key: Any) -> Array:

@@ -36,7 +36,6 @@ from scjax.nn.functional import flatten, unflatten
 from scjax.nn.safetensors import read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
 from scjax.scene.files import part_path, remove_stale_parts, replace_folder
-from scjax.scene.per_type import PerType
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
 """Folder of the model that ships with the package."""
@@ -175,12 +174,12 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
     return Model(
         components=components,
         codec=read_part("codec", codec_from_json, index.codec),
-        latents=LatentStatistics(mean=index.latents.mean, std=index.latents.std),
+        latents=LatentStatistics(mean=index.latents.mean.to_per_type(), std=index.latents.std.to_per_type()),
         domains=tuple(index.domains),
         counts=counts,
         text_encoder=index.text_encoder,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),
-        temperature=DEFAULT_TEMPERATURE if index.temperature is None else PerType(**index.temperature),
+        temperature=index.temperature.to_per_type() if index.temperature else DEFAULT_TEMPERATURE,
         energy_guidance=read_part("energy_guidance", EnergyGuidance.from_dict, guidance) if guidance else None,
         notes=index.notes,
     )

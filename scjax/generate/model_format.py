@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
@@ -14,6 +14,7 @@ from msgspec import Struct
 from scjax.generate.model_checks import check_network_config
 from scjax.models.codec import SceneCodec
 from scjax.scene import AgentType, Link
+from scjax.scene.per_type import PerType
 
 FORMAT = 2
 
@@ -84,16 +85,22 @@ def index_hash(index: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+class PerTypeFields(Struct):
+    """Two numbers, one for agents and one for lanes."""
+
+    agents: float
+    lanes: float
+
+    def to_per_type(self) -> PerType:
+        """The pair as the networks take it."""
+        return PerType(agents=self.agents, lanes=self.lanes)
+
+
 class LatentFields(Struct):
     """Means and standard deviations of latents."""
 
-    mean: dict[Literal["agents", "lanes"], float]
-    std: dict[Literal["agents", "lanes"], float]
-
-    def __post_init__(self):
-        for name in ("mean", "std"):
-            if len(getattr(self, name)) != 2:
-                raise ValueError(f"latents.{name} must have agents and lanes")
+    mean: PerTypeFields
+    std: PerTypeFields
 
 
 class ModelIndex(Struct):
@@ -105,13 +112,9 @@ class ModelIndex(Struct):
     domains: list[str]
     notes: dict[str, Any]
     text_encoder: str = ""
-    temperature: dict[Literal["agents", "lanes"], float] | None = None
+    temperature: PerTypeFields | None = None
     energy_guidance: dict[str, Any] | None = None
     prompts: str = ""
-
-    def __post_init__(self):
-        if self.temperature is not None and len(self.temperature) != 2:
-            raise ValueError("temperature must have agents and lanes")
 
 
 def codec_from_json(fields: dict[str, Any]) -> SceneCodec:

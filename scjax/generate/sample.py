@@ -101,7 +101,8 @@ def sample_scenes(
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
       condition: what to hold fixed; a text is a condition with that prompt; None draws everything.
-      model: from ``scjax.load``, or a model folder; None: the model that ships with the package.
+      model: from ``scjax.load``, or a model folder, which is read at every call; None: the model that ships with the
+        package.
       num_scenes: scenes for each condition.
       num_steps: sampling steps, 2..100; by default ``scjax.samplers.DEFAULT_STEPS`` of the sampler.
       guidance: w in u + w (c - u), of the estimates c with and u without the condition. 1, the default of

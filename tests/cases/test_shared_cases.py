@@ -8,33 +8,16 @@ from __future__ import annotations
 import gzip
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
-from scjax.cli import main
 from scjax.cli.data import main as data_main
 from scjax.data.build import load_manifest
 from scjax.data.records import decode_record, open_records, sample_scene
 from scjax.language.facts import extract_facts
 from scjax.scene import Signal, validate
 from scjax.scene.io import load_json, load_npz
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Runs a command of ``scjax`` in an empty folder: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["scjax", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return int(stop.value.code or 0), out, err
-
-    return call
 
 
 def _assert_refused(run, *command, name: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import sys
 from pathlib import Path
 
 import chex
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.cli import main
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
 from scjax.models.denoiser.config import TextCondition
@@ -35,22 +33,6 @@ def folder(tmp_path_factory):
         tiny_model(TextCondition(Words.width)), text_encoder=Words.name, prompts=features, notes={"steps": 7}
     )
     return scjax.save(model, tmp_path_factory.mktemp("cli") / "model")
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("scjax.nn.startup.start_jax", lambda: None)  # no cache folder, no other devices
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["scjax", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in err
-        return int(stop.value.code or 0), out, err
-
-    return call
 
 
 def test_generate_writes_what_it_names(run, folder, tmp_path):

@@ -84,7 +84,7 @@ def test_read_captions_refuses_other_records(folder, tmp_path):
 
 
 def test_captions_again_are_equal_bytes(folder):
-    """Otherwise features of the captions would be thrown away; gzip writes the time, unless it is told not to."""
+    """Otherwise features of the captions would be thrown away; gzip writes the time, by default."""
     path = folder / "captions-train.jsonl.gz"
     original = path.read_bytes()
     assert original[:10] == b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x02\xff"  # no flags, no time

@@ -25,14 +25,14 @@ def test_recorded_joins_refuse_open_connections(gap, kept):
     lines = [_line((0, 0), (10, 0)), _line((10 + gap, 0), (20 + gap, 0))]
     joins = recorded_joins([_lane("a", lines[0], successors=("b",)), _lane("b", lines[1])], lines)
     assert joins.pairs == ({(0, 1)} if kept else set())
-    assert list(joins.doubts.values()) == ([] if kept else [1])
+    assert list(joins.warnings.values()) == ([] if kept else [1])
 
 
 def test_recorded_joins_refuse_turns_and_steps():
     lines = [_line((0, 0), (10, 0)), _line((10, 0), (0, 1)), _line((10, 0, 5), (20, 0, 5))]
     lanes = [_lane("a", lines[0], successors=("b", "c", "gone")), _lane("b", lines[1]), _lane("c", lines[2])]
     joins = recorded_joins(lanes, lines)
-    assert joins.pairs == set() and len(joins.doubts) == 2
+    assert joins.pairs == set() and len(joins.warnings) == 2
 
 
 def test_recorded_joins_note_ends_that_meet_unlisted():
