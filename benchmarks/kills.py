@@ -2,9 +2,9 @@
 
 Each command runs once undisturbed. Then copies of its start are killed (SIGKILL, with all child processes) at random
 times, started again, and at last run to their end. The result must be that of the undisturbed run, byte for byte, and
-without temporary files; no step may stand twice in metrics.jsonl. On a full disk (no file may exceed some KB) the last
-line of a command must say so, and the same holds after it. Then processes meet: five with an empty cache of the text
-encoder, and loads of a model beside saves and their kills.
+without temporary files; no step may stand twice in metrics.jsonl. On a full disk (no file may exceed some KB) a command
+must say so in lines of its own, without a trace, and the same holds after it. Then processes meet: five with an empty
+cache of the text encoder, and loads of a model beside saves and their kills.
 
     python -m benchmarks.kills --kills 100 --only train,save --scenes RECORDINGS
 
@@ -35,7 +35,7 @@ from benchmarks import workload
 
 _SCJAX = "import sys; sys.argv[0] = 'scjax'; from scjax.cli import main; main()"
 _TRAIN = """--config=autoencoder:tiny --config.steps=24 --config.log_every=1 --config.checkpoint_every=4
---config.evaluate_every=0 --config.picture_every=0 --config.tensorboard=False --config.optimizer.warmup=2
+--config.evaluate_every=0 --config.picture_every=0 --config.optimizer.warmup=2
 --config.batch.batch_size=2 --config.batch.buckets=((52,64),) --config.export_at=(8,) --config.model.lane_width=16
 --config.model.agent_width=16 --config.model.lane_ff=16 --config.model.agent_ff=16 --config.model.edge_width=8"""
 _SAVE = """import dataclasses, sys, scjax
@@ -55,7 +55,7 @@ download.subprocess.run, download._MODULE = run, "no_such_package_at_all"
 folder = download.find_encoder(progress=False)
 assert all((folder / name).is_file() for name in download.FILES)"""
 _STRAY = ("*.part", "*tmp*", ".*.old", ".model*")
-_LIMITS = (1, 8, 32, 128)  # KB of a file on a full disk
+_LIMITS = (1, 2, 8, 32, 128)  # KB of a file on a full disk
 
 
 class Task(NamedTuple):
@@ -127,9 +127,9 @@ def _row(task: Task, folder: Path, kills: int, rng: random.Random) -> dict[str, 
         out = _start(task, folder / "full")
         result = _run([_SCJAX, *task.arguments(out)], limit=limit)
         counts["full_disks"] += result.returncode != 0
-        last = (result.stderr.strip().splitlines() or [""])[-1]
-        if result.returncode != 0 and not last.startswith(("scjax", "error:")):
-            faults.append(f"{task.name}: full disk ({limit} KB) ends with {last[:200]!r}")
+        others = [line for line in result.stderr.splitlines() if not line.startswith(("scjax", "error:"))]
+        if result.returncode != 0 and (others or not result.stderr):
+            faults.append(f"{task.name}: full disk ({limit} KB) ends with {''.join(others)[-200:]!r}")
         faults += _finish(task, out, expected)
     print(*faults, sep="\n", file=sys.stderr)
     return {"command": task.name, "seconds": seconds, "ends": ends, **counts, "faults": len(faults)}

@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     is_debug = DEBUG in words
     words = [word for word in words if word != DEBUG]
     try:
-        code = cli.main(words, prog_name="scjax", standalone_mode=False)
+        code = cli.main(words, prog_name="scjax", standalone_mode=False, obj=is_debug)
     except click.UsageError as error:
         error.show()
         sys.exit(2)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import gc
 import json
-import logging
+import os
 import re
-import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +19,7 @@ import orbax.checkpoint as ocp
 
 from scjax.scene.document import parse_document
 from scjax.train.resume import compare_runs
+from scjax.train.thread_errors import collected_thread_errors
 
 FORMAT = 3
 """Format of the items below and of what they hold. Others are refused: their random numbers would not continue."""
@@ -30,6 +30,13 @@ _REST = 0.2
 _FACTS = "checkpoint"
 """Key in the item ``config`` for what is not of the config: format, hashes of the inputs, checksums. Checkpoints from
 before these facts have no such key."""
+
+
+class OrbaxError(ValueError):
+    """A checkpoint that could not be written or read.
+
+    Other tasks of orbax may still run, fail and print: a command ends its process without waiting for them.
+    """
 
 
 class Checkpoints:
@@ -44,12 +51,13 @@ class Checkpoints:
       keep: checkpoints that stay.
 
     Raises:
-      ValueError: files of the folder are damaged.
+      OrbaxError: files of the folder are damaged, or it cannot be written to.
     """
 
     def __init__(self, folder: Path, config: dict[str, Any], inputs: Mapping[str, str] | None = None, *, keep: int = 2):
         self._folder = folder.resolve()
         self._config, self._inputs = config, dict(inputs or {})
+        self._unfinished: int | None = None  # step of the checkpoint that is being written
         try:
             self._manager = ocp.CheckpointManager(
                 self._folder,
@@ -63,17 +71,23 @@ class Checkpoints:
                 ),
                 metadata={"format": FORMAT},
             )
-        except OSError:
-            raise
+        except OSError as error:
+            raise OrbaxError(
+                f"no checkpoints can be written in {self._folder} ({_short(error)}): when that is mended, give the "
+                "same command again"
+            ) from error
         except Exception as error:  # orbax raises nothing more precise
-            raise ValueError(_damaged(self._folder, _latest_step(self._folder), error)) from error
+            raise OrbaxError(_damaged(self._folder, _latest_step(self._folder), error)) from error
 
     def __enter__(self) -> Checkpoints:
         return self
 
     def __exit__(self, *exception) -> None:
-        self._manager.wait_until_finished()
-        self._manager.close()
+        try:
+            self._wait()
+        finally:
+            with contextlib.suppress(Exception):  # all is written, or the error above says why not
+                self._manager.close()
 
     @property
     def latest(self) -> int | None:
@@ -81,7 +95,15 @@ class Checkpoints:
         return self._manager.latest_step()
 
     def save(self, step: int, state: Any, data: dict[str, Any], *, wait: bool = False) -> None:
-        """Starts writing; waits for the write before, and raises its errors."""
+        """Starts writing, after the write before has ended.
+
+        Args:
+          wait: return when the checkpoint is complete.
+
+        Raises:
+          OrbaxError: this checkpoint, or the one before it, could not be written.
+        """
+        self._wait()
         if step == self.latest:
             return
         facts = {
@@ -90,16 +112,39 @@ class Checkpoints:
             "state": int(_checksum(jax.tree.leaves(state))),
             "data": _text_checksum(data),
         }
-        self._manager.save(
-            step,
-            args=ocp.args.Composite(
-                state=ocp.args.StandardSave(jax.tree.map(_one_copy, state)),
-                data=ocp.args.JsonSave(data),
-                config=ocp.args.JsonSave({**self._config, _FACTS: facts}),
-            ),
+        items = ocp.args.Composite(
+            state=ocp.args.StandardSave(jax.tree.map(_one_copy, state)),
+            data=ocp.args.JsonSave(data),
+            config=ocp.args.JsonSave({**self._config, _FACTS: facts}),
         )
+        with self._write_errors(step):
+            self._manager.save(step, args=items)
+        self._unfinished = step
         if wait:
+            self._wait()
+
+    def _wait(self) -> None:
+        """Waits until the checkpoint that is being written is complete."""
+        step, self._unfinished = self._unfinished, None
+        if step is None:
+            return
+        with self._write_errors(step):
             self._manager.wait_until_finished()
+            if jax.process_index() == 0 and not (self._folder / f"step_{step}").is_dir():
+                raise FileNotFoundError("it did not get its name")
+
+    @contextlib.contextmanager
+    def _write_errors(self, step: int) -> Iterator[None]:
+        """Within it, every error says that the checkpoint of ``step`` could not be written."""
+        try:
+            yield
+        except Exception as error:  # orbax raises nothing more precise
+            latest = _latest_step(self._folder)
+            start = "begins anew" if latest is None else f"continues from step {latest}"
+            raise OrbaxError(
+                f"the checkpoint of step {step} could not be written in {self._folder} ({_write_reason(error)}): when "
+                f"that is mended, the same command {start}"
+            ) from error
 
     def restore(self, like: Any) -> tuple[Any, dict[str, Any]]:
         """(state, data position) of the last checkpoint; ``like`` has its shapes, dtypes and shardings.
@@ -112,7 +157,7 @@ class Checkpoints:
         facts = check_resume(self._folder, self._config, self._inputs)
         target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
         reason = ""
-        with _silent_tasks():
+        with collected_thread_errors():  # of the other tasks of orbax, after one has failed
             try:
                 items = self._manager.restore(
                     step, args=ocp.args.Composite(state=ocp.args.StandardRestore(target), data=ocp.args.JsonRestore())
@@ -120,8 +165,9 @@ class Checkpoints:
             except Exception as error:  # orbax raises nothing more precise
                 reason = str(error) or type(error).__name__
                 time.sleep(_REST)
+            gc.collect()
         if reason:
-            raise ValueError(_damaged(self._folder, step, reason))
+            raise OrbaxError(_damaged(self._folder, step, reason))
         state, data = items["state"], items["data"]
         for name, checksum in (("state", int(_checksum(jax.tree.leaves(state)))), ("data", _text_checksum(data))):
             if facts.get(name, checksum) != checksum:
@@ -202,22 +248,18 @@ def _cure(folder: Path, step: int | None) -> str:
 
 
 def _damaged(folder: Path, step: int | None, reason: object) -> str:
+    return f"the checkpoint of step {step} in {folder} is damaged ({_short(reason)}): {_cure(folder, step)}"
+
+
+def _write_reason(error: Exception) -> str:
+    """Why a file could not be written. Tensorstore gives the error of the system as a number in a long text."""
+    number = re.search(r"os_error_code='(\d+)'", str(error))
+    return os.strerror(int(number[1])) if number else _short(error)
+
+
+def _short(reason: object) -> str:
     text = " ".join(str(reason).split())
-    text = text if len(text) <= 200 else f"{text[:197]}..."
-    return f"the checkpoint of step {step} in {folder} is damaged ({text}): {_cure(folder, step)}"
-
-
-@contextlib.contextmanager
-def _silent_tasks() -> Iterator[None]:
-    """Within it, tasks of orbax that nobody waits for any more, after the first one has failed, print no traceback."""
-    logger = logging.getLogger("asyncio")
-    hooks = sys.unraisablehook, sys.excepthook, logger.disabled
-    sys.unraisablehook, sys.excepthook, logger.disabled = lambda _: None, lambda *_: None, True
-    try:
-        yield
-        gc.collect()
-    finally:
-        sys.unraisablehook, sys.excepthook, logger.disabled = hooks
+    return text if len(text) <= 200 else f"{text[:197]}..."
 
 
 @jax.jit

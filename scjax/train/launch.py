@@ -19,6 +19,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -27,6 +28,7 @@ from absl import flags, logging
 
 from scjax.train.configs.renamed import check_renamed, dotted_fields
 from scjax.train.malloc import without_memory_option
+from scjax.train.thread_errors import collected_thread_errors
 
 _CONFIGS = Path(__file__).parent / "configs"
 _ALIASES = {"counter": "counts"}
@@ -52,35 +54,54 @@ def main(arguments: Sequence[str], program: str) -> int:
     import jax
 
     from scjax.nn.startup import start_jax
-    from scjax.train.loop import train
 
     # orbax reports every file that it touches, and logs errors with a traceback before it raises them.
     logging.set_verbosity(logging.FATAL)
     if distributed:
         jax.distributed.initialize()
     start_jax()
-    try:
-        train(config, workdir)
-    except KeyboardInterrupt:
-        print(f"{program}: interrupted before the first step; the same command starts again", file=sys.stderr)
-        return 130
-    except (ValueError, FloatingPointError) as error:
-        print(f"{program}: {error}", file=sys.stderr)
+    return _train(config, workdir, program, debug=DEBUG in arguments)
+
+
+def _train(config: Any, workdir: Path, program: str, *, debug: bool) -> int:
+    """Trains, and prints one line about what went wrong, in this thread or in another; returns the exit code.
+
+    The process ends here if other threads may still run, fail and print.
+    """
+    from scjax.train.checkpoint import OrbaxError
+    from scjax.train.loop import train
+
+    with collected_thread_errors() as errors:
+        failure: Exception | None = None
+        try:
+            train(config, workdir)
+        except KeyboardInterrupt:
+            print(f"{program}: interrupted before the first step; the same command starts again", file=sys.stderr)
+            return 130
+        except (ValueError, FloatingPointError, OSError) as error:
+            failure, line = error, str(error)
+            if isinstance(error, OSError) and error.filename is None:  # of a write to an open file
+                line = f"{error} (in {workdir})"
+        except Exception as error:
+            if debug:
+                raise
+            failure, line = error, _unexpected_line(error)
+        else:
+            if not errors:
+                return 0
+            line = f"a thread in the background failed: {_unexpected_line(errors[0])}"
+            for error in errors if debug else ():
+                traceback.print_exception(error)
+        print(f"{program}: {' '.join(line.split())}", file=sys.stderr, flush=True)
+        if errors or isinstance(failure, OrbaxError):
+            sys.stdout.flush()
+            os._exit(1)
         return 1
-    except OSError as error:
-        # Writing to an open file fails without its name.
-        where = f" (in {workdir})" if error.filename is None else ""
-        print(f"{program}: {error}{where}", file=sys.stderr, flush=True)
-        # The threads of a checkpoint that could not be written would print their traces after this line.
-        os._exit(1)
-    except Exception as error:
-        if DEBUG in arguments:
-            raise
-        kind, text = type(error).__name__, " ".join(str(error).split())
-        advice = f"run with {DEBUG} for the trace, please report it"
-        print(f"{program}: unexpected {kind}: {text or 'no message'}; {advice}", file=sys.stderr)
-        return 1
-    return 0
+
+
+def _unexpected_line(error: BaseException) -> str:
+    advice = f"run with {DEBUG} for the trace, please report it"
+    return f"unexpected {type(error).__name__}: {str(error) or 'no message'}; {advice}"
 
 
 def without_debug(arguments: Sequence[str]) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from scjax.scene.files import write_file
+from scjax.train.tensorboard import TensorBoardWriter
 
 
 class Reporter:
@@ -29,7 +30,8 @@ class Reporter:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._quiet = folder, quiet
         self._lines: TextIO | None = None if quiet else _opened(folder / "metrics.jsonl", first_step)
-        self._board = _summary_writer(folder / "tensorboard", first_step) if tensorboard and not quiet else None
+        has_board = tensorboard and not quiet
+        self._board = TensorBoardWriter(folder / "tensorboard", first_step) if has_board else None
         self._is_terminal = sys.stderr.isatty()
         self._bar = tqdm(initial=first_step, total=last_step, unit="step", disable=quiet or not self._is_terminal)
 
@@ -52,11 +54,11 @@ class Reporter:
         if self._lines is None:
             return
         numbers = {name: float(np.asarray(value)) for name, value in values.items()}
-        self._lines.write(json.dumps({"step": step, "scope": scope, "time": time.time(), **numbers}) + "\n")
+        now = time.time()
+        self._lines.write(json.dumps({"step": step, "scope": scope, "time": now, **numbers}) + "\n")
         self._lines.flush()
         if self._board is not None:
-            for name, value in numbers.items():
-                self._board.add_scalar(f"{scope}/{name}", value, step)
+            self._board.scalars(step, now, {f"{scope}/{name}": value for name, value in numbers.items()})
         text = " ".join(f"{name}={value:.4g}" for name, value in numbers.items())
         self._bar.set_postfix_str(text[:120], refresh=False)
         if not self._is_terminal:
@@ -85,9 +87,3 @@ def _is_until(line: bytes, last_step: int) -> bool:
         return line.endswith(b"\n") and int(content["step"]) <= last_step
     except (ValueError, TypeError, KeyError, RecursionError):
         return False
-
-
-def _summary_writer(folder: Path, first_step: int):
-    from tensorboardX import SummaryWriter
-
-    return SummaryWriter(str(folder), purge_step=first_step + 1)

@@ -254,6 +254,18 @@ def test_unexpected_errors_are_one_line(run, monkeypatch, tmp_path, flag, code):
     assert result == code and err.count("\n") == 1 and "unexpected TypeError: a fault of ours" in err
 
 
+@pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")
+def test_debug_shows_the_trace_of_a_training(run, monkeypatch, tmp_path):
+    def fail(*_):
+        raise TypeError("a fault of ours")
+
+    monkeypatch.setattr("scjax.train.loop.train", fail)
+    arguments = ("--config=counts:tiny", f"--workdir={tmp_path}", "--no-keep-memory")
+    assert run("train", *arguments)[0] == 1
+    with pytest.raises(TypeError, match="a fault"):
+        run("--debug", "train", *arguments)
+
+
 @pytest.mark.parametrize("form", ["scene", "recording"])
 def test_schema_is_the_published_one(run, form):
     """docs/ has what ``scjax schema`` prints: write it again with the command if this fails."""

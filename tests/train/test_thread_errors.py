@@ -1,0 +1,98 @@
+"""Errors of threads: they are collected, and end a training with one line."""
+
+import asyncio
+import gc
+import logging
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from scjax.train.thread_errors import collected_thread_errors
+
+TRAIN = """import asyncio, sys, threading, time
+from scjax.train import checkpoint, launch, loop
+
+def fail(number):
+    time.sleep(0.002 * number)
+    sys.excepthook(ValueError, ValueError("as tensorstore reports it"), None)
+    raise RuntimeError("in a thread")
+
+def train(config, workdir):
+    threads = [threading.Thread(target=fail, args=(number,)) for number in range(200)]
+    for thread in threads:
+        thread.start()
+    if sys.argv[1] == "write":
+        raise checkpoint.OrbaxError("no room")
+    if sys.argv[1] == "bug":
+        time.sleep(0.1)
+        raise KeyError("lanes")
+    for thread in threads:
+        thread.join()
+
+loop.train = train
+sys.exit(launch.main(["--config=counts:tiny", "--workdir=x"], "scjax train"))"""
+
+
+def fail_in_a_thread():
+    def fail():
+        raise ValueError("a")
+
+    thread = threading.Thread(target=fail)
+    thread.start()
+    thread.join()
+
+
+def fail_in_a_task():
+    async def fail():
+        raise ValueError("a")
+
+    async def run():
+        asyncio.get_running_loop().create_task(fail())
+        await asyncio.sleep(0)
+
+    asyncio.run(run())
+    gc.collect()
+
+
+def fail_in_a_finalizer():
+    class Fails:
+        def __del__(self):
+            raise ValueError("a")
+
+    Fails()
+    gc.collect()
+
+
+@pytest.mark.parametrize("fail", [fail_in_a_thread, fail_in_a_task, fail_in_a_finalizer])
+def test_collected_thread_errors_are_not_printed(fail, capfd):
+    hooks = sys.excepthook, sys.unraisablehook, threading.excepthook
+    with collected_thread_errors() as errors:
+        fail()
+    assert [repr(error) for error in errors] == ["ValueError('a')"]
+    assert capfd.readouterr() == ("", "")
+    assert (sys.excepthook, sys.unraisablehook, threading.excepthook) == hooks
+
+
+def test_collected_thread_errors_leave_warnings(caplog):
+    with collected_thread_errors() as errors:
+        logging.getLogger("asyncio").warning("slow")
+    assert caplog.messages == ["slow"] and not errors
+
+
+@pytest.mark.parametrize(
+    ("failure", "line"),
+    [
+        ("write", "scjax train: no room\n"),
+        ("bug", "scjax train: unexpected KeyError: 'lanes'; run with --debug for the trace, please report it\n"),
+        (
+            "none",
+            "scjax train: a thread in the background failed: unexpected ValueError: as tensorstore reports it; "
+            "run with --debug for the trace, please report it\n",
+        ),
+    ],
+)
+def test_train_command_prints_one_line_while_threads_fail(failure, line):
+    result = subprocess.run([sys.executable, "-c", TRAIN, failure], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", line)
