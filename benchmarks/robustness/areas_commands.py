@@ -104,7 +104,10 @@ def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
         "--model",
     ]
     build = ["data", "build", str(fixtures / "recordings"), "out", "--workers", "0"]
+    scenes = ["data", "scenes", "records", "--out", "out", "-n", "2"]
+    new = [(scenes, ["-n", "--format", "--split", "--seed"]), (["data", "scenes", "PLACE", "--out", "out"], ["PLACE"])]
     return [
+        *([] if old else new),
         (generate, options),
         (["generate", "PLACE", *generate[2:]], ["PLACE"]),
         (["caption", scene], ["--style", "--seed"]),

@@ -184,7 +184,7 @@ def test_build_help_names_options_and_defaults(capsys, monkeypatch):
 def test_help_names_commands_and_exit_codes(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for word in ("Exit codes", "build", "synthetic", "caption", "embed"):
+    for word in ("Exit codes", "build", "synthetic", "caption", "embed", "scenes"):
         assert word in text
 
 
