@@ -32,13 +32,12 @@ def collected_thread_errors() -> Iterator[list[BaseException]]:
         return False
 
     logger = logging.getLogger("asyncio")
-    hooks = sys.excepthook, sys.unraisablehook, threading.excepthook
+    hooks = sys.excepthook, sys.unraisablehook, threading.excepthook, logger.filters
     sys.excepthook = lambda _type, error, _trace: collect(error)  # tensorstore calls it from threads of its own
     sys.unraisablehook = lambda unraisable: collect(unraisable.exc_value)
     threading.excepthook = lambda arguments: collect(arguments.exc_value)
-    logger.addFilter(is_no_error)
+    logger.filters = [is_no_error]
     try:
         yield errors
     finally:
-        logger.removeFilter(is_no_error)
-        sys.excepthook, sys.unraisablehook, threading.excepthook = hooks
+        sys.excepthook, sys.unraisablehook, threading.excepthook, logger.filters = hooks

@@ -75,6 +75,14 @@ def test_collected_thread_errors_are_not_printed(fail, capfd):
     assert (sys.excepthook, sys.unraisablehook, threading.excepthook) == hooks
 
 
+@pytest.mark.parametrize("fail", [fail_in_a_thread, fail_in_a_task, fail_in_a_finalizer])
+def test_collected_thread_errors_of_a_part_are_its_own(fail):
+    with collected_thread_errors() as errors:
+        with collected_thread_errors() as part:
+            fail()
+        assert len(part) == 1 and not errors
+
+
 def test_collected_thread_errors_leave_warnings(caplog):
     with collected_thread_errors() as errors:
         logging.getLogger("asyncio").warning("slow")
