@@ -31,6 +31,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tqdm import tqdm
+
 from benchmarks import workload
 
 _SCJAX = "import sys; sys.argv[0] = 'scjax'; from scjax.cli import main; main()"
@@ -77,7 +79,8 @@ def main(arguments: list[str] | None = None) -> None:
     with tempfile.TemporaryDirectory(prefix="kills-") as folder:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{folder}/programs")
         tasks = _tasks(Path(folder) / "templates", args.scenes) if {*names} - {"save", "cache"} else []
-        rows = [_row(task, Path(folder) / task.name, args.kills, rng) for task in tasks if task.name in names]
+        chosen = [task for task in tasks if task.name in names]
+        rows = [_row(task, Path(folder) / task.name, args.kills, rng) for task in tqdm(chosen, "commands")]
         if "save" in names:
             rows.append(_save_row(Path(folder) / "save", args.kills, rng))
         if "cache" in names:

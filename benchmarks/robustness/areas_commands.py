@@ -158,6 +158,8 @@ def _fixed(fixtures: Path, old: bool) -> list[list[str]]:
 
 def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
     shown = [word for word in (value, ascii(value)[1:-1]) if len(word) > 1 or (word and flag == "PLACE")]
+    shown += [" ".join(value.split())] if "\n" in value else []  # messages are one line
+    shown += [value[:2]] if flag == "PLACE" and value.startswith("-") else []  # read as an option of one letter
     words = [Path(word).name for word in arguments if "/" in word and "\n" not in word and len(Path(word).name) > 1]
     words += [part for word in arguments for part in word.partition("=")[2].split(":") if len(part) > 2]
     if flag == "PLACE" and not value:

@@ -51,7 +51,8 @@ class BuildOptions:
         check_number("files_per_shard", self.files_per_shard, 1, MAX_COUNT)
         JoinOptions(self.join_distance)
         check_number("lane_poses", self.lane_poses, 0, MAX_COUNT)
-        for name, poses in (("poses", self.poses), ("train_poses", self.train_poses)):
-            check_number(f"{name}.spacing", poses.spacing, MIN_SPACING, MAX_COUNT, whole=False)
+        for name, option, poses in (("poses", "--", self.poses), ("train_poses", "--train-", self.train_poses)):
+            check_number(f"{name}.spacing ({option}spacing)", poses.spacing, MIN_SPACING, MAX_COUNT, whole=False)
             for field in ("max_poses", "recorder_stride", "other_stride"):
-                check_number(f"{name}.{field}", getattr(poses, field), 1, MAX_COUNT)
+                label = f"{name}.{field} ({option}{field.replace('_', '-')})"
+                check_number(label, getattr(poses, field), 1, MAX_COUNT)

@@ -47,7 +47,7 @@ class Worlds:
     def __post_init__(self):
         check_number("ordinary", self.ordinary, 0, 1, "give a share from 0 to 1", whole=False)
         if unknown := set(self.events) - set(EVENTS):
-            raise ValueError(f"unknown event {min(unknown)!r}: choose of {', '.join(EVENTS)}")
+            raise ValueError(f"events has the unknown event {min(unknown)!r}: choose of {', '.join(EVENTS)}")
         check_number("the number of worlds", self.count, 1, MAX_COUNT, f"give at least one world, {MAX_COUNT} at most")
         check_seed(self.seed)
 

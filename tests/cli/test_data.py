@@ -79,6 +79,7 @@ def test_build_bad_value_exits_1(build, option, tmp_path, capsys):
     assert main([*build, *option]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
+    assert option[0].strip("-") in error.replace("_", "-")
     assert not (tmp_path / "records").exists()
 
 
