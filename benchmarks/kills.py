@@ -19,6 +19,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -57,6 +58,7 @@ download.subprocess.run, download._MODULE = run, "no_such_package_at_all"
 folder = download.find_encoder(progress=False)
 assert all((folder / name).is_file() for name in download.FILES)"""
 _STRAY = ("*.part", "*tmp*", ".*.old", ".model*")
+_PROGRESS = re.compile(r"[\w ]+: +\d+%\|")
 _LIMITS = (1, 2, 8, 32, 128)  # KB of a file on a full disk
 
 
@@ -130,9 +132,9 @@ def _row(task: Task, folder: Path, kills: int, rng: random.Random) -> dict[str, 
         out = _start(task, folder / "full")
         result = _run([_SCJAX, *task.arguments(out)], limit=limit)
         counts["full_disks"] += result.returncode != 0
-        others = [line for line in result.stderr.splitlines() if not line.startswith(("scjax", "error:"))]
-        if result.returncode != 0 and (others or not result.stderr):
-            faults.append(f"{task.name}: full disk ({limit} KB) ends with {''.join(others)[-200:]!r}")
+        lines = [line for line in re.split(r"[\r\n]+", result.stderr) if line and not _PROGRESS.match(line)]
+        if result.returncode != 0 and not (lines and all(line.startswith(("scjax", "error:")) for line in lines)):
+            faults.append(f"{task.name}: full disk ({limit} KB) ends with {result.stderr[-200:]!r}")
         faults += _finish(task, out, expected)
     print(*faults, sep="\n", file=sys.stderr)
     return {"command": task.name, "seconds": seconds, "ends": ends, **counts, "faults": len(faults)}
