@@ -37,7 +37,7 @@ def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None,
     """The scenes with one point for all ends of a node; differentiable, and independent of padding.
 
     Removed are links over gaps wider than ``max_gap``, and the widest links of a node that would bring both ends of a
-    lane to one place. A node that still would is left open.
+    lane to one place; if that does not help, all links of the node. Links between fixed lanes stay.
 
     Args:
       scene: batch [B] in meters with consistent links.
@@ -53,7 +53,10 @@ def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None,
     stays = fixed[:, :, None] & fixed[:, None]
     linked = joined & ((gap <= max_gap) | stays)
     for _ in range(_ROUNDS):
-        linked = _without_widest(linked, gap, stays)
+        width = jnp.where(_folding(linked) & ~stays, gap, -1)
+        widest = jnp.where(_nodes(linked).end_end, width.max(-1)[:, None], -1).max(-1)
+        linked = linked & ~((width >= 0) & (width == widest[:, :, None]))
+    linked = linked & ~(_folding(linked) & ~stays)
     nodes = _nodes(linked)
     ends, starts = _node_positions(nodes, lanes[:, :, -1], lanes[:, :, 0], fixed)
     moved = jnp.where((mask & ~fixed)[..., None, None], _spread(lanes, starts, ends), lanes)
@@ -87,16 +90,11 @@ def _times(a: Bool[Array, "b l m"], b: Bool[Array, "b m n"]) -> Bool[Array, "b l
     return jnp.einsum("blm,bmn->bln", a.astype(jnp.float32), b.astype(jnp.float32)) > 0
 
 
-def _without_widest(
-    linked: Bool[Array, "b l l"], gap: Float[Array, "b l l"], stays: Bool[Array, "b l l"]
-) -> Bool[Array, "b l l"]:
-    """The links without the widest one of every node that joins both ends of a lane."""
+def _folding(linked: Bool[Array, "b l l"]) -> Bool[Array, "b l l"]:
+    """The links of nodes that hold both ends of a lane."""
     nodes = _nodes(linked)
-    loops = jnp.diagonal(nodes.end_start, axis1=1, axis2=2)  # the lane's end and start are one node
-    ill = (nodes.end_end & loops[:, None]).any(-1)[:, :, None] & linked
-    width = jnp.where(ill & ~stays, gap, -1)
-    widest = jnp.where(nodes.end_end, width.max(-1)[:, None], -1).max(-1)
-    return linked & ~((width >= 0) & (width == widest[:, :, None]))
+    folded = jnp.diagonal(nodes.end_start, axis1=1, axis2=2)
+    return (nodes.end_end & folded[:, None]).any(-1)[:, :, None] & linked
 
 
 def _node_positions(
@@ -107,11 +105,9 @@ def _node_positions(
     bottom = jnp.concatenate([nodes.end_start.swapaxes(1, 2), nodes.start_start], 2)
     same, points = jnp.concatenate([top, bottom], 1), jnp.concatenate([ends, starts], 1)
     count = ends.shape[1]
-    loops = jnp.diagonal(nodes.end_start, axis1=1, axis2=2)
-    open_node = (same & jnp.concatenate([loops, loops], 1)[:, None]).any(-1)
     both = jnp.concatenate([fixed, fixed], 1)
     counted = jnp.where((same & both[:, None]).any(-1)[..., None], same & both[:, None], same).astype(points.dtype)
     mean = jnp.einsum("bnm,bmd->bnd", counted, points) / counted.sum(-1, keepdims=True)
     first = same.argmax(-1)[..., None]  # all members of a node take the sum of one row: equal bit for bit
-    mean = jnp.where(open_node[..., None], points, jnp.take_along_axis(mean, first, 1))
+    mean = jnp.take_along_axis(mean, first, 1)
     return mean[:, :count], mean[:, count:]
