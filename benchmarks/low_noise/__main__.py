@@ -23,6 +23,7 @@ import jax
 import numpy as np
 
 import scjax
+from benchmarks.low_noise.heads import head_errors
 from benchmarks.low_noise.judge import measure_soundness
 from benchmarks.low_noise.noise import noise_rows, posterior_deviations
 from scjax.evaluate.requests import counts_request
@@ -91,6 +92,8 @@ def noise_tables(model: Model, scenes: Sequence[Scene]) -> dict[str, Any]:
         "noisy": [dataclasses.asdict(row) for row in noise_rows(model, few, denoised=False)],
     }
     if "denoiser" in model.components:
+        if model.denoiser.config.relative_geometry:
+            tables["heads"] = head_errors(model, few)
         tables["denoised"] = [dataclasses.asdict(row) for row in noise_rows(model, few, denoised=True)]
     return tables
 

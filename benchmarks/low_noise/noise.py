@@ -45,7 +45,7 @@ def posterior_deviations(model: Model, scenes: Sequence[Scene]) -> dict[str, lis
     network = autoencoder(model.autoencoder.config)
     values: dict[str, list[np.ndarray]] = {"agents": [], "lanes": []}
     encode = jax.jit(lambda params, scene: network.apply(params, model.codec.normalize(scene), method="encode"))
-    for padded, _ in _batches(scenes):
+    for padded, _ in padded_batches(scenes):
         posterior = encode(model.autoencoder.params, padded)
         for name, mask in (("agents", padded.agent_mask), ("lanes", padded.lane_mask)):
             std = np.exp(0.5 * np.asarray(getattr(posterior.logvar, name)))[np.asarray(mask)]
@@ -70,7 +70,7 @@ def noise_rows(model: Model, scenes: Sequence[Scene], denoised: bool, seed: int 
         return estimate_x0(level, x, output, config.prediction)
 
     sums = {sigma: [] for sigma in SIGMAS}
-    for padded, kept in _batches(scenes):
+    for padded, kept in padded_batches(scenes):
         masks, latents = encode_program(*coder)(params, *statistics, padded)
         joined = (np.asarray(padded.links) == Link.PREDECESSOR) & np.asarray(masks.lanes)[:, :, None]
         clean = None
@@ -98,7 +98,7 @@ def noise_rows(model: Model, scenes: Sequence[Scene], denoised: bool, seed: int 
     return rows
 
 
-def _batches(scenes: Sequence[Scene]) -> Iterator[tuple[Scene, np.ndarray]]:
+def padded_batches(scenes: Sequence[Scene]) -> Iterator[tuple[Scene, np.ndarray]]:
     """Padded batches, and True at their rows that are no repetition."""
     sizes = [(len(scene.agent_mask), len(scene.lane_mask)) for scene in scenes]
     for bucket, indices, rows in in_batches(sizes, _GROUP, _LEAST_SIZE):

@@ -19,7 +19,6 @@ from scjax.scene import TILE_SIZE, Crop, Scene
 from scjax.scene.per_type import PerType
 
 _ROWS, _LEARNING_RATE = 512, 3e-3
-_NOISE = 0.03  # standard deviation of the noise on the latents, whose own is 1
 _VALIDATION_SHARE = 10  # one token in so many is left out of the fit and measures its error
 
 
@@ -30,10 +29,13 @@ class FitOptions:
     Attributes:
       batches: training batches that tokens are taken from; 80 of 32 scenes have some 40,000 lanes.
       steps: of the optimizer, ``_ROWS`` tokens each.
+      noise: deviation of the noise on the latents, whose own is 1. Heads blur what is smaller: with 0.03 offsets
+        between linked ends are wrong by 0.4 m (docs/results/low_noise.md).
     """
 
     batches: int = 80
     steps: int = 4000
+    noise: float = 0.03
 
 
 def position_targets(scene: Scene) -> dict[str, np.ndarray]:
@@ -71,15 +73,15 @@ def fit_position_heads(
     params = {}
     for number, (name, parts) in enumerate(pairs.items()):
         latents, targets = (np.concatenate(part) for part in zip(*parts, strict=True))
-        params[name] = _fit_head(latents, targets, jax.random.fold_in(key, number), options.steps)
+        params[name] = _fit_head(latents, targets, jax.random.fold_in(key, number), options)
     return params
 
 
 def _fit_head(
-    latents: Float[np.ndarray, "n d"], targets: Float[np.ndarray, "n p 2"], key: jax.Array, steps: int
+    latents: Float[np.ndarray, "n d"], targets: Float[np.ndarray, "n p 2"], key: jax.Array, options: FitOptions
 ) -> Params:
     network = functional(lambda init: PositionHead(latents.shape[-1], targets.shape[-2], init=init))
-    optimizer = optax.adam(optax.cosine_decay_schedule(_LEARNING_RATE, steps))
+    optimizer = optax.adam(optax.cosine_decay_schedule(_LEARNING_RATE, options.steps))
     left_out = len(latents) // _VALIDATION_SHARE
     fit_latents, fit_targets = jnp.asarray(latents[left_out:]), jnp.asarray(targets[left_out:])
 
@@ -90,13 +92,13 @@ def _fit_head(
         params, moments = state
         row_key, noise_key = jax.random.split(jax.random.fold_in(key, number))
         rows = jax.random.randint(row_key, (_ROWS,), 0, len(fit_latents))
-        noise = _NOISE * jax.random.normal(noise_key, (_ROWS, fit_latents.shape[-1]))
+        noise = options.noise * jax.random.normal(noise_key, (_ROWS, fit_latents.shape[-1]))
         gradients = jax.grad(error)(params, fit_latents[rows] + noise, fit_targets[rows])
         updates, moments = optimizer.update(gradients, moments)
         return (optax.apply_updates(params, updates), moments), None
 
     params = network.init(key)
-    fit = jax.jit(lambda state: jax.lax.scan(step, state, jnp.arange(steps)))
+    fit = jax.jit(lambda state: jax.lax.scan(step, state, jnp.arange(options.steps)))
     (params, _), _ = fit((params, optimizer.init(params)))
     estimates = network.apply(params, jnp.asarray(latents[:left_out]))
     errors = UNIT * np.linalg.norm(estimates - targets[:left_out], axis=-1)
