@@ -1,4 +1,4 @@
-"""How exactly the position heads of a denoiser read lane ends, and the offsets between linked ends, off clean latents."""
+"""How exactly position heads read lane ends, and the offsets between linked ends, off clean latents."""
 
 from __future__ import annotations
 
