@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name, _, folder = text.partition("=")
         model = scjax.load(folder)
         once(args.out / f"{name}-noise.json", lambda m=model: noise_tables(m, scenes))
-        for steps in args.num_steps:
+        for steps in args.num_steps if "denoiser" in model.components else ():
             once(
                 args.out / f"{name}-{steps}-{args.seed}.json",
                 lambda m=model, n=steps: sample_table(m, scenes, domains, n, args.seed),

@@ -1,7 +1,7 @@
-"""The denoiser to start from: python -m benchmarks.low_noise.base OUT --octaves 9 --records RECORDS --head-noise 0.003
+"""The denoiser to start from: python -m benchmarks.low_noise.base OUT --octaves 9 --fit-heads RECORDS
 
 The model that ships, without its condition. Further octaves of Fourier features start at zero, so that the network is
-the same function. With --head-noise its position heads are fitted anew.
+the same function. With --fit-heads its position heads are fitted anew.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.nn.functional import flatten, unflatten
 from scjax.scene import Scene
 from scjax.scene.per_type import PerType
-from scjax.train.fit_position_head import FitOptions, fit_position_heads
+from scjax.train.fit_position_head import fit_position_heads
 
 _FOURIER = ("agent_fourier", "lane_fourier")
 
@@ -31,16 +31,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.low_noise.base", description=__doc__)
     parser.add_argument("out", help="model folder")
     parser.add_argument("--octaves", type=int, default=6, help="6 (the default) or more")
-    parser.add_argument("--records", help="for --head-noise")
-    parser.add_argument("--head-noise", type=float, help="deviation of the noise on latents when heads are fitted")
+    parser.add_argument("--fit-heads", metavar="RECORDS", help="records to fit position heads to")
     args = parser.parse_args(arguments)
     model = unconditional(scjax.load(), args.octaves)
-    if args.head_noise is not None:
-        model = with_heads(model, args.records, FitOptions(noise=args.head_noise))
+    if args.fit_heads:
+        model = with_heads(model, args.fit_heads)
     scjax.save(model, args.out)
 
 
-def with_heads(model: Model, records: str, options: FitOptions) -> Model:
+def with_heads(model: Model, records: str) -> Model:
     """The model with position heads that are fitted anew to its autoencoder."""
     network, codec = autoencoder(model.autoencoder.config), model.codec
 
@@ -49,9 +48,11 @@ def with_heads(model: Model, records: str, options: FitOptions) -> Model:
         posterior = network.apply(model.autoencoder.params, codec.normalize(scene), method="encode")
         return model.latents.normalize(posterior.mean)
 
-    loader = LoaderConfig(buckets=((12, 16), (16, 28), (32, 48)), batch_size=32)
+    loader = LoaderConfig(
+        buckets=((12, 16), (16, 28), (32, 48)), batch_size=32, crops=(14.0, 1.0, 1.0), order="recursive"
+    )
     batches = training_batches(records, codec, loader)
-    heads = fit_position_heads(batches, encode, jax.random.key(0), options)
+    heads = fit_position_heads(batches, encode, jax.random.key(0))
     return model.with_component("denoiser", model.denoiser.config, {**model.denoiser.params, "position_heads": heads})
 
 

@@ -55,9 +55,9 @@ def posterior_deviations(model: Model, scenes: Sequence[Scene]) -> dict[str, lis
 
 def noise_rows(model: Model, scenes: Sequence[Scene], denoised: bool, seed: int = 0) -> list[NoiseRow]:
     """A row per deviation; ``denoised``: of the denoiser's estimates instead of the noisy latents themselves."""
-    coder, config = (model.codec, model.autoencoder.config), model.denoiser.config
+    coder = model.codec, model.autoencoder.config
     params, statistics = model.autoencoder.params, (model.latents.mean, model.latents.std)
-    network = denoiser(config)
+    config = model.denoiser.config if denoised else None
 
     @jax.jit
     def estimate(params, latents, noise, masks, domain, sigma, time):
@@ -66,7 +66,8 @@ def noise_rows(model: Model, scenes: Sequence[Scene], denoised: bool, seed: int 
             time=jnp.full(shape, time), alpha=jnp.full(shape, jnp.sqrt(1 - sigma**2)), sigma=jnp.full(shape, sigma)
         )
         x = q_sample(level, latents, noise)
-        output = network.apply(params, x, level.time, domain, masks)
+        assert config is not None
+        output = denoiser(config).apply(params, x, level.time, domain, masks)
         return estimate_x0(level, x, output, config.prediction)
 
     sums = {sigma: [] for sigma in SIGMAS}

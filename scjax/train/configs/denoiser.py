@@ -97,7 +97,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "lateral_offsets": 0.0,
     }
     # Only with config.model.relative_geometry: how long the position heads are fitted.
-    config.position_head_fit = {"batches": 80, "steps": 4000, "noise": 0.03}
+    config.position_head_fit = {"batches": 80, "steps": 4000}
     config.log_every = 50
     config.evaluate_every = max(steps // 20, 1)
     config.picture_every = max(steps // 5, 1)  # 0: never, as above

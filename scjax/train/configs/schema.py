@@ -139,7 +139,6 @@ class _DenoiserLoss(_Fields):
 class _PositionHeadFit(_Fields):
     batches: Size
     steps: Steps
-    noise: Share = 0.03
 
 
 class _DenoiserRun(_Run, kw_only=True):
