@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.noise_level import NoiseLevel
-from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
 
@@ -49,7 +49,7 @@ def estimate_x0(level: NoiseLevel, x: PerType, output: PerType, prediction: Pred
     return _linear_combination(inverse, x, -level.sigma * inverse, output)
 
 
-def posterior_mean(schedule: CosineSchedule, clean: PerType, x: PerType, step: Int[Array, " b"]) -> PerType:
+def posterior_mean(schedule: DiffusionSchedule, clean: PerType, x: PerType, step: Int[Array, " b"]) -> PerType:
     """Mean of q(x_{t-1} | x_t, x0)."""
     clean_scale, x_scale = (
         jnp.asarray(x)[step] for x in (schedule.posterior_mean_coef1, schedule.posterior_mean_coef2)
@@ -57,7 +57,7 @@ def posterior_mean(schedule: CosineSchedule, clean: PerType, x: PerType, step: I
     return _linear_combination(clean_scale, clean, x_scale, x)
 
 
-def posterior_std(schedule: CosineSchedule, step: Int[Array, " b"]) -> Float[Array, " b"]:
+def posterior_std(schedule: DiffusionSchedule, step: Int[Array, " b"]) -> Float[Array, " b"]:
     """Standard deviation of q(x_{t-1} | x_t, x0); zero at step 0."""
     std = jnp.exp(0.5 * jnp.asarray(schedule.posterior_log_variance_clipped)[step])
     return jnp.where(step == 0, 0, std)

@@ -1,9 +1,9 @@
-"""The cosine noise schedule and the coefficients derived from it (official-spec §5.1)."""
+"""The coefficients of a noise schedule, and the cosine schedule (official-spec §5.1)."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Real
 
 from scjax.diffusion.defaults import NUM_TRAIN_TIMESTEPS
 from scjax.diffusion.noise_level import NoiseLevel, trailing_timesteps
@@ -11,13 +11,14 @@ from scjax.scene.pytree import pytree
 
 
 @pytree
-class CosineSchedule:
+class DiffusionSchedule:
     """Coefficients of S diffusion steps, index 0 the least noisy; names as in Ho et al. 2020; float32.
 
-    ``timesteps`` [S] are the times that the network receives: 0..S-1, or a subset of them after ``respace``.
+    ``timesteps`` [S] are the times that the network receives: 0..S-1, a subset of them after ``respace``, or times
+    between them (``log_snr_schedule``).
     """
 
-    timesteps: Int[Array | np.ndarray, " s"]
+    timesteps: Real[Array | np.ndarray, " s"]
     betas: Float[Array | np.ndarray, " s"]
     alphas_cumprod: Float[Array | np.ndarray, " s"]
     alphas_cumprod_prev: Float[Array | np.ndarray, " s"]
@@ -41,7 +42,7 @@ class CosineSchedule:
         return NoiseLevel(time=self.timesteps, alpha=self.sqrt_alphas_cumprod, sigma=self.sqrt_one_minus_alphas_cumprod)
 
 
-def cosine_schedule(steps: int = NUM_TRAIN_TIMESTEPS) -> CosineSchedule:
+def cosine_schedule(steps: int = NUM_TRAIN_TIMESTEPS) -> DiffusionSchedule:
     """beta_t = clip(1 - f_{t+1} / f_t, 0, 0.999), f the squared cosine with offset 0.008 (Nichol & Dhariwal 2021).
 
     As in the official release, only beta is computed in float64. All other coefficients follow from beta in float32.
@@ -60,7 +61,9 @@ def cosine_schedule(steps: int = NUM_TRAIN_TIMESTEPS) -> CosineSchedule:
     return _schedule_from_betas(np.arange(steps), betas, alphas, cumulative)
 
 
-def respace(schedule: CosineSchedule, steps: int, last_step: float = 1.0, min_alpha: float = 0.0) -> CosineSchedule:
+def respace(
+    schedule: DiffusionSchedule, steps: int, last_step: float = 1.0, min_alpha: float = 0.0
+) -> DiffusionSchedule:
     """Subset of the timesteps, chosen by ``trailing_timesteps``, with the betas between them.
 
     Also known as timestep respacing (Nichol & Dhariwal 2021). A subset of all timesteps is the schedule itself.
@@ -87,11 +90,11 @@ def respace(schedule: CosineSchedule, steps: int, last_step: float = 1.0, min_al
 
 def _schedule_from_betas(
     timesteps: np.ndarray, betas: np.ndarray, alphas: np.ndarray, cumulative: np.ndarray
-) -> CosineSchedule:
+) -> DiffusionSchedule:
     one = np.float32(1)
     previous = np.concatenate([[one], cumulative[:-1]])
     variance = betas * (one - previous) / (one - cumulative)
-    return CosineSchedule(
+    return DiffusionSchedule(
         timesteps=timesteps.astype(np.int32),
         betas=betas,
         alphas_cumprod=cumulative,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Int
 
 from scjax.diffusion.flow import flow_level
 from scjax.diffusion.noise_level import NoiseLevel
-from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.nn import random
 
@@ -45,7 +45,7 @@ class TimestepSampling:
 
 
 def sample_noise_levels(
-    key: Array, scenes: int, schedule: CosineSchedule, prediction: Prediction, sampling: TimestepSampling
+    key: Array, scenes: int, schedule: DiffusionSchedule, prediction: Prediction, sampling: TimestepSampling
 ) -> NoiseLevel:
     """One random noise level per scene [B].
 
@@ -72,7 +72,7 @@ def sample_noise_levels(
     return noise_level_at(step, schedule, prediction)
 
 
-def noise_level_at(step: Int[Array, " b"], schedule: CosineSchedule, prediction: Prediction) -> NoiseLevel:
+def noise_level_at(step: Int[Array, " b"], schedule: DiffusionSchedule, prediction: Prediction) -> NoiseLevel:
     """Noise levels of timesteps [B]: those of the schedule or, for "flow", those of the straight path."""
     if prediction != "flow":
         return schedule.levels[step]

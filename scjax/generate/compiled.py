@@ -24,6 +24,7 @@ from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.denoiser.position_head import position_heads
+from scjax.models.shared_endpoints import share_endpoints
 from scjax.nn.functional import Params
 from scjax.nn.stored_program import StoredProgram
 from scjax.scene import Scene
@@ -35,10 +36,11 @@ def sampling_loop(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> S
     """The sampling loop for the latents of a denoiser."""
     return SamplingLoop(
         sampler,
-        make_schedule(sampler, config.prediction, num_steps),
+        make_schedule(sampler, config.prediction, num_steps, config.schedule),
         config.prediction,
         latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
         max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
+        self_conditioning=config.self_conditioning,
     )
 
 
@@ -57,14 +59,21 @@ def encode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgra
 
 @functools.lru_cache(maxsize=8)
 def decode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgram:
-    """(the decoder's parameters, mean and deviation of latents; normalized latents, masks, crop, domain) -> scenes in
-    meters."""
+    """(the decoder's parameters, mean and deviation of latents; normalized latents, masks, crop, domain, known scenes
+    or None) -> scenes in meters."""
 
     def decode(
-        params: Params, mean: PerType, std: PerType, latents: PerType, masks: PerType, crop: Array, domain: Array
+        params: Params,
+        mean: PerType,
+        std: PerType,
+        latents: PerType,
+        masks: PerType,
+        crop: Array,
+        domain: Array,
+        known: Scene | None,
     ) -> Scene:
         latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-        return decode_latents(config, params, codec, latents, masks, crop, domain)
+        return decode_latents(config, params, codec, latents, masks, crop, domain, known)
 
     return StoredProgram(decode, shared=3, options=(codec, config))
 
@@ -160,14 +169,24 @@ def descend_program(config: DenoiserConfig, options: EnergyGuidance) -> StoredPr
 
 
 def decode_latents(
-    config: AutoencoderConfig, params: Params, codec: SceneCodec, latents: PerType, masks: PerType, crop, domain
+    config: AutoencoderConfig,
+    params: Params,
+    codec: SceneCodec,
+    latents: PerType,
+    masks: PerType,
+    crop,
+    domain,
+    known: Scene | None = None,
 ) -> Scene:
-    """Latents [B, tokens, latent] -> scenes in meters [B]; ``params`` are the decoder's."""
+    """Latents [B, tokens, latent] -> scenes in meters [B]; ``params`` are the decoder's.
+
+    With ``config.shared_endpoints`` the known lanes of ``known``, padded alike, do not move; others end where they do.
+    """
     decoded = decoder(config).apply(params, latents, masks)
     lane_types = jnp.zeros(masks.lanes.shape, jnp.int32)
     if codec.num_lane_types:
         lane_types = decoded.lane_type_logits.argmax(-1)
-    return codec.denormalize(
+    scenes = codec.denormalize(
         decoded.agents,
         decoded.agent_type_logits.argmax(-1),
         masks.agents,
@@ -178,3 +197,10 @@ def decode_latents(
         crop,
         domain,
     )
+    if not config.shared_endpoints:
+        return scenes
+    if known is None:
+        return share_endpoints(scenes)
+    fixed = jnp.asarray(known.lane_mask)
+    lanes = jnp.where(fixed[..., None, None], known.lanes, scenes.lanes)
+    return share_endpoints(scenes.replace(lanes=lanes), fixed=fixed)

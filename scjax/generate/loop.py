@@ -100,7 +100,8 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
 
     def decode(latents: PerType) -> Scene:
         program = compiled.decode_program(*coder)
-        return program(coder_params["decoder"], *statistics, latents, batch.masks, batch.crop, batch.domain)
+        scenes = batch.crop, batch.domain, batch.known_scenes
+        return program(coder_params["decoder"], *statistics, latents, batch.masks, *scenes)
 
     state = compiled.start_program(*options)(settings.temperature, inputs)
     x0, first = state.x, len(loop.levels) - 1

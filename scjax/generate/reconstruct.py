@@ -28,7 +28,7 @@ def reconstruct(model: Model, scenes: Sequence[Scene]) -> list[Scene]:
         params, statistics = model.autoencoder.placed_params(len(rows)), (model.latents.mean, model.latents.std)
         masks, latents = encode_program(*coder)(params, *statistics, padded)
         decoded = decode_program(*coder)(
-            params["decoder"], *statistics, latents, masks, padded.crop, padded.domain
+            params["decoder"], *statistics, latents, masks, padded.crop, padded.domain, None
         ).to_numpy()
         results.update({index: unpadded(decoded[row]) for row, index in enumerate(indices)})
     return [results[index] for index in range(len(scenes))]

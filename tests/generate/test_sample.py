@@ -170,7 +170,7 @@ def pointed_model():
     none = np.zeros(64, np.int32)
     decode = compiled.decode_program(model.codec, model.autoencoder.config)
     scenes = decode(
-        model.autoencoder.params["decoder"], model.latents.mean, model.latents.std, latents, masks, none, none
+        model.autoencoder.params["decoder"], model.latents.mean, model.latents.std, latents, masks, none, none, None
     )
     targets, heads = position_targets(scenes), {}
     for name, head in model.denoiser.params["position_heads"].items():

@@ -34,22 +34,36 @@ def test_position_targets_are_relative_to_the_window_center():
     np.testing.assert_allclose(along, scene.lanes[:, :, -1, :2] - scene.lanes[:, :, 0, :2], atol=1e-4)
 
 
-def test_fit_position_heads_reads_points_off_latents(capsys):
+def _fit_error(spoilt=0.0):
+    """Median error [m] per type on unseen scenes, whose latents are bent points; a share of the fit's is noise."""
     rng = np.random.default_rng(0)
     mixing = {"agents": np.linalg.qr(rng.normal(size=(4, 4)))[0], "lanes": np.linalg.qr(rng.normal(size=(10, 10)))[0]}
 
-    def latents_of(scene):
+    def latents_of(scene, spoilt=spoilt):
         points = jax.tree.map(lambda x: x.reshape(*x.shape[:2], -1), position_targets(scene))
         bent = {kind: np.sinh(points[kind] / 2) @ mixing[kind] for kind in points}
-        return PerType(**{kind: value.astype(np.float32) for kind, value in bent.items()})
+        noise = {
+            kind: np.where(rng.random((*x.shape[:2], 1)) < spoilt, rng.normal(size=x.shape), x)
+            for kind, x in bent.items()
+        }
+        return PerType(**{kind: value.astype(np.float32) for kind, value in noise.items()})
 
-    found = fit_position_heads(
-        (_batch(12 * k) for k in itertools.count()), latents_of, jax.random.key(0), FitOptions(batches=80, steps=1000)
-    )
-    assert "median" in capsys.readouterr().out
-    unseen = _batch(10_000).scene
-    latents, targets = latents_of(unseen), position_targets(unseen)
+    batches, options = (_batch(12 * k) for k in itertools.count()), FitOptions(batches=80, steps=1000)
+    heads = fit_position_heads(batches, latents_of, jax.random.key(0), options)
+    unseen, errors = _batch(10_000).scene, {}
+    latents, targets = latents_of(unseen, 0.0), position_targets(unseen)
     for kind, mask in (("agents", unseen.agent_mask), ("lanes", unseen.lane_mask)):
         network = functional(lambda init, kind=kind: PositionHead(*SIZES[kind], init=init))
-        read = network.apply(found[kind], jnp.asarray(getattr(latents, kind)))
-        assert np.median(np.linalg.norm(read - targets[kind], axis=-1)[mask]) * UNIT < 1.0
+        read = network.apply(heads[kind], jnp.asarray(getattr(latents, kind)))
+        errors[kind] = np.median(np.linalg.norm(read - targets[kind], axis=-1)[mask]) * UNIT
+    return errors
+
+
+def test_fit_position_heads_reads_points_off_latents(capsys):
+    errors = _fit_error()
+    assert "median" in capsys.readouterr().out
+    assert max(errors.values()) < 0.5
+
+
+def test_few_useless_latents_hardly_change_the_fit():
+    assert max(_fit_error(spoilt=0.1).values()) < 1.0

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from scjax.diffusion.defaults import DEFAULT_SAMPLER, MIN_NOISE_PREDICTION_ALPHA
 from scjax.diffusion.flow import FlowSchedule, flow_schedule
+from scjax.diffusion.log_snr_schedule import log_snr_schedule
 from scjax.diffusion.samplers.base import Sampler as Sampler
 from scjax.diffusion.samplers.ddim import DDIM
 from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.samplers.dpm_solver import DPMSolver
 from scjax.diffusion.samplers.flow import Euler, Heun
 from scjax.diffusion.samplers.threshold import Threshold as Threshold
-from scjax.diffusion.schedule import CosineSchedule, cosine_schedule, respace
-from scjax.models.denoiser.config import Prediction
+from scjax.diffusion.schedule import DiffusionSchedule, cosine_schedule, respace
+from scjax.models.denoiser.config import Prediction, Schedule
 
 SAMPLERS: dict[str, Sampler] = {sampler.name: sampler for sampler in (DDPM(), DDIM(), DPMSolver(), Euler(), Heun())}
 
@@ -55,11 +56,14 @@ def resolve_sampler(sampler: str | Sampler | None, prediction: Prediction) -> Sa
     return choice
 
 
-def make_schedule(sampler: Sampler, prediction: Prediction, steps: int | None = None) -> CosineSchedule | FlowSchedule:
+def make_schedule(
+    sampler: Sampler, prediction: Prediction, steps: int | None = None, schedule: Schedule = "cosine"
+) -> DiffusionSchedule | FlowSchedule:
     """The noise levels that a sampler visits (``trailing_timesteps``).
 
     Args:
       steps: number of steps; None: ``sampler.default_steps[prediction]``.
+      schedule: that of the training (``DenoiserConfig.schedule``).
 
     Raises:
       ValueError: if ``steps`` is not in 2..100.
@@ -67,5 +71,7 @@ def make_schedule(sampler: Sampler, prediction: Prediction, steps: int | None = 
     steps = sampler.default_steps[prediction] if steps is None else steps
     if prediction == "flow":
         return flow_schedule(steps, last_step=sampler.last_step)
+    if schedule == "log_snr":
+        return log_snr_schedule(steps, last_step=sampler.last_step)
     min_alpha = MIN_NOISE_PREDICTION_ALPHA if prediction == "noise" else 0.0
     return respace(cosine_schedule(), steps, sampler.last_step, min_alpha)

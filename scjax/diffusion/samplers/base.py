@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from scjax.diffusion.flow import FlowSchedule
-from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
 
@@ -31,7 +31,7 @@ class SamplingContext(NamedTuple):
     """
 
     step_noise: Callable[[Step], PerType]
-    schedule: CosineSchedule | FlowSchedule
+    schedule: DiffusionSchedule | FlowSchedule
     generated: PerType
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step, table_entry
 from scjax.diffusion.samplers.threshold import Threshold, threshold_x0
-from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
 
@@ -42,7 +42,7 @@ class DDIM(Sampler):
     def step(
         self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[()]
     ) -> tuple[PerType, tuple[()]]:
-        assert isinstance(context.schedule, CosineSchedule)  # by ``default_steps``
+        assert isinstance(context.schedule, DiffusionSchedule)  # by ``default_steps``
         alpha, sigma, next_alpha, next_sigma = context.schedule.levels.transitions()
         std = self.eta * np.sqrt(np.asarray(context.schedule.posterior_variance, np.float64))
         x_scales = np.sqrt(np.maximum(next_sigma**2 - std**2, 0)) / sigma

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from scjax.diffusion.defaults import NUM_TRAIN_TIMESTEPS
 from scjax.diffusion.process import posterior_mean, posterior_std
 from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step
-from scjax.diffusion.schedule import CosineSchedule
+from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
 from scjax.scene.per_type import PerType
 
@@ -36,7 +36,7 @@ class DDPM(Sampler):
     def step(
         self, context: SamplingContext, x: PerType, x0: PerType, evaluation: Step, memory: tuple[()]
     ) -> tuple[PerType, tuple[()]]:
-        assert isinstance(context.schedule, CosineSchedule)  # by ``default_steps``
+        assert isinstance(context.schedule, DiffusionSchedule)  # by ``default_steps``
         steps = jnp.broadcast_to(evaluation, x.agents.shape[:1])
         mean = posterior_mean(context.schedule, x0, x, steps)
         std = posterior_std(context.schedule, steps)[:, None, None]

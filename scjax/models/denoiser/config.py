@@ -19,6 +19,13 @@ Prediction = Literal["noise", "velocity", "flow"]
 """The network's target: the noise (official); the velocity sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho
 2022); or noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
+MAX_OCTAVES = 20
+"""Largest ``DenoiserConfig.fourier_octaves``."""
+
+Schedule = Literal["cosine", "log_snr"]
+"""The noise levels of training and sampling: the cosine schedule (official), or one that goes on to a deviation of
+0.005 (``diffusion.log_snr_schedule``)."""
+
 
 @dataclasses.dataclass(frozen=True)
 class TextCondition:
@@ -79,9 +86,12 @@ class DenoiserConfig:
       known_embedding: add a learned vector per type (zero at first) to known tokens. Not in the release.
       fourier_features: number of learned projections of a token's latents whose sines and cosines are added to its
         embedding; 0 for none (official).
+      fourier_octaves: wavelengths of the Fourier features, each half of the one before; the first is 8 deviations.
       relative_geometry: add features of nearby tokens to the embeddings (``denoiser.relative_geometry``). Not in the
         release.
+      self_conditioning: read the last x0 estimate, too (``denoiser.estimate_features``). Not in the release.
       prediction: what the network predicts, "noise" (official), "velocity" or "flow".
+      schedule: noise levels of training and sampling, "cosine" (official) or "log_snr".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
       attend_padding: the official convention, in which padded text tokens are valid keys and a dropped condition is a
         context of zeros. Otherwise padded and dropped tokens are masked, and a dropped condition adds exactly zero.
@@ -105,8 +115,11 @@ class DenoiserConfig:
     cross_attention: CrossAttentionOptions = _RELEASED
     known_embedding: bool = False
     fourier_features: int = 0
+    fourier_octaves: int = 6
     relative_geometry: bool = False
+    self_conditioning: bool = False
     prediction: Prediction = "noise"
+    schedule: Schedule = "cosine"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"
     attend_padding: bool = False
     compute: Compute = "float32"
@@ -114,6 +127,11 @@ class DenoiserConfig:
     def __post_init__(self):
         integers = [field.name for field in dataclasses.fields(self) if field.type == "int"]
         _positive(self, *(name for name in integers if name != "fourier_features" or self.fourier_features != 0))
+        if self.fourier_octaves > MAX_OCTAVES:
+            raise ValueError(
+                f"fourier_octaves must be at most {MAX_OCTAVES}, where the wavelength is that of float32 rounding, "
+                f"got {self.fourier_octaves}"
+            )
         for kind in ("lane", "agent"):
             width, heads = getattr(self, f"{kind}_width"), getattr(self, f"{kind}_heads")
             if width % heads:
@@ -140,6 +158,13 @@ class DenoiserConfig:
             )
         if self.prediction not in get_args(Prediction):
             raise ValueError(f"prediction must be one of {', '.join(get_args(Prediction))}, got {self.prediction!r}")
+        if self.schedule not in get_args(Schedule):
+            raise ValueError(f"schedule must be one of {', '.join(get_args(Schedule))}, got {self.schedule!r}")
+        if self.schedule == "log_snr" and self.prediction != "velocity":
+            raise ValueError(
+                f'schedule "log_snr" needs a network that estimates the velocity, not the {self.prediction}: set '
+                'prediction="velocity", or schedule="cosine"'
+            )
         check_compute(self.compute)
 
     def to_json(self) -> dict[str, Any]:

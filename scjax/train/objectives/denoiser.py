@@ -16,6 +16,7 @@ from scjax.camera.raycast import CLASSES, GRID
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import LoaderConfig, TrainingExample, training_batches
+from scjax.diffusion.log_snr_schedule import log_snr_schedule
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import cosine_schedule
@@ -197,7 +198,7 @@ class DenoiserObjective:
         return training_loss(
             self.network,
             stop_gradients(params, self.frozen),
-            cosine_schedule(),
+            log_snr_schedule() if self.model.schedule == "log_snr" else cosine_schedule(),
             latent_batch,
             random.fold_in(keys, 1),
             null_label=self.model.null_label,
@@ -207,6 +208,7 @@ class DenoiserObjective:
             condition_dropout=self.options.condition_dropout,
             count_known=self.options.count_known,
             penalty=penalty if self.penalties else None,
+            self_conditioning=self.model.self_conditioning,
         )
 
     def evaluate(self, params: Params) -> dict[str, float]:
