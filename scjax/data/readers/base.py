@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from scjax.scene import Log
@@ -44,3 +45,26 @@ class LogReader(Protocol):
     def read(self, name: str) -> Log:
         """The log; ValueError naming the file if it cannot be used."""
         ...
+
+
+@dataclasses.dataclass(frozen=True)
+class OneLog:
+    """A single log of a reader."""
+
+    reader: LogReader
+    name: str
+
+    def __str__(self) -> str:
+        return str(Path(str(self.reader), self.name))
+
+    def names(self) -> list[str]:
+        """Its name."""
+        return [self.name]
+
+    def scan(self, name: str) -> LogInfo:
+        """As the reader's."""
+        return self.reader.scan(name)
+
+    def read(self, name: str) -> Log:
+        """As the reader's."""
+        return self.reader.read(name)
