@@ -41,7 +41,7 @@ class LaneLine:
     Attributes:
       key: which lane.
       lane: as in the file.
-      points: in driving direction [m]. Lanes of one section have points at the same places of the reference line.
+      points: in driving direction [m]; as sampled, lanes of a section have them at the same places of the road.
       widths: at the points [m].
       in_junction, is_motorway: of its road.
     """

@@ -66,6 +66,6 @@ def _neighbors(line: LaneLine, road_map: RoadMap) -> tuple[tuple[LaneNeighbor, .
         if NOT_FOR_CARS in (road_map.lane_types[line.key], road_map.lane_types[other.key]):
             continue
         is_left = (number > lane) == line.lane.forward  # ids grow to the left of the reference line
-        last = len(line.points) - 1
-        sides[0 if is_left else 1].append(LaneNeighbor(str(other.key), 0, last, 0, last))
+        span = (0, len(line.points) - 1, 0, len(other.points) - 1)
+        sides[0 if is_left else 1].append(LaneNeighbor(str(other.key), *span))
     return tuple(sides[0]), tuple(sides[1])

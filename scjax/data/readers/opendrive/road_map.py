@@ -7,7 +7,7 @@ from collections import Counter, defaultdict
 
 from scjax.data.readers.opendrive.elements import Element
 from scjax.data.readers.opendrive.junctions import read_connections
-from scjax.data.readers.opendrive.lane_ends import close_gaps
+from scjax.data.readers.opendrive.lane_ends import close_gaps, join_forks
 from scjax.data.readers.opendrive.lane_lines import MAX_POINTS, LaneKey, LaneLine, sample_section
 from scjax.data.readers.opendrive.lane_links import LaneLinks
 from scjax.data.readers.opendrive.lane_sections import cut_sections
@@ -58,6 +58,7 @@ def build_road_map(root: Element) -> RoadMap:
         links.add_connections(read_connections(junction))
     join_tapers(lines, links.pairs, types.is_for_cars)
     close_gaps(lines, links.pairs)
+    join_forks(lines, links.pairs)
     successors, predecessors = defaultdict(list), defaultdict(list)
     for a, b in sorted(links.pairs):
         successors[a].append(b)

@@ -122,10 +122,18 @@ def test_ends_a_little_apart_are_drawn_together():
     np.testing.assert_allclose([ends[0][0], ends[1][1]], [-1.5, -1.625])
 
 
+def test_lane_that_parts_into_two_begins_both_in_its_middle():
+    first = section(lane(-1, width=6.0))
+    second = section(lane(-1, width=3.0, predecessor=-1), lane(-2, width=3.0, predecessor=-1), s=40)
+    road_map = _map(road("1", first, second))
+    assert len(_gaps(road_map)) == 2 and max(_gaps(road_map)) < 1e-9
+    ends = {key.lane: line.points[-1, 1] for key, line in road_map.lines.items() if key.section == 1}
+    assert ends == {-1: pytest.approx(-1.5), -2: pytest.approx(-4.5)}
+
+
 def test_ends_far_apart_stay_there():
-    first = section(lane(-1, width=3.0, successor=-1))
-    second = section(lane(-1, width=5.0, predecessor=-1), s=50)
-    assert _gaps(_map(road("1", first, second))) == [pytest.approx(1.0)]
+    first, second = section(lane(-1), lane(-2, successor=-1)), section(lane(-1), s=50)
+    assert _gaps(_map(road("1", first, second))) == [pytest.approx(3.5)]
 
 
 def _with_pocket(first_width: str) -> RoadMap:
