@@ -12,56 +12,13 @@ from typing import Any
 
 import click
 
+from scjax.cli.data_command import DataCommand, workers_option
+from scjax.cli.data_towns import data_towns
 from scjax.data.build_options import BuildOptions, PoseOptions
 
 _CONTINUE = "run the same command again to continue"
 _NOTHING_WRITTEN = "nothing was written for the split in progress"
 _SOME_SKIPPED = 3  # exit code
-
-
-class _DataError(click.ClickException):
-    """An error that the user can mend, as one line on stderr; exit code 1."""
-
-    def show(self, file: Any = None) -> None:
-        click.echo(f"error: {self.message}", err=True)
-
-
-class _DataCommand(click.Command):
-    """A command whose errors are one line, and which says what an interruption left behind."""
-
-    def __init__(self, *args: Any, interrupted: str, **kwargs: Any):
-        super().__init__(*args, **kwargs)
-        self.interrupted = interrupted
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Accepts several values after a repeatable option: ``--events A B`` is ``--events A --events B``."""
-        repeatable = {name for option in self.params if getattr(option, "multiple", False) for name in option.opts}
-        return super().parse_args(ctx, _repeat_options(args, repeatable))
-
-    def invoke(self, ctx: click.Context) -> Any:
-        for param in self.params:
-            if ctx.params.get(param.name or "") == "":
-                raise click.UsageError(f"{param.human_readable_name} is empty: give the name of a folder", ctx)
-        try:
-            return super().invoke(ctx)
-        except ModuleNotFoundError as error:
-            raise _DataError(f"{error}: install the data extra, pip install 'scjax[data]'") from error
-        except (ValueError, OSError) as error:
-            raise _DataError(str(error)) from error
-        except KeyboardInterrupt:
-            click.echo(f"interrupted: {self.interrupted}", err=True)
-            ctx.exit(130)
-
-
-def _repeat_options(args: Sequence[str], repeatable: set[str]) -> list[str]:
-    repeated, option = [], None
-    for arg in args:
-        if arg.startswith("-"):
-            option = arg if arg in repeatable else None
-        elif option and repeated[-1] != option:
-            repeated.append(option)
-        repeated.append(arg)
-    return repeated
 
 
 @click.group(
@@ -102,20 +59,10 @@ def _pose_options(prefix: str, poses: str, defaults: PoseOptions) -> Callable[[C
     return add
 
 
-_workers = click.option(
-    "--workers",
-    type=int,
-    default=2,
-    metavar="N",
-    show_default=True,
-    help="Worker processes; 0 works in this process.",
-)
-
-
-@data.command("build", short_help="Recorded scenes -> training records.", cls=_DataCommand, interrupted=_CONTINUE)
+@data.command("build", short_help="Recorded scenes -> training records.", cls=DataCommand, interrupted=_CONTINUE)
 @click.argument("source", metavar="SCENES")
 @click.argument("out", metavar="RECORDS")
-@_workers
+@workers_option
 @click.option(
     "--split-percent",
     type=float,
@@ -214,7 +161,7 @@ def _show_findings(manifest: dict[str, Any], most: int = 10) -> None:
 @data.command(
     "synthetic",
     short_help="A synthetic world -> training records; needs no data set.",
-    cls=_DataCommand,
+    cls=DataCommand,
     interrupted=_CONTINUE,
 )
 @click.argument("out", metavar="RECORDS")
@@ -236,7 +183,7 @@ def _show_findings(manifest: dict[str, Any], most: int = 10) -> None:
     help='Show one of these, as "double parking", in every world that has a place for it. An event named twice comes '
     "twice as often; an unknown one is answered with the list of all. [default: any, in some worlds]",
 )
-@_workers
+@workers_option
 @click.option(
     "--split-percent",
     type=float,
@@ -264,10 +211,10 @@ def data_synthetic(
 
 
 @data.command(
-    "caption", short_help="Facts and sentences for every record.", cls=_DataCommand, interrupted=_NOTHING_WRITTEN
+    "caption", short_help="Facts and sentences for every record.", cls=DataCommand, interrupted=_NOTHING_WRITTEN
 )
 @click.argument("records", metavar="RECORDS")
-@_workers
+@workers_option
 @click.option(
     "--paraphrases", type=int, default=2, metavar="N", show_default=True, help="Texts of each style per record."
 )
@@ -297,7 +244,7 @@ def data_caption(records: str, workers: int, paraphrases: int, drop: float, seed
 @data.command(
     "embed",
     short_help="Token features of the captions, for training on text.",
-    cls=_DataCommand,
+    cls=DataCommand,
     interrupted=_NOTHING_WRITTEN,
 )
 @click.argument("records", metavar="RECORDS")
@@ -319,6 +266,9 @@ def data_embed(records: str, encoder: str | None, split: str | None) -> int:
         state = "are embedded already, nothing to do" if name in unchanged else "embedded"
         click.echo(f"{name}: {count} different texts {state}")
     return 0
+
+
+data.add_command(data_towns)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scjax.scene import AgentType
-from scjax.towns.sumo_network import SumoNetwork
+from scjax.towns.sumo_network import SumoLane, SumoNetwork
 
 SIZES_PER_KIND = 12
 _MEAN_TRIP = 110.0  # s, about; so many seconds of demand fill the streets
@@ -52,12 +52,14 @@ class Demand:
       people_per_km: of sidewalks.
       seconds: for which demand is made [s].
       seed: of all that is drawn.
+      most_km: of lanes that trips begin and end on, around a random place; the rest of a larger map stays empty.
     """
 
     vehicles_per_km: float
     people_per_km: float
     seconds: float
     seed: int
+    most_km: float = 30.0
 
 
 def write_demand(network: SumoNetwork, demand: Demand, folder: Path) -> Path:
@@ -101,6 +103,7 @@ def _vehicle_types(rng: np.random.Generator) -> list[tuple[float, str]]:
 
 def _trips(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> list[tuple[float, str]]:
     lanes = [lane for lane in network.lanes.values() if lane.has_cars and not lane.is_internal and lane.length > 25.0]
+    lanes = _part_of_town(lanes, demand)
     if not lanes:
         return []
     lengths = np.array([lane.length for lane in lanes])
@@ -130,6 +133,7 @@ def _trips(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> li
 
 def _walks(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> list[tuple[float, str]]:
     walks = [lane for lane in network.lanes.values() if lane.has_people and lane.length > 10.0]
+    walks = _part_of_town(walks, demand)
     if not walks:
         return []
     lengths = np.array([lane.length for lane in walks])
@@ -151,3 +155,15 @@ def _walks(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> li
             )
         )
     return rows
+
+
+def _part_of_town(lanes: list[SumoLane], demand: Demand) -> list[SumoLane]:
+    """The lanes nearest to a random place, ``most_km`` of them at most; the same place for cars and people."""
+    if sum(lane.length for lane in lanes) <= 1000 * demand.most_km:
+        return lanes
+    middles = np.stack([lane.points[len(lane.points) // 2] for lane in lanes])
+    share = np.random.default_rng([demand.seed, 13]).random(2)
+    place = np.quantile(middles[:, 0], share[0]), np.quantile(middles[:, 1], share[1])
+    order = np.argsort(np.hypot(*(middles - place).T))
+    lengths = np.cumsum([lanes[row].length for row in order])
+    return [lanes[row] for row in order[lengths <= 1000 * demand.most_km]]

@@ -16,8 +16,9 @@ from scjax.towns.simulation import STEP, Drive
 
 _SMOOTHING = 7  # steps of the mean that evens out speeds where SUMO's lanes are shorter or longer than ours
 _BICYCLE_MARGIN = 0.9  # m from the middle of a lane to the right that cyclists keep
-_HALF_CHANGE = 15  # steps of half a change between lanes
+_HALF_CHANGE, _HALF_CHANGE_WAY = 15, 9.0  # steps and m of half a change between lanes, at least
 _LEAST_STEPS = 10
+_MOST_ACCELERATION = 35.0  # m/s²
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +63,30 @@ def drive_track(
     tracks = []
     for part in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known.astype(int))) + 1):
         if len(part) >= _LEAST_STEPS and known[part[0]]:
-            tracks.append(_track_of(drive, part, paths, size, begin, side))
+            tracks += _without_jumps(_track_of(drive, part, paths, size, begin, side))
     return tracks
+
+
+def _without_jumps(track: Track) -> list[Track]:
+    """Parts of a track between steps at which its box jumps, as where SUMO and our lanes disagree."""
+    velocities = np.diff(track.positions[:, :2], axis=0) / STEP
+    jumps = np.flatnonzero(np.hypot(*np.diff(velocities, axis=0).T) > _MOST_ACCELERATION * STEP) + 1
+    parts = []
+    for low, high in pairwise([0, *jumps, len(track.positions)]):
+        if low:  # the rear still follows what was before the jump
+            way = np.cumsum(np.hypot(*np.diff(track.positions[low:high, :2], axis=0).T))
+            low += int(np.searchsorted(way, track.size[0])) + 1
+        if high - low >= _LEAST_STEPS:
+            parts.append(
+                dataclasses.replace(
+                    track,
+                    name=f"{track.name}+{low}" if low else track.name,
+                    start=track.start + low,
+                    positions=track.positions[low:high],
+                    headings=track.headings[low:high],
+                )
+            )
+    return parts
 
 
 def _track_of(
@@ -94,7 +117,7 @@ def _track_of(
 def front_poses(
     lanes: Sequence[str], positions: Float64[np.ndarray, " steps"], paths: dict[str, LanePath]
 ) -> Float64[np.ndarray, "steps 4"]:
-    """x, y, z [m] and heading [rad] of the front of a vehicle; changes between lanes side by side take 3 s.
+    """x, y, z [m] and heading [rad] of the front of a vehicle; changes between lanes side by side take 3 s and 18 m.
 
     Args:
       lanes: SUMO's lane at each step.
@@ -104,17 +127,34 @@ def front_poses(
     bounds = [0, *(k for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]), len(lanes)]
     for start, end in pairwise(bounds):
         front[start:end] = paths[lanes[start]].at(positions[start:end])
-    for k, (start, middle) in enumerate(pairwise(bounds[:-1])):
-        end, (old, new) = bounds[k + 2], (lanes[start], lanes[middle])
-        if old.rpartition("_")[0] != new.rpartition("_")[0]:
-            continue  # from one edge to the next
-        span = slice(max(start, middle - _HALF_CHANGE), min(end, middle + _HALF_CHANGE))
-        place = positions[span]
-        share = (np.arange(span.start, span.stop) - span.start + 0.5) / (span.stop - span.start)
-        weight = (share**3 * (10 - 15 * share + 6 * share**2))[:, None]
-        both = (1 - weight) * paths[old].at(place) + weight * paths[new].at(place)
-        front[span, :3] = both[:, :3]
+    edges = [lane.rpartition("_")[0] for lane in lanes]
+    along = np.array([a == b for a, b in pairwise(edges)], bool)
+    steps = np.where(along, np.abs(np.diff(positions)), np.hypot(*np.diff(front[:, :2], axis=0).T))
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    left = np.stack([-np.sin(front[:, 3]), np.cos(front[:, 3])], -1)
+    aside = np.zeros(len(lanes))
+    for k in bounds[1:-1]:
+        if edges[k] == edges[k - 1]:
+            old, new = (paths[lanes[row]].at(positions[k : k + 1])[0] for row in (k - 1, k))
+            distance = float((new - old)[:2] @ left[k])
+            aside += distance * (_change_share(way, k) - (np.arange(len(lanes)) >= k))
+    front[:, :2] += aside[:, None] * left
     return front
+
+
+def _change_share(way: np.ndarray, middle: int) -> np.ndarray:
+    """How far a change between lanes is done at each step, 0 to 1; half at step ``middle``.
+
+    It takes 3 s, and 18 m along the lane: a car that creeps does not slide sideways.
+
+    Args:
+      way: what was driven until each step [m].
+    """
+    by_time = (np.arange(len(way)) - middle) / _HALF_CHANGE
+    by_way = (way - way[middle]) / _HALF_CHANGE_WAY
+    done = np.where(np.abs(by_time) < np.abs(by_way), by_time, by_way)
+    share = np.clip((1 + done) / 2, 0.0, 1.0)
+    return share**3 * (10 - 15 * share + 6 * share**2)
 
 
 def box_poses(

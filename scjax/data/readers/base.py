@@ -18,6 +18,7 @@ class LogInfo:
       sha256: hash of its content.
       domain, cluster: data set and location, as in ``LogMetadata``.
       reason: why the log cannot be used; empty if it can.
+      split: "train" or "val" where the source holds locations back itself; empty if their names decide.
     """
 
     file: str
@@ -25,6 +26,7 @@ class LogInfo:
     domain: str = ""
     cluster: str = ""
     reason: str = ""
+    split: str = ""
 
 
 @runtime_checkable
