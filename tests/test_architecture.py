@@ -16,7 +16,7 @@ LEVELS = (
     ("nn", "metrics", "camera"),
     ("language", "encoders", "models", "viz"),
     ("diffusion", "data"),
-    ("synthetic", "generate"),
+    ("synthetic", "towns", "generate"),
     ("train", "evaluate", "convert"),
     ("cli",),
 )

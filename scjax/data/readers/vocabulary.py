@@ -63,7 +63,7 @@ LANE_WORDS: dict[str, str | None] = _table(
         "access_ramp exit_ramp connecting_ramp",
         "surface_street": "surface_street lane_surface_street lane_surface_unstructure vehicle lane lane_connector "
         "intersection urban country driving bidirectional drive_way driveway road passenger car hov taxi "
-        "roundabout",
+        "roundabout slip_lane shared",
         "bike_lane": "bike_lane lane_bike_lane bike bicycle bicycle_lane biking cycleway",
         "bus_lane": "bus_lane lane_bus_lane bus",
         "undefined": "undefined",
