@@ -41,3 +41,9 @@ def test_rows_at_point_to_the_step():
     objects = traffic.objects_between(50, 51)
     assert objects.tolist() == [0] and traffic.rows_at(np.array([0, 1]), 50).tolist() == [50, -1]
     assert traffic.positions[traffic.rows_at(np.array([1]), 104)[0], 0] == pytest.approx(7 + 2.0)
+
+
+def test_traffic_without_objects_and_signals_is_kept(tmp_path):
+    save_traffic(collect_traffic([], [], np.zeros((0, 50), np.int8)), tmp_path / "t.npz")
+    loaded = load_traffic(tmp_path / "t.npz")
+    assert loaded.names == () and loaded.signal_lanes == () and loaded.num_steps == 50
