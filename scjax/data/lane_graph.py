@@ -57,11 +57,13 @@ class LaneGraph:
         return arc_lengths(self.points, self.offsets)[self.offsets[1:] - 1]
 
 
-def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
+def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_signals: bool = False) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
 
     Args:
       join_options: of sources without topology; by default those of the evaluation rule.
+      split_at_signals: merge lanes only if they have the same signal, so that no state reaches beyond its junction.
+        The evaluation rule merges them all.
 
     Raises:
       ValueError: if no lane with two distinct points is left.
@@ -80,7 +82,8 @@ def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
     else:
         joins = inferred_joins(points, join_options or JoinOptions())
     warnings = dict(joins.warnings)
-    chains, successors = merge_degree2_chains(len(lanes), joins.pairs)
+    kept_apart = _signal_changes(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
+    chains, successors = merge_degree2_chains(len(lanes), joins.pairs, kept_apart)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
     stacked = np.concatenate(merged)
@@ -94,6 +97,12 @@ def build_graph(log: Log, join_options: JoinOptions | None = None) -> LaneGraph:
         neighbors, overlap_spans = infer_neighbors(stacked, offsets)
     signals = _chain_signals(log, [[lanes[member].id for member in chain] for chain in chains])
     return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
+
+
+def _signal_changes(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+    """Pairs of lanes that follow each other with different signals, or of which one has none."""
+    states = {lane_id: row.tobytes() for lane_id, row in zip(log.signal_lane_ids, log.signal_states, strict=True)}
+    return frozenset((i, j) for i, j in joins if states.get(ids[i]) != states.get(ids[j]))
 
 
 def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains steps"]:

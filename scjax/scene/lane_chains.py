@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Int
 
 
-def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
+def merge_degree2_chains(
+    count: int, joins: set[tuple[int, int]], kept_apart: frozenset[tuple[int, int]] = frozenset()
+) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
     """Chains of lanes that only follow each other, and the edges between the chains.
 
     Lane j is merged into i if j is the only successor of i and i the only predecessor of j. Chains are ordered by their
@@ -15,6 +17,7 @@ def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[
     Args:
       count: number of lanes.
       joins: pairs (i, j), lane j follows lane i.
+      kept_apart: pairs of ``joins`` that are not merged.
 
     Returns:
       chains: lanes of each chain, in driving direction.
@@ -26,6 +29,7 @@ def merge_degree2_chains(count: int, joins: set[tuple[int, int]]) -> tuple[list[
         successors[i].append(j)
         predecessors[j].append(i)
     follower = {i: s[0] for i, s in enumerate(successors) if len(s) == 1 and predecessors[s[0]] == [i] and s[0] != i}
+    follower = {i: j for i, j in follower.items() if (i, j) not in kept_apart}
     merged = set(follower.values())
     chains, used = [], set()
     # After the starts of open chains, the lanes left over belong to closed rings.

@@ -27,7 +27,7 @@ def choose_egos(traffic: TownTraffic, most: int, seed: int) -> Int[np.ndarray, "
         candidates = np.flatnonzero(vehicles & (traffic.starts <= first) & (traffic.ends > last))
         faults = [overlapping_places(traffic, k) for k in range(first, last + 1, _CHECK_EVERY)]
         places = np.zeros((0, 2))
-        for ego in rng.permutation(candidates):
+        for ego in map(int, rng.permutation(candidates)):
             if len(places) >= most:
                 break
             place = _place(traffic, ego, step)
@@ -39,7 +39,7 @@ def choose_egos(traffic: TownTraffic, most: int, seed: int) -> Int[np.ndarray, "
             ):
                 continue
             places = np.concatenate([places, place[None]])
-            chosen.append((step, int(ego)))
+            chosen.append((step, ego))
     return np.array(chosen, np.int64).reshape(-1, 2)
 
 

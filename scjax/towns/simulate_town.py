@@ -89,7 +89,7 @@ def signal_states(
 ) -> tuple[list[str], np.ndarray]:
     """Ids of the lanes that signals control, and the ``Signal`` of each at every time [lanes, steps].
 
-    A signal controls the first lane in the junction of each way that SUMO controls.
+    A signal controls all lanes in the junction of each way that SUMO controls.
     """
     texts = {name: program.states_at(times) for name, program in network.programs.items()}
     states: dict[LaneKey, np.ndarray] = {}
@@ -98,11 +98,12 @@ def signal_states(
             continue
         name, index = connection.signal
         behind = len(paths[connection.source].keys)
-        key = next((k for k in paths[connection.via[0]].keys[behind - 1 :] if road_map.lines[k].in_junction), None)
-        if key is None or name not in texts or index >= len(texts[name][0]):
+        way = [key for key in paths[connection.via[0]].keys[behind - 1 :] if road_map.lines[key].in_junction]
+        if name not in texts or index >= len(texts[name][0]):
             continue
-        letters = [_LETTERS.get(text[index], Signal.UNKNOWN) for text in texts[name]]
-        states.setdefault(key, np.array(letters, np.int8))
+        letters = np.array([_LETTERS.get(text[index], Signal.UNKNOWN) for text in texts[name]], np.int8)
+        for key in way:
+            states.setdefault(key, letters)
     table = np.array(list(states.values()), np.int8).reshape(len(states), len(times))
     return [str(key) for key in states], table
 

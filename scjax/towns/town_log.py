@@ -58,7 +58,7 @@ def cut_log(town: TownMap, traffic: TownTraffic, number: int, metadata: LogMetad
     positions = np.zeros((len(objects), last - first, 3))
     headings = np.zeros((len(objects), last - first))
     velocities = np.zeros((len(objects), last - first, 2))
-    for row, item in enumerate(objects):
+    for row, item in enumerate(map(int, objects)):
         low, high = max(int(traffic.starts[item]), first), min(int(traffic.ends[item]), last)
         track = slice(*(traffic.offsets[item] - traffic.starts[item] + np.array([low, high])))
         span = slice(low - first, high - first)

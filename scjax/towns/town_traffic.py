@@ -14,7 +14,7 @@ from scjax.scene.files import write_file
 from scjax.scene.npz import read_npz
 from scjax.towns.tracks import Track
 
-TRAFFIC_VERSION = 1  # raise it when the same simulation would give other arrays
+TRAFFIC_VERSION = 2  # raise it when the same simulation would give other arrays
 _KINDS = {
     "types": "i",
     "sizes": "f",
@@ -105,6 +105,7 @@ def save_traffic(traffic: TownTraffic, path: Path) -> None:
     arrays = {field.name: np.array(getattr(traffic, field.name)) for field in dataclasses.fields(traffic)}
     arrays["positions"] = np.round(arrays["positions"] * 1000).astype(np.int32)
     arrays["headings"] = arrays["headings"].astype(np.float32)
+    arrays |= {name: np.array(getattr(traffic, name), np.str_) for name in ("names", "signal_lanes")}  # also if empty
     header = json.dumps({"version": TRAFFIC_VERSION})
     write_file(path, lambda file: np.savez_compressed(file, allow_pickle=False, header=header, **arrays))
 

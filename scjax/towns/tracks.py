@@ -72,7 +72,7 @@ def _without_jumps(track: Track) -> list[Track]:
     velocities = np.diff(track.positions[:, :2], axis=0) / STEP
     jumps = np.flatnonzero(np.hypot(*np.diff(velocities, axis=0).T) > _MOST_ACCELERATION * STEP) + 1
     parts = []
-    for low, high in pairwise([0, *jumps, len(track.positions)]):
+    for low, high in pairwise([0, *map(int, jumps), len(track.positions)]):
         if low:  # the rear still follows what was before the jump
             way = np.cumsum(np.hypot(*np.diff(track.positions[low:high, :2], axis=0).T))
             low += int(np.searchsorted(way, track.size[0])) + 1

@@ -10,6 +10,7 @@ from scjax.data.readers.scene_json import read_log
 from scjax.scene import Signal
 from scjax.scene.lane_chains import merge_degree2_chains
 from tests.factories import scene_files
+from tests.factories.logs import example_log
 
 
 def graph_of(tmp_path, **changes):
@@ -129,3 +130,12 @@ def test_nearest_lane_is_exact(tmp_path_factory, seed):
     exact = np.linalg.norm(places[:, None] - start - ratio[..., None] * delta, axis=-1).min(1)
     np.testing.assert_allclose(distance, exact, atol=1e-6)
     np.testing.assert_allclose(z, 10.0)
+
+
+def test_lanes_with_different_signals_stay_apart_on_request():
+    """Lane "b" has a signal and follows "a", which has none."""
+    log = example_log()
+    assert build_graph(log).num_lanes == 2
+    graph = build_graph(log, split_at_signals=True)
+    assert graph.num_lanes == 3 and graph.successors.tolist() == [[0, 1]]
+    assert not graph.signals[0].any() and graph.signals[1].tolist() == log.signal_states[0].tolist()

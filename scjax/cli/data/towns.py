@@ -50,8 +50,8 @@ def data_towns(
     """Makes training records of the towns of CARLA: real road shapes, with signals and traffic simulated by SUMO.
 
     The maps are fetched once (24 MB, the wheel of py123d) and kept in the cache, as are the simulations. SUMO comes
-    with pip install 'scjax[traffic]'. Towns whose origin is not clear are left out. CARLA's assets are licensed under
-    CC-BY: what is made of these records has to name CARLA.
+    with pip install 'scjax[traffic]'. Towns whose origin is not clear are left out. CARLA's assets are under CC-BY:
+    what is made of these records has to name CARLA.
 
     A log is 10 s of traffic around a vehicle. RECORDS receives shards and manifest.json as from build, with the domain
     "carla" and the towns as locations.

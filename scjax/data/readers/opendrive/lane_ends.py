@@ -33,16 +33,19 @@ def close_gaps(lines: dict[LaneKey, LaneLine], pairs: Links) -> None:
 
 
 def join_forks(lines: dict[LaneKey, LaneLine], pairs: Links) -> None:
-    """Joins lanes that a wider lane parts into, or that make one: its borders hold theirs, but the middles are apart.
+    """Joins lanes that the file links side by side, where it has one lane part into two, or two make one.
 
-    The end of the narrower lane moves to the middle of the wider one, if it is linked to no other.
+    Either the wider lane holds the narrower one between its borders, or both are lanes of one road and neighbors. The
+    end that is linked to no other moves to the end of the other lane; of two such ends that of the narrower lane.
     """
     links = Counter(end for a, b in pairs for end in ((a, True), (b, False)))
     for a, b in sorted(pairs):
-        ends: list[_End] = sorted([(a, True), (b, False)], key=lambda end: _width(lines, end))
-        narrow, wide = (_point(lines, end) for end in ends)
-        if MAX_GAP < np.linalg.norm(wide - narrow) <= _width(lines, ends[1]) / 2 and links[ends[0]] == 1:
-            lines[ends[0][0]] = _moved(lines[ends[0][0]], ends[0][1], wide - narrow, _FORK_REACH)
+        ends: list[_End] = sorted([(a, True), (b, False)], key=lambda end: (links[end], _width(lines, end)))
+        moving, fixed = (_point(lines, end) for end in ends)
+        widths = [_width(lines, end) for end in ends]
+        reach = sum(widths) / 2 + MAX_GAP if a.road == b.road else max(widths) / 2
+        if MAX_GAP < np.linalg.norm(fixed - moving) <= reach and links[ends[0]] == 1:
+            lines[ends[0][0]] = _moved(lines[ends[0][0]], ends[0][1], fixed - moving, _FORK_REACH)
 
 
 def _groups(lines: dict[LaneKey, LaneLine], pairs: Links) -> list[list[_End]]:

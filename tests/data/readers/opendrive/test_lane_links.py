@@ -131,9 +131,17 @@ def test_lane_that_parts_into_two_begins_both_in_its_middle():
     assert ends == {-1: pytest.approx(-1.5), -2: pytest.approx(-4.5)}
 
 
+def test_two_lanes_that_the_file_merges_end_in_one():
+    first = section(lane(-1, successor=-1), lane(-2, successor=-1))
+    road_map = _map(road("1", first, section(lane(-1), s=50)))
+    assert len(_gaps(road_map)) == 2 and max(_gaps(road_map)) < 1e-9
+    points = next(line.points for key, line in road_map.lines.items() if key.lane == -2)
+    np.testing.assert_allclose(points[[0, -1], 1], [-5.25, -1.75], atol=1e-6)
+
+
 def test_ends_far_apart_stay_there():
-    first, second = section(lane(-1), lane(-2, successor=-1)), section(lane(-1), s=50)
-    assert _gaps(_map(road("1", first, second))) == [pytest.approx(3.5)]
+    first, second = section(lane(-1), lane(-2), lane(-3, successor=-1)), section(lane(-1), s=50)
+    assert _gaps(_map(road("1", first, second))) == [pytest.approx(7.0)]
 
 
 def _with_pocket(first_width: str) -> RoadMap:

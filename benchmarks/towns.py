@@ -1,0 +1,112 @@
+"""Are the towns sound where a scene cannot show it? python -m benchmarks.towns --maps FOLDER --towns Town01 Town03
+
+Looks at whole lanes, which scenes cut at their border, and at motion over time. Prints for each simulation: ways
+through junctions that cross while both are green and whose lanes begin at 55 to 125 degrees to each other (of all that
+cross); accelerations of vehicles; and logs and scenes a second. Needs SUMO (``benchmarks/sumo``, or the extra
+``traffic``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from scjax.data.build_options import BuildOptions
+from scjax.data.local_map import simplify_graph
+from scjax.data.records import make_record, sample_scene
+from scjax.scene import AgentType, MapLane, Signal, load_log
+from scjax.towns.source import TownRun, Towns, make_towns
+from scjax.towns.town_traffic import TownTraffic, load_traffic
+
+_CROSSING = np.deg2rad(22.0)
+_SAME_LEVEL = 2.5  # m
+
+
+def conflicting_greens(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple[int, int]:
+    """Pairs of ways that cross from one side and the other and are green at once, and all pairs that cross so."""
+    ways = [lanes[name] for name in traffic.signal_lanes]
+    conflicts = total = 0
+    for i, first in enumerate(ways):
+        for j, second in enumerate(ways[:i]):
+            angle = np.degrees(abs(np.angle(np.exp(1j * (_heading(first) - _heading(second))))))
+            if 55 < angle < 125 and _cross(first.points, second.points):
+                total += 1
+                both = (traffic.signal_states[[i, j]] == Signal.GO).all(0)
+                conflicts += bool(both.any())
+    return conflicts, total
+
+
+def _heading(lane: MapLane) -> float:
+    step = lane.points[1] - lane.points[0]
+    return float(np.arctan2(step[1], step[0]))
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two polylines cross at one height."""
+    p, q = a[:-1, None], b[None, :-1]
+    r, s = np.diff(a, axis=0)[:, None], np.diff(b, axis=0)[None]
+    denominator = r[..., 0] * s[..., 1] - r[..., 1] * s[..., 0]
+    lengths = np.hypot(r[..., 0], r[..., 1]) * np.hypot(s[..., 0], s[..., 1])
+    steep = np.abs(denominator) > np.sin(_CROSSING) * lengths
+    denominator = np.where(steep, denominator, 1.0)
+    w = q - p
+    t = (w[..., 0] * s[..., 1] - w[..., 1] * s[..., 0]) / denominator
+    u = (w[..., 0] * r[..., 1] - w[..., 1] * r[..., 0]) / denominator
+    level = np.abs(p[..., 2] + t * r[..., 2] - q[..., 2] - u * s[..., 2]) < _SAME_LEVEL
+    return bool((steep & level & (t > 0) & (t < 1) & (u > 0) & (u < 1)).any())
+
+
+def accelerations(traffic: TownTraffic) -> np.ndarray:
+    """Of all vehicles at all steps [m/s²], by their positions."""
+    rows = []
+    for k in np.flatnonzero(traffic.types == AgentType.VEHICLE):
+        track = traffic.positions[traffic.offsets[k] : traffic.offsets[k + 1], :2]
+        rows.append(np.hypot(*np.diff(track, 2, axis=0).T) / 0.01)
+    return np.concatenate([np.zeros(1), *rows])
+
+
+def speed(run: TownRun, logs: int) -> tuple[float, float]:
+    """Logs and scenes a second on one core, of the first ``logs`` logs."""
+    towns = Towns((run,))
+    names, scenes = towns.names()[:logs], 0
+    towns.load(towns.scan(names[0]), BuildOptions(), dense=True)  # reads the map
+    start = time.perf_counter()
+    for name in names:
+        posed = towns.load(towns.scan(name), BuildOptions(), dense=True)
+        lanes = simplify_graph(posed.graph)
+        for pose in posed.poses:
+            sample_scene(make_record(posed.log, lanes, posed.index, pose, 0)[0])
+            scenes += 1
+    seconds = time.perf_counter() - start
+    return len(names) / seconds, scenes / seconds
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.towns", description=__doc__)
+    parser.add_argument("--maps", type=Path, required=True, help="folder of OpenDRIVE files")
+    parser.add_argument("--towns", nargs="*", default=(), help="names of maps; all by default")
+    parser.add_argument("--runs", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--logs", type=int, default=20, help="logs that are timed")
+    args = parser.parse_args(arguments)
+    source = make_towns(args.maps, args.towns, runs=args.runs, seconds=args.seconds)
+    print(
+        "| simulation | objects | logs | conflicting greens | accelerations, 99 %, 99.99 %, most | logs/s | scenes/s |"
+    )
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for run in source.runs:
+        traffic = load_traffic(Path(run.traffic_file))
+        conflicts, total = conflicting_greens({lane.id: lane for lane in load_log(run.map_file).lanes}, traffic)
+        values = ", ".join(f"{v:.1f}" for v in np.quantile(accelerations(traffic), (0.99, 0.9999, 1.0)))
+        rates = "{:.0f} | {:.0f}".format(*speed(run, args.logs)) if run.count else "- | -"
+        name = f"{run.town}/{run.number}"
+        print(
+            f"| {name} | {len(traffic.names)} | {run.count} | {conflicts} of {total} | {values} | {rates} |", flush=True
+        )
+
+
+if __name__ == "__main__":
+    main()
