@@ -24,6 +24,7 @@ class _SizeDistribution(NamedTuple):
 
 # Shares of recorded traffic.
 _VEHICLES = {
+    "motorcycle": _SizeDistribution(0.012, (2.20, 0.85, 1.55), (0.10, 0.05, 0.08)),
     "compact": _SizeDistribution(0.12, (4.25, 1.97, 1.50), (0.10, 0.05, 0.05)),
     "sedan": _SizeDistribution(0.46, (4.62, 2.06, 1.52), (0.11, 0.06, 0.06)),
     "suv": _SizeDistribution(0.24, (4.92, 2.12, 1.78), (0.16, 0.07, 0.08)),
@@ -31,8 +32,9 @@ _VEHICLES = {
     "van": _SizeDistribution(0.045, (5.80, 2.32, 2.25), (0.25, 0.09, 0.20)),
     "truck": _SizeDistribution(0.018, (7.80, 2.60, 3.05), (1.30, 0.10, 0.30)),
     "bus": _SizeDistribution(0.007, (11.80, 2.85, 3.20), (0.60, 0.06, 0.10)),
+    "truck with trailer": _SizeDistribution(0.004, (16.0, 2.60, 3.80), (0.80, 0.05, 0.15)),
 }
-_LONG_VEHICLES = ("truck", "bus")
+_LONG_VEHICLES = ("truck", "bus", "truck with trailer")
 _OTHERS = {
     AgentType.PEDESTRIAN: _SizeDistribution(1.0, (0.92, 0.85, 1.71), (0.10, 0.09, 0.14)),
     AgentType.CYCLIST: _SizeDistribution(1.0, (1.83, 0.85, 1.79), (0.11, 0.07, 0.12)),
@@ -54,6 +56,7 @@ class Actors:
       sizes: length, width, height [m].
       level: height above the ground [m].
       lane: index of the lane that the agent drives on, -1 off the road.
+      ids: the same number at every moment; -1 where none is given.
     """
 
     types: Int[np.ndarray, " n"]
@@ -63,6 +66,7 @@ class Actors:
     sizes: Float64[np.ndarray, "n 3"]
     level: Float64[np.ndarray, " n"]
     lane: Int[np.ndarray, " n"]
+    ids: Int[np.ndarray, " n"]
 
     def __len__(self) -> int:
         return len(self.types)
@@ -94,6 +98,7 @@ def make_actors(
         sizes=np.broadcast_to(np.asarray(sizes, float), (count, 3)).copy(),
         level=level,
         lane=np.broadcast_to(np.asarray(lane, int), (count,)).copy(),
+        ids=np.full(count, -1),
     )
 
 

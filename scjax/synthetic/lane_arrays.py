@@ -12,6 +12,8 @@ from scjax.synthetic.network import Network
 
 _POINT_SPACING = 1.0  # m at most, between the points of a lane
 _CONFLICT_DISTANCE = 2.6  # m between the centerlines of connectors that exclude each other
+LONG_VEHICLE = 9.0  # m
+_LONG_WEIGHTS = {"through": 50.0, "left": 1.0, "right": 1.0, None: 1.0}  # of long vehicles
 _TURN_WEIGHTS = {"through": 3.0, "left": 1.0, "right": 1.0, None: 1.0}  # of traffic
 
 
@@ -26,6 +28,9 @@ class LaneArrays:
       speed, rank, junction, entry_lane: as in ``Lane``.
       successors: lanes that follow.
       successor_shares: cumulative shares of traffic among the successors.
+      long_shares: those of long vehicles, which go straight on where they can.
+      predecessor: the first lane before.
+      left, right: neighboring lanes with the same direction.
       is_merge: the lane has two predecessors or more.
       conflicts: pairs of connectors that cross or merge.
       entries: lanes where traffic enters the map.
@@ -41,6 +46,10 @@ class LaneArrays:
     entry_lane: Int[np.ndarray, " lanes"]
     successors: Int[np.ndarray, "lanes most"]
     successor_shares: Float64[np.ndarray, "lanes most"]
+    long_shares: Float64[np.ndarray, "lanes most"]
+    predecessor: Int[np.ndarray, " lanes"]
+    left: Int[np.ndarray, " lanes"]
+    right: Int[np.ndarray, " lanes"]
     is_merge: Bool[np.ndarray, " lanes"]
     conflicts: Bool[np.ndarray, "lanes lanes"]
     entries: Int[np.ndarray, " entries"]
@@ -56,9 +65,12 @@ class LaneArrays:
         step = last - first
         return first + (fraction - segment)[:, None] * step, np.arctan2(step[:, 1], step[:, 0])
 
-    def pick_successors(self, lane: Int[np.ndarray, " n"], uniform: Float64[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """One successor per lane, chosen by uniform random numbers in 0..1."""
-        choice = (uniform[:, None] > self.successor_shares[lane]).sum(-1)
+    def pick_successors(
+        self, lane: Int[np.ndarray, " n"], uniform: Float64[np.ndarray, " n"], length: Float64[np.ndarray, " n"]
+    ) -> Int[np.ndarray, " n"]:
+        """One successor per lane, chosen by uniform random numbers in 0..1, for vehicles of some ``length`` [m]."""
+        is_long = (length > LONG_VEHICLE)[:, None]
+        choice = (uniform[:, None] > np.where(is_long, self.long_shares[lane], self.successor_shares[lane])).sum(-1)
         return self.successors[lane, np.minimum(choice, self.successors.shape[1] - 1)]
 
 
@@ -73,15 +85,18 @@ def build_lane_arrays(net: Network) -> LaneArrays:
         lengths.append(arc[-1])
     counts = np.array([len(points) for points in lines])
     most = max(1, max(len(lane.successors) for lane in net.lanes))
-    successors, shares = np.full((count, most), -1), np.ones((count, most))
+    successors, predecessor = np.full((count, most), -1), np.full(count, -1)
+    shares, long_shares = np.ones((count, most)), np.ones((count, most))
     num_predecessors = np.zeros(count, int)
     for k, lane in enumerate(net.lanes):
         if not lane.successors:
             continue
         successors[k, : len(lane.successors)] = lane.successors
-        weights = np.cumsum([_TURN_WEIGHTS[net.lanes[j].turn] for j in lane.successors])
-        shares[k, : len(lane.successors)] = weights / weights[-1]
+        for table, turn_weights in ((shares, _TURN_WEIGHTS), (long_shares, _LONG_WEIGHTS)):
+            weights = np.cumsum([turn_weights[net.lanes[j].turn] for j in lane.successors])
+            table[k, : len(lane.successors)] = weights / weights[-1]
         num_predecessors[lane.successors] += 1
+        predecessor[[j for j in lane.successors if predecessor[j] < 0]] = k
     return LaneArrays(
         points=np.concatenate(lines),
         start=np.cumsum(counts) - counts,
@@ -93,6 +108,10 @@ def build_lane_arrays(net: Network) -> LaneArrays:
         entry_lane=np.array([lane.entry_lane for lane in net.lanes]),
         successors=successors,
         successor_shares=shares,
+        long_shares=long_shares,
+        predecessor=predecessor,
+        left=np.array([-1 if lane.left is None else lane.left for lane in net.lanes]),
+        right=np.array([-1 if lane.right is None else lane.right for lane in net.lanes]),
         is_merge=num_predecessors > 1,
         conflicts=_find_conflicts(net, lines),
         entries=np.array(

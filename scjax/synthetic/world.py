@@ -16,19 +16,21 @@ from scjax.language.events import EVENTS
 from scjax.scene import AgentType
 from scjax.synthetic import actors, domains
 from scjax.synthetic.actors import Actors
-from scjax.synthetic.bystanders import Bystanders, bystanders_at, draw_bystanders
-from scjax.synthetic.events import EventOutcome, StagedEvent, draw_event
+from scjax.synthetic.bystanders import draw_bystanders
+from scjax.synthetic.events import StagedEvent, draw_event
+from scjax.synthetic.events.base import LEAD_TIME
 from scjax.synthetic.ground import Ground
 from scjax.synthetic.lane_arrays import LaneArrays, build_lane_arrays
 from scjax.synthetic.network import Network
 from scjax.synthetic.network_types import draw_network
 from scjax.synthetic.signals import SignalTiming
+from scjax.synthetic.stage import Stage, without_overlaps
 from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
 
-VERSION = 1  # raise it with every change of what a seed gives
+VERSION = 2  # raise it with every change of what a seed gives
 MAX_SCENES = 15  # per world
 _NUM_MOMENTS = 3
-_MOMENT_INTERVAL = 9.0  # s
+_MOMENT_INTERVAL = 12.0  # s
 _WARM_UP_TIME = 22.0  # s of traffic before the first moment
 _SIGNALS_RECORDED_SHARE = 0.8  # of the worlds with signals
 _EGO_DISTANCE = 14.0  # m between the egos of a world, over all moments
@@ -103,25 +105,15 @@ def make_world(seed: int, k: int, events: Sequence[str] = (), event_share: float
     lanes = build_lane_arrays(net)
     timings = [SignalTiming.draw(junction, rng) for junction in net.junctions if junction.phases]
     records_signals = bool(timings) and rng.random() < _SIGNALS_RECORDED_SHARE
-    staged_event = None
-    if rng.random() < (1.0 if events else event_share):
-        choices = events or EVENTS
-        staged_event = draw_event(choices[int(rng.integers(len(choices)))], net, lanes, rng)
-    densities = domain.draw_densities(net, lanes, rng)
-    fleet = draw_fleet(lanes, densities, lambda count: actors.draw_vehicle_sizes(count, rng), rng)
-    if staged_event is not None:
-        fleet = staged_event.prepare_traffic(fleet, rng)
-    simulation = TrafficSimulation(lanes, timings, fleet, rng)
-    pedestrian_density, cyclist_density = domain.pedestrians.draw(rng), domain.cyclists.draw(rng)
-    bystanders = draw_bystanders(net, lanes, pedestrian_density, cyclist_density, rng)
+    stage = _draw_stage(domain, net, lanes, timings, events, event_share, rng)
     moments, signals, egos = [], [], []
     for moment in range(_NUM_MOMENTS):
-        simulation.run(_MOMENT_INTERVAL if moment else _WARM_UP_TIME)
-        scene = _agents_at(simulation, bystanders, net, rng)
-        outcome = None if staged_event is None else staged_event.apply(scene, rng)
-        moments.append(scene if outcome is None else outcome.scene)
-        signals.append(simulation.signals.copy() if records_signals else np.zeros_like(simulation.signals))
-        egos += _draw_egos(moments[-1], net, moment, staged_event, outcome, rng)
+        run_to_moment(stage, moment, rng)
+        scene = without_overlaps(stage.agents())
+        moments.append(scene)
+        lights = stage.simulation.signals
+        signals.append(lights.copy() if records_signals else np.zeros_like(lights))
+        egos += _draw_egos(scene, net, moment, stage.event, rng)
     return World(
         name=f"{domain.name}-{seed}-{k:06d}",
         domain=domain.name,
@@ -141,33 +133,43 @@ def moment_times(count: int) -> Float64[np.ndarray, " count"]:
     return _WARM_UP_TIME + _MOMENT_INTERVAL * np.arange(count)
 
 
-def _agents_at(simulation: TrafficSimulation, bystanders: Bystanders, net: Network, rng: np.random.Generator) -> Actors:
-    """Traffic and bystanders now. Of two agents that overlap the first stays; vehicles in traffic come first."""
-    standing = bystanders_at(bystanders, simulation.lanes, simulation.signals, simulation.time, rng)
-    agents = actors.concatenate_actors([_traffic_agents(simulation, net), standing])
-    pairs = actors.overlapping_actors(agents)
-    if not len(pairs):
-        return agents
-    return agents.select(np.setdiff1d(np.arange(len(agents)), pairs[:, 1]))
+def run_to_moment(stage: Stage, moment: int, rng: np.random.Generator) -> None:
+    """Lets the time pass until ``moment``, after the one before; the event starts anew."""
+    stage.run((_MOMENT_INTERVAL if moment else _WARM_UP_TIME) - LEAD_TIME)
+    if stage.event is not None:
+        stage.event.start(stage.simulation, rng)
+    stage.run(LEAD_TIME)
 
 
-def _traffic_agents(simulation: TrafficSimulation, net: Network) -> Actors:
-    """The vehicles of a simulation that are on the map."""
-    fleet = simulation.fleet
-    rows = np.flatnonzero(fleet.lane >= 0)
-    lane = fleet.lane[rows]
-    positions, headings = simulation.lanes.poses_at(lane, fleet.along[rows])
-    positions = positions + fleet.lateral[rows, None] * np.stack([-np.sin(headings), np.cos(headings)], -1)
-    level = np.array([lane.height for lane in net.lanes])[lane]
-    return actors.make_actors(AgentType.VEHICLE, positions, headings, fleet.speed[rows], fleet.sizes[rows], level, lane)
+def _draw_stage(
+    domain: domains.Domain,
+    net: Network,
+    lanes: LaneArrays,
+    timings: list[SignalTiming],
+    events: Sequence[str],
+    event_share: float,
+    rng: np.random.Generator,
+) -> Stage:
+    """Random traffic, bystanders and event of a network."""
+    event = None
+    if rng.random() < (1.0 if events else event_share):
+        choices = events or EVENTS
+        event = draw_event(choices[int(rng.integers(len(choices)))], net, lanes, rng)
+    densities = domain.draw_densities(net, lanes, rng)
+    fleet = draw_fleet(lanes, densities, lambda count: actors.draw_vehicle_sizes(count, rng), rng)
+    if event is not None:
+        fleet = event.prepare_traffic(fleet, rng)
+    simulation = TrafficSimulation(lanes, timings, fleet, rng)
+    pedestrian_density, cyclist_density = domain.pedestrians.draw(rng), domain.cyclists.draw(rng)
+    bystanders = draw_bystanders(net, lanes, pedestrian_density, cyclist_density, rng)
+    return Stage(net, simulation, bystanders, event)
 
 
 def _draw_egos(
     scene: Actors,
     net: Network,
     moment: int,
-    staged_event: StagedEvent | None,
-    outcome: EventOutcome | None,
+    event: StagedEvent | None,
     rng: np.random.Generator,
 ) -> list[Ego]:
     """Random vehicles on lanes close to the center of the map, most of them near junctions; first those with the event.
@@ -179,19 +181,19 @@ def _draw_egos(
     centers = np.array([junction.center for junction in net.junctions]).reshape(-1, 1, 2)
     near_junction = (np.linalg.norm(scene.positions[rows] - centers, axis=-1) < _JUNCTION_DISTANCE).any(0)
     share_elsewhere = _ELSEWHERE_SHARE if near_junction.any() else 1.0
-    rows = rows[near_junction | (rng.random(len(rows)) < share_elsewhere)]
-    if staged_event is None or outcome is None:
-        return [Ego(moment, int(row)) for row in rows]
-    agent = outcome.agent
+    ordinary = rows[near_junction | (rng.random(len(rows)) < share_elsewhere)]
+    agent = None if event is None else event.find(scene)
+    if event is None or agent is None:
+        return [Ego(moment, int(row)) for row in ordinary]
     direction = np.stack([np.cos(scene.headings), np.sin(scene.headings)], -1)[rows]
     offset = scene.positions[agent] - scene.positions[rows]
     along = (offset * direction).sum(-1)
     left = direction[:, 0] * offset[:, 1] - direction[:, 1] * offset[:, 0]
     in_view = (np.abs(along) < _EVENT_ALONG) & (np.abs(left) < _EVENT_LATERAL) & (rows != agent)
-    witnesses = [int(row) for row in rows[in_view] if staged_event.is_visible(scene, agent, int(row))]
-    egos = [Ego(moment, row, outcome.event, agent) for row in witnesses[:_MAX_EVENT_EGOS]]
+    witnesses = [int(row) for row in rows[in_view] if event.is_visible(scene, agent, int(row))]
+    egos = [Ego(moment, row, event.event, agent) for row in witnesses[:_MAX_EVENT_EGOS]]
     is_far = np.hypot(*(scene.positions - scene.positions[agent]).T) > _EVENT_CLEARANCE
-    return egos + [Ego(moment, int(row)) for row in rows[is_far[rows]]]
+    return egos + [Ego(moment, int(row)) for row in ordinary[is_far[ordinary]]]
 
 
 def _select_egos(egos: list[Ego], moments: list[Actors]) -> list[Ego]:

@@ -1,10 +1,9 @@
-"""Protocol of a rare event in a synthetic world: where it fits, what it needs in traffic, how it looks in a scene."""
+"""Protocol of a rare event in a synthetic world: where it fits, what it does to traffic, how it moves."""
 
 from __future__ import annotations
 
 import abc
-import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,39 +11,36 @@ from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
 from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
-from scjax.synthetic.traffic import Fleet
+from scjax.synthetic.traffic import Fleet, Obstacle, TrafficSimulation, make_fleet
 
 MIN_CLEARANCE = 22.0  # m of lane before an event, and after it
 MAX_RADIUS = 75.0  # m from the origin to an event
+LEAD_TIME = 3.0  # s from the start of an event to the moment that shows it
 _MIN_LANE_MARGIN = 15.0  # m
 _POSITIONS_PER_LANE = 3
+_AHEAD_OF_TRAFFIC = (8.0, 18.0)  # m
+_IDS = 6 * 10**9
 
 
-class EventOutcome(NamedTuple):
-    """A scene with an event: all agents, the index of the agent that the event is about, and the event's name."""
-
-    scene: Actors
-    agent: int
-    event: str
-
-
-@dataclasses.dataclass(frozen=True)
 class StagedEvent(abc.ABC):
     """An event at a place of a network.
 
-    The world calls ``prepare_traffic`` before the simulation and ``apply`` at every moment.
+    The world calls ``prepare_traffic`` before the simulation, ``start`` ``LEAD_TIME`` before every moment, ``step``
+    before every step, and ``find`` at the moment.
 
     Attributes:
+      event: its name.
       net, lanes: the network.
       lane: index of the lane where the event happens.
       along: position along the lane [m].
+      number: how often it has started.
     """
 
     event: ClassVar[str]
-    net: Network
-    lanes: LaneArrays
-    lane: int
-    along: float
+
+    def __init__(self, net: Network, lanes: LaneArrays, lane: int, along: float):
+        self.net, self.lanes, self.lane, self.along = net, lanes, lane, along
+        self.number = 0
 
     @classmethod
     def draw(cls, net: Network, lanes: LaneArrays, rng: np.random.Generator) -> StagedEvent | None:
@@ -78,45 +74,79 @@ class StagedEvent(abc.ABC):
         del rng
         return fleet
 
+    def start(self, simulation: TrafficSimulation, rng: np.random.Generator) -> None:
+        """Begins the event; its moment comes in ``LEAD_TIME``."""
+        del simulation, rng
+        self.number += 1
+
+    def step(self, simulation: TrafficSimulation) -> None:
+        """Moves the event on by ``TIME_STEP``; the traffic has not moved yet."""
+        del simulation
+
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What traffic keeps behind now."""
+        return ()
+
+    def actors(self) -> Actors:
+        """The agents that are no part of traffic, now."""
+        return actors.no_actors()
+
     @abc.abstractmethod
-    def apply(self, scene: Actors, rng: np.random.Generator) -> EventOutcome | None:
-        """The scene of one moment with the event; None without room for it."""
+    def find(self, scene: Actors) -> int | None:
+        """Index of the agent that the event is about in a scene at its moment; None if it does not show the event."""
 
     def is_visible(self, scene: Actors, agent: int, ego: int) -> bool:
         """Whether the scene around ``ego`` shows the whole event; ``agent`` is the one that the event is about."""
         del scene, agent, ego
         return True
 
-    def pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position [1, 2] in m and heading [1] in rad of the event."""
-        return self.lanes.poses_at(np.array([self.lane]), np.array([self.along]))
+    def move_near_traffic(self, simulation: TrafficSimulation, rng: np.random.Generator) -> None:
+        """Puts the event ahead of a vehicle in its lane or beside it, so that somebody sees it."""
+        fleet = simulation.fleet
+        rows = np.flatnonzero(np.isin(fleet.lane, self.net.lanes_abreast(self.lane)))
+        ahead = fleet.along[rows] + 0.7 * LEAD_TIME * fleet.speed[rows] + rng.uniform(*_AHEAD_OF_TRAFFIC, len(rows))
+        places = ahead[(ahead > MIN_CLEARANCE) & (ahead < self.lanes.length[self.lane] - MIN_CLEARANCE)]
+        for along in rng.permutation(places):
+            position, _ = self.pose(float(along))
+            if np.hypot(*position[0]) < MAX_RADIUS:
+                self.along = float(along)
+                return
+
+    def pose(self, along: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Position [1, 2] in m and heading [1] in rad of the event, or at ``along`` in its lane [m]."""
+        return self.lanes.poses_at(np.array([self.lane]), np.array([self.along if along is None else along]))
+
+    def find_staged(self, scene: Actors, number: int = 0) -> int | None:
+        """Index in a scene of agent ``number`` of ``actors()``; None if it is not there."""
+        rows = np.flatnonzero(scene.ids == self._ids(number + 1)[number])
+        return int(rows[0]) if len(rows) else None
+
+    def with_ids(self, agents: Actors) -> Actors:
+        """The agents of the event with their numbers."""
+        agents.ids = self._ids(len(agents))
+        return agents
+
+    def _ids(self, count: int) -> np.ndarray:
+        return _IDS + 1000 * self.number + np.arange(count)
 
 
-def replace_vehicles(
+def add_vehicles(
     fleet: Fleet,
-    is_kept: np.ndarray,
     lanes: LaneArrays,
     lane: np.ndarray,
     along: np.ndarray,
+    speed: np.ndarray,
     speed_factor: np.ndarray,
-    lateral: float,
+    lateral: np.ndarray,
     rng: np.random.Generator,
 ) -> Fleet:
-    """The vehicles ``is_kept`` of a fleet, and new ones that start at rest at positions ``along`` [m] of lanes."""
-    new = {
-        "lane": lane,
-        "along": along,
-        "speed": np.zeros(len(lane)),
-        "next_lane": lanes.successors[lane, 0],
-        "granted": np.full(len(lane), -1),
-        "sizes": actors.draw_vehicle_sizes(len(lane), rng, long=False),
-        "speed_factor": speed_factor,
-        "lateral": np.full(len(lane), lateral),
-    }
-    return Fleet(**{name: np.concatenate([getattr(fleet, name)[is_kept], value]) for name, value in new.items()})
+    """The fleet with new vehicles, none of them long, at positions ``along`` [m] of lanes."""
+    sizes = actors.draw_vehicle_sizes(len(lane), rng, long=False)
+    return fleet.extend(make_fleet(lanes, lane, along, speed, sizes, speed_factor, lateral, rng))
 
 
-def replace_near(scene: Actors, new: Actors, radius: float) -> Actors:
-    """The scene with one new agent at the end, without the agents within ``radius`` [m] of it."""
-    is_near = np.hypot(*(scene.positions - new.positions).T) < radius
-    return actors.concatenate_actors([scene.select(~is_near), new])
+def remove_vehicles(simulation: TrafficSimulation, rows: np.ndarray) -> None:
+    """Takes vehicles (indices in the fleet) off the map; they enter it again later."""
+    fleet = simulation.fleet
+    simulation.right_of_way.release(fleet, rows[fleet.granted[rows] >= 0])
+    fleet.lane[rows] = -1

@@ -7,7 +7,7 @@ import numpy as np
 from scjax.scene import AgentType
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
-from scjax.synthetic.events.base import MIN_CLEARANCE, EventOutcome, StagedEvent, replace_vehicles
+from scjax.synthetic.events.base import MIN_CLEARANCE, StagedEvent, add_vehicles
 from scjax.synthetic.network import Network
 from scjax.synthetic.traffic import Fleet
 
@@ -25,29 +25,31 @@ class StoppedVehicle(StagedEvent):
     def prepare_traffic(self, fleet: Fleet, rng: np.random.Generator) -> Fleet:
         return self._block(fleet, rng.normal(0, 0.15), rng)
 
-    def apply(self, scene: Actors, rng: np.random.Generator) -> EventOutcome | None:
-        agent = self._find_blocking_vehicle(scene)
-        return None if agent is None else EventOutcome(scene, agent, self.event)
+    def find(self, scene: Actors) -> int | None:
+        """None if the vehicle is missing or a lead vehicle explains the stop."""
+        position, _ = self.pose()
+        distance = np.hypot(*(scene.positions - position).T)
+        is_stopped = (scene.lane == self.lane) & (scene.speeds < _STOPPED_SPEED) & (scene.types == AgentType.VEHICLE)
+        vehicles = np.flatnonzero(is_stopped & (distance < _MAX_DISTANCE))
+        return None if not len(vehicles) or _has_leader(scene, int(vehicles[0])) else int(vehicles[0])
 
     def _block(self, fleet: Fleet, lateral: float, rng: np.random.Generator) -> Fleet:
         """The fleet with a vehicle that does not move, at ``lateral`` to the left of the centerline [m]."""
         is_kept = (fleet.lane != self.lane) | (np.abs(fleet.along - self.along) > _CLEAR_DISTANCE)
         lane, along, factor = np.array([self.lane]), np.array([self.along]), np.array([_SPEED_FACTOR])
-        return replace_vehicles(fleet, is_kept, self.lanes, lane, along, factor, lateral, rng)
-
-    def _find_blocking_vehicle(self, scene: Actors) -> int | None:
-        """Index of the vehicle; None if it is missing or a lead vehicle explains the stop."""
-        position, _ = self.pose()
-        distance = np.hypot(*(scene.positions - position).T)
-        is_stopped = (scene.lane == self.lane) & (scene.speeds < _STOPPED_SPEED)
-        vehicles = np.flatnonzero(is_stopped & (distance < _MAX_DISTANCE))
-        return None if not len(vehicles) or _has_leader(scene, int(vehicles[0])) else int(vehicles[0])
+        return add_vehicles(
+            fleet.select(is_kept), self.lanes, lane, along, np.zeros(1), factor, np.array([lateral]), rng
+        )
 
 
 class DoubleParking(StoppedVehicle):
-    """A vehicle that stops at the edge of its lane, with a parked vehicle beside it if there is room for one."""
+    """A vehicle that stops at the edge of its lane, beside a parked one."""
 
     event = "double parking"
+
+    def __init__(self, *place):
+        super().__init__(*place)
+        self._parked = actors.no_actors()
 
     @classmethod
     def fits(cls, net: Network, lane: int) -> bool:
@@ -55,16 +57,17 @@ class DoubleParking(StoppedVehicle):
         return lane in net.parking_lanes and is_single
 
     def prepare_traffic(self, fleet: Fleet, rng: np.random.Generator) -> Fleet:
-        return self._block(fleet, -(0.5 * self.net.lanes[self.lane].width - _EDGE_DISTANCE), rng)
+        lateral = -(0.5 * self.net.lanes[self.lane].width - _EDGE_DISTANCE)
+        position, heading = self.pose()
+        right = np.stack([np.sin(heading), -np.cos(heading)], -1)
+        along, beside = rng.uniform(-2, 2), -lateral + rng.uniform(2.3, 2.6)
+        position = position + along * np.stack([-right[:, 1], right[:, 0]], -1) + beside * right
+        size = actors.draw_vehicle_sizes(1, rng, long=False)
+        self._parked = self.with_ids(actors.make_actors(AgentType.VEHICLE, position, heading, 0.0, size))
+        return self._block(fleet, lateral, rng)
 
-    def apply(self, scene: Actors, rng: np.random.Generator) -> EventOutcome | None:
-        """Without a parked vehicle beside it, the vehicle is a stopped one."""
-        agent = self._find_blocking_vehicle(scene)
-        if agent is None:
-            return None
-        scene = _add_parked_beside(scene, agent, rng)
-        event = self.event if _has_parked_beside(scene, agent) else StoppedVehicle.event
-        return EventOutcome(scene, agent, event)
+    def actors(self) -> Actors:
+        return self._parked
 
 
 def _has_leader(scene: Actors, agent: int) -> bool:
@@ -73,23 +76,3 @@ def _has_leader(scene: Actors, agent: int) -> bool:
     along = np.cos(heading) * offset[:, 0] + np.sin(heading) * offset[:, 1]
     left = np.cos(heading) * offset[:, 1] - np.sin(heading) * offset[:, 0]
     return bool(((along > 1.0) & (along < MIN_CLEARANCE) & (np.abs(left) < _LEADER_LATERAL)).any())
-
-
-def _has_parked_beside(scene: Actors, agent: int) -> bool:
-    offset = scene.positions - scene.positions[agent]
-    heading = scene.headings[agent]
-    right = np.sin(heading) * offset[:, 0] - np.cos(heading) * offset[:, 1]
-    parked = (scene.types == AgentType.VEHICLE) & (scene.lane < 0) & (scene.speeds < _STOPPED_SPEED)
-    return bool((parked & (np.hypot(*offset.T) < 8.0) & (right > 1.0)).any())
-
-
-def _add_parked_beside(scene: Actors, agent: int, rng: np.random.Generator) -> Actors:
-    """The scene with a vehicle parked at the curb beside ``agent``, if there is room for it."""
-    heading = scene.headings[agent]
-    right = np.array([np.sin(heading), -np.cos(heading)])
-    along, lateral = rng.uniform(-2, 2), rng.uniform(2.3, 2.6)
-    position = scene.positions[agent] + along * np.array([-right[1], right[0]]) + lateral * right
-    size = actors.draw_vehicle_sizes(1, rng, long=False)
-    parked = actors.make_actors(AgentType.VEHICLE, position[None], heading, 0.0, size)
-    combined = actors.concatenate_actors([scene, parked])
-    return scene if (actors.overlapping_actors(combined)[:, 1] == len(scene)).any() else combined

@@ -1,0 +1,153 @@
+"""Crosswalks, and the people on them: they wait for vehicles and signals, and vehicles wait for them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+
+from scjax.scene import AgentType, Signal
+from scjax.synthetic import actors
+from scjax.synthetic.actors import Actors
+from scjax.synthetic.lane_arrays import LaneArrays
+from scjax.synthetic.network import Arm, Junction, Network
+from scjax.synthetic.traffic.right_of_way import RightOfWay
+
+_APPROACH = 6.0  # m that people walk before and after a crosswalk
+_CURB = 2.6  # m from the centerline of the outermost lane to the curb where people wait
+_BEFORE_STOP_LINE = 1.8  # m
+_PATIENCE = 3.0  # s at the curb, after which vehicles without signals let people cross
+_IDS = 4 * 10**9
+
+
+@dataclasses.dataclass(frozen=True)
+class Crosswalks:
+    """Crosswalks, each in one direction, arrays [crosswalks].
+
+    Attributes:
+      start, end: at the curbs [m].
+      crossed: connectors that cross it [crosswalks, lanes].
+      arriving: those of them that come from its own arm; their signals hold for people [crosswalks, lanes].
+    """
+
+    start: Float64[np.ndarray, "n 2"]
+    end: Float64[np.ndarray, "n 2"]
+    crossed: Bool[np.ndarray, "n lanes"]
+    arriving: Bool[np.ndarray, "n lanes"]
+
+    @property
+    def length(self) -> Float64[np.ndarray, " n"]:
+        """From curb to curb [m]."""
+        return np.hypot(*(self.end - self.start).T)
+
+
+def find_crosswalks(net: Network) -> Crosswalks:
+    """Crosswalks in both directions, in front of the stop line of every arm with a sidewalk."""
+    sidewalk_lanes = set(net.sidewalk_lanes)
+    starts, ends, crossed, arriving = [], [], [], []
+    for number, junction in enumerate(net.junctions):
+        if junction.type in ("merge", "driveway"):
+            continue
+        connectors = [k for k, lane in enumerate(net.lanes) if lane.junction == number or k in junction.connectors]
+        for a, arm in enumerate(junction.arms):
+            if not sidewalk_lanes & {*(lane for lane, _ in arm.inbound), *arm.outbound}:
+                continue
+            start, end = _curbs(net, junction, arm)
+            crosses, comes = np.zeros(len(net.lanes), bool), np.zeros(len(net.lanes), bool)
+            for k in connectors:
+                crosses[k] = _meets(net.lanes[k].points, start, end)
+                comes[k] = crosses[k] and net.lanes[k].arm == a and net.lanes[k].entry_lane >= 0
+            for pair in ((start, end), (end, start)):
+                starts.append(pair[0])
+                ends.append(pair[1])
+                crossed.append(crosses)
+                arriving.append(comes)
+    lanes = len(net.lanes)
+    return Crosswalks(
+        np.array(starts, float).reshape(-1, 2),
+        np.array(ends, float).reshape(-1, 2),
+        np.array(crossed, bool).reshape(-1, lanes),
+        np.array(arriving, bool).reshape(-1, lanes),
+    )
+
+
+class CrosswalkWalkers:
+    """People who go back and forth over crosswalks."""
+
+    def __init__(self, crosswalks: Crosswalks, mean: float, rng: np.random.Generator):
+        """``mean``: people for each crosswalk."""
+        counts = rng.poisson(mean, len(crosswalks.start))
+        self.crosswalks = crosswalks
+        self.crosswalk: Int[np.ndarray, " n"] = np.repeat(np.arange(len(counts)), counts)
+        count = len(self.crosswalk)
+        self.cycle = crosswalks.length[self.crosswalk] + 2 * _APPROACH
+        self.along: Float64[np.ndarray, " n"] = rng.uniform(-_APPROACH, self.cycle - _APPROACH)
+        self.speed = np.clip(rng.normal(1.35, 0.2, count), 0.6, 2.2)
+        self.left = rng.normal(0, 0.5, count)
+        self.sizes = actors.draw_sizes(AgentType.PEDESTRIAN, count, rng)
+        self.waited = np.zeros(count)  # s
+        self.laps = np.zeros(count, int)
+        # Nobody starts on the road.
+        on_road = (self.along > 0) & (self.along < crosswalks.length[self.crosswalk])
+        self.along[on_road] = -rng.uniform(0.5, _APPROACH, int(on_road.sum()))
+
+    def step(self, seconds: float, way: RightOfWay) -> None:
+        """Lets people walk for ``seconds``, and tells ``way`` which connectors they cross."""
+        if not len(self.crosswalk):
+            return
+        length = self.crosswalks.length[self.crosswalk]
+        step = self.speed * seconds
+        at_curb = (self.along < 0) & (self.along + step >= 0)
+        is_free = self._is_free(way)[self.crosswalk]
+        self.waited = np.where(at_curb & ~is_free, self.waited + seconds, 0.0)
+        self.along += np.where(at_curb & ~is_free, 0.0, step)
+        is_over = self.along > length + _APPROACH
+        self.along[is_over] -= self.cycle[is_over]
+        self.laps[is_over] += 1
+        on_road = (self.along >= 0) & (self.along <= length)
+        has_signal = (way.signals[None] != Signal.UNKNOWN) & self.crosswalks.arriving
+        goes_first = (self.waited > _PATIENCE) & ~has_signal.any(1)[self.crosswalk]
+        way.occupied[:] = self.crosswalks.crossed[self.crosswalk[on_road | goes_first]].any(0)
+
+    def actors(self) -> Actors:
+        """The people now."""
+        start, end = self.crosswalks.start[self.crosswalk], self.crosswalks.end[self.crosswalk]
+        direction = (end - start) / self.crosswalks.length[self.crosswalk, None]
+        left = np.stack([-direction[:, 1], direction[:, 0]], -1)
+        positions = start + self.along[:, None] * direction + self.left[:, None] * left
+        headings = np.arctan2(direction[:, 1], direction[:, 0])
+        speeds = np.where(self.waited > 0, 0.0, self.speed)
+        made = actors.make_actors(AgentType.PEDESTRIAN, positions, headings, speeds, self.sizes)
+        made.ids = _IDS + 1000 * np.arange(len(made)) + self.laps
+        return made
+
+    def _is_free(self, way: RightOfWay) -> np.ndarray:
+        """Crosswalks without vehicles and without a green or yellow light across them."""
+        shows = np.isin(way.signals, (Signal.GO, Signal.CAUTION))
+        return ~((way.num_grants > 0) & self.crosswalks.crossed).any(1) & ~(shows & self.crosswalks.arriving).any(1)
+
+
+def _curbs(net: Network, junction: Junction, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends of the crosswalk of an arm [m]."""
+    outwards = np.array([np.cos(arm.angle), np.sin(arm.angle)])
+    left = np.array([-outwards[1], outwards[0]])
+    ends = np.array(
+        [net.lanes[lane].points[-1] for lane, _ in arm.inbound] + [net.lanes[lane].points[0] for lane in arm.outbound]
+    )
+    lateral = (ends - junction.center) @ left
+    middle = junction.center + (((ends - junction.center) @ outwards).min() - _BEFORE_STOP_LINE) * outwards
+    return middle + (lateral.min() - _CURB) * left, middle + (lateral.max() + _CURB) * left
+
+
+def _meets(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether a polyline crosses the segment from ``start`` to ``end``."""
+    axis = end - start
+    length = float(np.hypot(*axis))
+    axis = axis / length
+    offset = points - start
+    along, across = offset @ axis, axis[0] * offset[:, 1] - axis[1] * offset[:, 0]
+    changes = np.flatnonzero((across[:-1] < 0) != (across[1:] < 0))
+    share = across[changes] / (across[changes] - across[changes + 1])
+    places = along[changes] + share * (along[changes + 1] - along[changes])
+    return bool(((places > -0.5) & (places < length + 0.5)).any())
