@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float64, Int
 from scjax.scene import AgentType, Signal
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
-from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Arm, Junction, Network
 from scjax.synthetic.traffic.right_of_way import RightOfWay
 
@@ -124,8 +123,9 @@ class CrosswalkWalkers:
 
     def _is_free(self, way: RightOfWay) -> np.ndarray:
         """Crosswalks without vehicles and without a green or yellow light across them."""
-        shows = np.isin(way.signals, (Signal.GO, Signal.CAUTION))
-        return ~((way.num_grants > 0) & self.crosswalks.crossed).any(1) & ~(shows & self.crosswalks.arriving).any(1)
+        shows = (way.signals == Signal.GO) | (way.signals == Signal.CAUTION)
+        blocks = ((way.num_grants > 0) & self.crosswalks.crossed) | (shows & self.crosswalks.arriving)
+        return np.logical_not(blocks.any(axis=1))
 
 
 def _curbs(net: Network, junction: Junction, arm: Arm) -> tuple[np.ndarray, np.ndarray]:

@@ -52,6 +52,7 @@ def _add_road_with_ramp(
     through_lanes = [lane for lane, pocket in first.end if pocket is None]
     for lane, successor in zip(through_lanes, second.start, strict=False):
         net.link(lane, successor)
+        net.lanes[successor].points[0] = net.lanes[lane].points[-1]
     if is_entry and len(second.start) > lanes:
         lane = second.start[-1]
         points = _draw_ramp(net.lanes[lane].points, rng)[::-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -15,28 +16,61 @@ _MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 
 def plan_phases(net: Network, junction: Junction) -> list[frozenset[int]]:
-    """Sets of connectors with green at the same time: one per pair of opposite arms or single arm.
+    """Sets of connectors with green at the same time; no two of different arms cross.
 
-    Left turns of a pair have a phase of their own if they have lanes of their own; else they yield.
+    Two opposite arms share a phase if nothing crosses. If only their left turns cross something and have lanes of their
+    own, these have a phase of their own. Otherwise each arm has a phase.
     """
     remaining = list(range(len(junction.arms)))
-    phases = []
+    phases: list[frozenset[int]] = []
     while remaining:
         a = remaining.pop(0)
         angles = {b: abs(wrap_to_pi(junction.arms[a].angle - junction.arms[b].angle)) for b in remaining}
         b = max(angles, key=lambda k: angles[k], default=None)
-        arms = [a]
-        if b is not None and angles[b] > _MIN_OPPOSITE_ANGLE:
-            remaining.remove(b)
-            arms.append(b)
-        connectors = [k for k in junction.connectors if net.lanes[k].arm in arms]
-        protected = {k for k in connectors if net.lanes[k].turn == "left" and _has_own_lane(net, junction, k)}
-        if len(arms) > 1 and protected:
-            phases.append(frozenset(connectors) - protected)
-            phases.append(frozenset(protected))
+        if b is None or angles[b] <= _MIN_OPPOSITE_ANGLE:
+            phases.append(_of_arms(net, junction, a))
+            continue
+        remaining.remove(b)
+        both = _of_arms(net, junction, a, b)
+        left = frozenset(k for k in both if net.lanes[k].turn == "left")
+        if not _has_crossing(net, both):
+            phases.append(both)
+        elif all(_has_own_lane(net, junction, k) for k in left) and not any(
+            _has_crossing(net, phase) for phase in (both - left, left)
+        ):
+            phases += [both - left, left]
         else:
-            phases.append(frozenset(connectors))
+            phases += [_of_arms(net, junction, a), _of_arms(net, junction, b)]
     return [phase for phase in phases if phase]
+
+
+def _of_arms(net: Network, junction: Junction, *arms: int) -> frozenset[int]:
+    return frozenset(k for k in junction.connectors if net.lanes[k].arm in arms)
+
+
+def _has_crossing(net: Network, connectors: frozenset[int]) -> bool:
+    """Whether connectors of different arms cross or join."""
+    rows = sorted(connectors)
+    return any(
+        net.lanes[i].arm != net.lanes[j].arm
+        and (
+            bool(set(net.lanes[i].successors) & set(net.lanes[j].successors))
+            or _cross(net.lanes[i].points, net.lanes[j].points)
+        )
+        for i, j in itertools.combinations(rows, 2)
+    )
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two polylines cross."""
+    start_a, step_a = a[:-1, None], np.diff(a, axis=0)[:, None]
+    start_b, step_b = b[None, :-1], np.diff(b, axis=0)[None]
+    offset = start_b - start_a
+    cross = step_a[..., 0] * step_b[..., 1] - step_a[..., 1] * step_b[..., 0]
+    cross = np.where(np.abs(cross) < 1e-9, np.inf, cross)
+    share_a = (offset[..., 0] * step_b[..., 1] - offset[..., 1] * step_b[..., 0]) / cross
+    share_b = (offset[..., 0] * step_a[..., 1] - offset[..., 1] * step_a[..., 0]) / cross
+    return bool(((share_a >= 0) & (share_a <= 1) & (share_b >= 0) & (share_b <= 1) & np.isfinite(cross)).any())
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,13 +12,13 @@ from scjax.synthetic.network import Network
 
 _BAY_WIDTH = 2.8  # m of a parking row per vehicle
 _PEOPLE_SHARE = 0.06  # of parked vehicles with somebody beside them
-_ROAD_WORKS_SHARE = 0.15  # of worlds with cones at the edge of a road
+_CONES_SHARE = 0.1  # of worlds with a cone or two at the edge of a road
 
 
 def draw_standing(net: Network, lanes: LaneArrays, people: bool, rng: np.random.Generator) -> Actors:
     """Random parked vehicles, cones and barriers, and with ``people`` some people beside parked vehicles."""
     parked = actors.concatenate_actors([_parked_along_lanes(net, lanes, rng), _parked_in_rows(net, rng)])
-    groups = [parked, _road_works(net, lanes, rng)]
+    groups = [parked, _cones_at_edge(net, lanes, rng)]
     if people:
         groups.append(_people_beside(parked, rng))
     return actors.concatenate_actors(groups)
@@ -75,15 +75,15 @@ def _parked_in_rows(net: Network, rng: np.random.Generator) -> Actors:
     return actors.concatenate_actors(groups) if groups else actors.no_actors()
 
 
-def _road_works(net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Actors:
-    """Sometimes a row of cones or barriers along the edge of a road."""
+def _cones_at_edge(net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Actors:
+    """Sometimes a cone or barrier, or two, at the edge of a road."""
     edges = [
         k for k, lane in enumerate(net.lanes) if lane.at_curb and lanes.length[k] > 30 and k not in net.parking_lanes
     ]
-    if not edges or rng.random() > _ROAD_WORKS_SHARE:
+    if not edges or rng.random() > _CONES_SHARE:
         return actors.no_actors()
     lane = int(rng.choice(edges))
-    count = int(rng.integers(4, 10))
+    count = int(rng.integers(1, 3))
     along = rng.uniform(5, lanes.length[lane] - 20) + rng.uniform(2.5, 4.0) * np.arange(count)
     along = along[along < lanes.length[lane] - 3]
     positions, headings = lanes.poses_at(np.full(len(along), lane), along)

@@ -40,7 +40,6 @@ _ELSEWHERE_SHARE = 0.2  # of the vehicles further from junctions that become ego
 _MAX_EGO_RADIUS = 78.0  # m from the center of the map
 _EVENT_ALONG, _EVENT_LATERAL = 21, 20  # m from an ego to an event that its scene shows
 _MAX_EVENT_EGOS = 4  # per moment
-_EVENT_CLEARANCE = 50.0  # m from an event to egos without it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,7 +191,7 @@ def _draw_egos(
     in_view = (np.abs(along) < _EVENT_ALONG) & (np.abs(left) < _EVENT_LATERAL) & (rows != agent)
     witnesses = [int(row) for row in rows[in_view] if event.is_visible(scene, agent, int(row))]
     egos = [Ego(moment, row, event.event, agent) for row in witnesses[:_MAX_EVENT_EGOS]]
-    is_far = np.hypot(*(scene.positions - scene.positions[agent]).T) > _EVENT_CLEARANCE
+    is_far = np.hypot(*(scene.positions - scene.positions[agent]).T) > event.clearance
     return egos + [Ego(moment, int(row)) for row in ordinary[is_far[ordinary]]]
 
 

@@ -21,6 +21,13 @@ def emergency_corridor(lateral: float) -> SceneBuilder:
     return builder
 
 
+def cones(*places: tuple[float, float]) -> SceneBuilder:
+    builder = two_way_road()
+    for x, y in places:
+        builder.add_agent(x, y, 0, 0.0, AgentType.STATIC)
+    return builder
+
+
 EVENT_SCENES = {
     "wrong-way driver": (
         two_way_road().add_agent(15, 0, 180, 9.0),
@@ -61,5 +68,9 @@ EVENT_SCENES = {
             two_way_road().add_agent(10, -2.0, 0, 8.0),
             two_way_road().add_agent(-12, -2.0, 6, 8.0),
         ],
+    ),
+    "work zone": (
+        cones((10, -5.0), (13, -4.2), (16, -3.4), (19, -2.6)),
+        [cones((10, -5.0), (13, -5.0)), cones((10, -20.0), (13, -20.0), (16, -20.0))],
     ),
 }

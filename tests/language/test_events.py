@@ -16,6 +16,7 @@ CAPTION_WORDS = {
     "double parking": "double",
     "emergency corridor": "emergency",
     "cut-in": "cut",
+    "work zone": "work",
 }
 
 

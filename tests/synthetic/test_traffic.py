@@ -22,10 +22,14 @@ def vehicle(lane: int, along: float, speed: float, next_lane: int = -1, speed_fa
         "along": along,
         "speed": speed,
         "next_lane": next_lane,
+        "previous_lane": -1,
         "granted": -1,
         "sizes": (4.5, 2.0, 1.5),
         "speed_factor": speed_factor,
         "lateral": 0.0,
+        "lateral_goal": 0.0,
+        "lateral_speed": 0.8,
+        "entries": 0,
     }
 
 
@@ -120,7 +124,7 @@ def test_vehicles_obey_signals_and_do_not_collide(intersection):
     assert num_entries > 20 and distance > 2000
     num_grants = np.zeros(len(simulation.lanes.length), int)
     np.add.at(num_grants, fleet.granted[fleet.granted >= 0], 1)
-    np.testing.assert_array_equal(num_grants, simulation._num_grants)
+    np.testing.assert_array_equal(num_grants, simulation.right_of_way.num_grants)
 
 
 def test_conflicting_connectors_are_never_occupied_together(intersection):

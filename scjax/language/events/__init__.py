@@ -11,6 +11,7 @@ from scjax.language.events.cut_in import CUT_IN
 from scjax.language.events.emergency_corridor import EMERGENCY_CORRIDOR
 from scjax.language.events.jaywalker import JAYWALKER
 from scjax.language.events.stopped_vehicle import DOUBLE_PARKING, STOPPED_VEHICLE
+from scjax.language.events.work_zone import WORK_ZONE
 from scjax.language.events.wrong_way_driver import WRONG_WAY_DRIVER
 from scjax.language.intersections import Intersection
 from scjax.language.road import Road
@@ -23,6 +24,7 @@ RULES: tuple[EventRule, ...] = (
     DOUBLE_PARKING,
     EMERGENCY_CORRIDOR,
     CUT_IN,
+    WORK_ZONE,
 )
 """The order is the order of events in facts and captions; synthetic worlds draw events by their place in it."""
 

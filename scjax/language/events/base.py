@@ -36,7 +36,7 @@ class AgentLaneRelations:
     Attributes:
       road: the lanes.
       positions, headings, speeds, lengths: of the agents [m, rad, m/s, m].
-      is_vehicle, is_pedestrian: by type.
+      is_vehicle, is_pedestrian, is_static: by type.
       is_eligible: inside the central part of the scene and away from junctions.
       lane: the nearest lane; among overlapping lanes the one with the agent's heading.
       distances: to every lane [m].
@@ -54,6 +54,7 @@ class AgentLaneRelations:
     lengths: Float64[np.ndarray, " agents"]
     is_vehicle: Bool[np.ndarray, " agents"]
     is_pedestrian: Bool[np.ndarray, " agents"]
+    is_static: Bool[np.ndarray, " agents"]
     is_eligible: Bool[np.ndarray, " agents"]
     lane: Int[np.ndarray, " agents"]
     distances: Float64[np.ndarray, "agents lanes"]
@@ -102,6 +103,7 @@ def relate_agents_to_lanes(scene: Scene, road: Road, intersections: list[Interse
         lengths=agents[:, 6],
         is_vehicle=types == AgentType.VEHICLE,
         is_pedestrian=types == AgentType.PEDESTRIAN,
+        is_static=types == AgentType.STATIC,
         is_eligible=is_inside & ~_near_junction(positions, road, intersections),
         lane=lane,
         distances=distances,

@@ -21,7 +21,8 @@ from scjax.synthetic.network import Network
 __all__ = ["EVENT_CLASSES", "StagedEvent", "draw_event"]
 
 EVENT_CLASSES: dict[str, type[StagedEvent]] = {
-    cls.event: cls for cls in (WrongWayDriver, Jaywalker, StoppedVehicle, DoubleParking, EmergencyCorridor, CutIn, WorkZone)
+    cls.event: cls
+    for cls in (WrongWayDriver, Jaywalker, StoppedVehicle, DoubleParking, EmergencyCorridor, CutIn, WorkZone)
 }
 
 

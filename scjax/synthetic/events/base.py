@@ -30,16 +30,19 @@ class StagedEvent(abc.ABC):
 
     Attributes:
       event: its name.
+      clearance: distance to egos whose scenes do not show the event [m].
       net, lanes: the network.
+      candidates: lanes where the event may happen.
       lane: index of the lane where the event happens.
       along: position along the lane [m].
       number: how often it has started.
     """
 
     event: ClassVar[str]
+    clearance: ClassVar[float] = 50.0
 
-    def __init__(self, net: Network, lanes: LaneArrays, lane: int, along: float):
-        self.net, self.lanes, self.lane, self.along = net, lanes, lane, along
+    def __init__(self, net: Network, lanes: LaneArrays, candidates: list[int], lane: int, along: float):
+        self.net, self.lanes, self.candidates, self.lane, self.along = net, lanes, candidates, lane, along
         self.number = 0
 
     @classmethod
@@ -60,7 +63,7 @@ class StagedEvent(abc.ABC):
             for along in rng.uniform(MIN_CLEARANCE, lanes.length[lane] - MIN_CLEARANCE, _POSITIONS_PER_LANE):
                 position, _ = lanes.poses_at(np.array([lane]), np.array([along]))
                 if np.hypot(*position[0]) < MAX_RADIUS:
-                    return cls(net, lanes, int(lane), float(along))
+                    return cls(net, lanes, candidates, int(lane), float(along))
         return None
 
     @classmethod
@@ -101,16 +104,17 @@ class StagedEvent(abc.ABC):
         return True
 
     def move_near_traffic(self, simulation: TrafficSimulation, rng: np.random.Generator) -> None:
-        """Puts the event ahead of a vehicle in its lane or beside it, so that somebody sees it."""
-        fleet = simulation.fleet
-        rows = np.flatnonzero(np.isin(fleet.lane, self.net.lanes_abreast(self.lane)))
+        """Puts the event ahead of a vehicle in one of the lanes where it may happen, so that somebody sees it."""
+        fleet, lanes = simulation.fleet, self.lanes
+        rows = np.flatnonzero(np.isin(fleet.lane, self.candidates))
         ahead = fleet.along[rows] + 0.7 * LEAD_TIME * fleet.speed[rows] + rng.uniform(*_AHEAD_OF_TRAFFIC, len(rows))
-        places = ahead[(ahead > MIN_CLEARANCE) & (ahead < self.lanes.length[self.lane] - MIN_CLEARANCE)]
-        for along in rng.permutation(places):
-            position, _ = self.pose(float(along))
-            if np.hypot(*position[0]) < MAX_RADIUS:
-                self.along = float(along)
-                return
+        is_inside = (ahead > MIN_CLEARANCE) & (ahead < lanes.length[fleet.lane[rows]] - MIN_CLEARANCE)
+        rows, ahead = rows[is_inside], ahead[is_inside]
+        positions, _ = lanes.poses_at(fleet.lane[rows], ahead)
+        near = np.flatnonzero(np.hypot(*positions.T) < MAX_RADIUS)
+        if len(near):
+            chosen = int(rng.choice(near))
+            self.lane, self.along = int(fleet.lane[rows[chosen]]), float(ahead[chosen])
 
     def pose(self, along: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Position [1, 2] in m and heading [1] in rad of the event, or at ``along`` in its lane [m]."""

@@ -13,7 +13,7 @@ from scjax.synthetic.traffic import TIME_STEP, Fleet, TrafficSimulation
 
 _VEHICLES_PER_LANE = 9
 _SPACING = (8.5, 11.0)  # m between vehicles of the jam
-_SPEED_FACTORS = (0.02, 0.08)
+_SPEED_FACTORS = (0.04, 0.09)
 _MIN_END_DISTANCE = 4.0  # m from a vehicle to the ends of its lane
 _LEFT_SHIFT, _RIGHT_SHIFT = 0.85, -0.75  # m to the left, of the vehicles in the leftmost lane and in the others
 _AMBULANCE_SIZE = np.array([[5.6, 2.0, 2.6]])  # m
@@ -24,6 +24,7 @@ _VIEW = 22.0  # m
 
 class EmergencyCorridor(StagedEvent):
     event = "emergency corridor"
+    clearance = 110.0  # the jam is long
 
     def __init__(self, *place):
         super().__init__(*place)

@@ -15,7 +15,7 @@ _SPEEDS = (1.0, 1.9)  # m/s
 _MAX_LATERAL = 0.8  # m from the centerline at the moment
 _REACH = 14.0  # m of lanes to both sides that the walker may cross
 _OBSTACLE_BEFORE, _OBSTACLE_BEHIND = 4.0, 1.6  # m of way: vehicles wait from before until behind a lane
-_BRAKING = 3.0  # m/s^2, vehicles that would have to brake harder are taken away at the start
+_BRAKING = 4.5  # m/s^2, vehicles that would have to brake harder are taken away at the start
 _GAP = 1.5  # m between a vehicle that waits and the way
 
 

@@ -54,9 +54,7 @@ class WrongWayDriver(StagedEvent):
             return actors.no_actors()
         position, heading = self.pose(self._place)
         return self.with_ids(
-            actors.make_actors(
-                AgentType.VEHICLE, position, heading + np.pi, self._speed, self._size, lane=self.lane
-            )
+            actors.make_actors(AgentType.VEHICLE, position, heading + np.pi, self._speed, self._size, lane=self.lane)
         )
 
     def find(self, scene: Actors) -> int | None:
