@@ -17,6 +17,7 @@ import numpy as np
 from scjax.data.build_options import BuildOptions
 from scjax.data.local_map import simplify_graph
 from scjax.data.records import make_record, sample_scene
+from scjax.language.road import wrap_to_pi
 from scjax.scene import AgentType, MapLane, Signal, load_log
 from scjax.towns.source import TownRun, Towns, make_towns
 from scjax.towns.town_traffic import TownTraffic, load_traffic
@@ -31,7 +32,7 @@ def conflicting_greens(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple
     conflicts = total = 0
     for i, first in enumerate(ways):
         for j, second in enumerate(ways[:i]):
-            angle = np.degrees(abs(np.angle(np.exp(1j * (_heading(first) - _heading(second))))))
+            angle = np.degrees(abs(wrap_to_pi(_heading(first) - _heading(second))))
             if 55 < angle < 125 and _cross(first.points, second.points):
                 total += 1
                 both = (traffic.signal_states[[i, j]] == Signal.GO).all(0)

@@ -82,8 +82,8 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_s
     else:
         joins = inferred_joins(points, join_options or JoinOptions())
     warnings = dict(joins.warnings)
-    kept_apart = _signal_changes(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
-    chains, successors = merge_degree2_chains(len(lanes), joins.pairs, kept_apart)
+    breaks = _signal_changes(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
+    chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
     stacked = np.concatenate(merged)

@@ -41,8 +41,5 @@ MAX_PRECOMPUTED = 2**25
 LANE_LOSS_WEIGHT = 10.0
 """Weight of the lanes relative to the agents in the training loss, as in the official release."""
 
-SELF_CONDITIONED_SHARE = 0.5
-"""Share of training scenes that read an x0 estimate (Chen et al. 2023)."""
-
 DEFAULT_LABEL_DROPOUT = DEFAULT_CONDITION_DROPOUT = 0.1
 """Share of training scenes whose label or condition is dropped, for classifier-free guidance."""

@@ -18,7 +18,6 @@ from scjax.diffusion.defaults import MAX_PRECOMPUTED
 from scjax.diffusion.guidance import Denoise, Guidance, concat_branches, with_guidance
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.context import ConditionFeatures, TextFeatures
-from scjax.models.denoiser.estimate_features import SelfCondition
 from scjax.nn.functional import Functional, Params
 from scjax.scene.per_type import PerType, generated_mask
 from scjax.scene.pytree import Replaceable, pytree
@@ -124,30 +123,21 @@ def denoise_fn(
       guidance_scale: scale for all scenes or per scene [B]; may be traced.
     """
 
-    def evaluate(
-        branch: Branch,
-        masks: PerType,
-        known: PerType | None,
-        z: PerType,
-        t: Real[Array, " b"],
-        estimate: SelfCondition | None = None,
-    ) -> PerType:
-        return network.apply(
-            params, z, t, branch.label, masks, known, branch.cache, branch.modulation, estimate=estimate
-        )
+    def evaluate(branch: Branch, masks: PerType, known: PerType | None, z: PerType, t: Real[Array, " b"]) -> PerType:
+        return network.apply(params, z, t, branch.label, masks, known, branch.cache, branch.modulation)
 
-    def denoise(z: PerType, t: Real[Array, " b"], *estimate: SelfCondition) -> PerType:
-        return evaluate(_at_time(inputs.conditional, times, t), inputs.masks, inputs.known, z, t, *estimate)
+    def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
+        return evaluate(_at_time(inputs.conditional, times, t), inputs.masks, inputs.known, z, t)
 
     if guidance is None:
         return denoise
     unconditional = inputs.unconditional
     assert unconditional is not None
 
-    def denoise_both(z: PerType, t: Real[Array, " b"], *estimate: SelfCondition) -> PerType:
+    def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
         branch = _concat(_at_time(inputs.conditional, times, t), _at_time(unconditional, times, t))
         masks, known = concat_branches((inputs.masks, inputs.known), (inputs.masks, inputs.known))
-        return evaluate(branch, masks, known, z, t, *estimate)
+        return evaluate(branch, masks, known, z, t)
 
     return with_guidance(
         denoise_both,

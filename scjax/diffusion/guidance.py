@@ -16,13 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
-from scjax.models.denoiser.estimate_features import SelfCondition
 from scjax.scene.arguments import finite_number
 from scjax.scene.per_type import PerType
 
-Denoise = Callable[..., PerType]
-"""(noisy latents [B, tokens, latent] per type, times [B]) -> network output of the same shapes. With self-conditioning
-there is a third argument, the last x0 estimate as a ``SelfCondition``."""
+Denoise = Callable[[PerType, Real[Array, " b"]], PerType]
+"""(noisy latents [B, tokens, latent] per type, times [B]) -> network output of the same shapes."""
 
 T = TypeVar("T")
 MAX_SCALE = 1000.0
@@ -84,8 +82,8 @@ def with_guidance(
     def in_interval(t: Real[Array, " b"]) -> Bool[Array, " b"]:
         return jnp.ones(t.shape, bool) if interval is None else (interval[0] <= t) & (t <= interval[1])
 
-    def denoise(z: PerType, t: Real[Array, " b"], *estimate: SelfCondition) -> PerType:
-        both = denoise_both(concat_branches(z, z), jnp.concatenate([t, t]), *concat_branches(estimate, estimate))
+    def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
+        both = denoise_both(concat_branches(z, z), jnp.concatenate([t, t]))
         w = jnp.where(in_interval(t), scale, 1)[:, None, None]
         conditional, unconditional = (jax.tree.map(lambda x, i=i: jnp.split(x, 2)[i], both) for i in (0, 1))
         guided = jax.tree.map(lambda c, u: u + w.astype(c.dtype) * (c - u), conditional, unconditional)
@@ -93,7 +91,7 @@ def with_guidance(
 
     if interval is None or denoise_conditional is None:
         return denoise
-    return lambda z, t, *estimate: jax.lax.cond(in_interval(t).any(), denoise, denoise_conditional, z, t, *estimate)
+    return lambda z, t: jax.lax.cond(in_interval(t).any(), denoise, denoise_conditional, z, t)
 
 
 def rescale_guidance(guided: PerType, conditional: PerType, phi: float, generated: PerType | None = None) -> PerType:

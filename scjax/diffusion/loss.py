@@ -9,19 +9,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from scjax.diffusion.defaults import (
-    DEFAULT_CONDITION_DROPOUT,
-    DEFAULT_LABEL_DROPOUT,
-    LANE_LOSS_WEIGHT,
-    SELF_CONDITIONED_SHARE,
-)
+from scjax.diffusion.defaults import DEFAULT_CONDITION_DROPOUT, DEFAULT_LABEL_DROPOUT, LANE_LOSS_WEIGHT
 from scjax.diffusion.guidance import Denoise
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.process import estimate_x0, prediction_target, q_sample
 from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.diffusion.timestep_sampling import TimestepSampling, sample_noise_levels
 from scjax.models.denoiser.config import Prediction
-from scjax.models.denoiser.estimate_features import SelfCondition
 from scjax.nn import random
 from scjax.nn.cross_attention import AuxOutputs
 from scjax.nn.functional import Functional, Params
@@ -128,7 +122,6 @@ def training_loss(
     condition_dropout: float | Float[Array, ""] = DEFAULT_CONDITION_DROPOUT,
     count_known: bool = False,
     penalty: Penalty | None = None,
-    self_conditioning: bool = False,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Loss of one batch with random noise levels, noise and dropout from ``key``, one for the batch or one per scene.
 
@@ -136,7 +129,6 @@ def training_loss(
       null_label: row of the label table that replaces dropped labels.
       label_dropout, condition_dropout: share of scenes without their label and without their condition.
       prediction, count_known, penalty: as in ``diffusion_loss``.
-      self_conditioning: whether the network reads an x0 estimate for half of the scenes, from a first evaluation.
 
     Returns:
       The loss, and batch means of its terms: agent, lane, total, and penalty if there is one. Losses of the cross
@@ -159,15 +151,7 @@ def training_loss(
     aux: dict[str, AuxOutputs] = {}
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        estimate = None
-        if self_conditioning:
-            frozen, frozen_cache = jax.lax.stop_gradient((params, cache))
-            output = network.apply(frozen, z, t, label, batch.masks, batch.known, frozen_cache)
-            x0 = estimate_x0(level, z, output, prediction)
-            x0 = jax.tree.map(lambda mask, x, z: jnp.where(mask[..., None], z, x), batch.known, x0, z)
-            present = random.bernoulli(random.fold_in(key, 5), SELF_CONDITIONED_SHARE, scenes)
-            estimate = SelfCondition(latents=jax.lax.stop_gradient(x0), present=present)
-        return network.apply(params, z, t, label, batch.masks, batch.known, cache, aux=aux, estimate=estimate)
+        return network.apply(params, z, t, label, batch.masks, batch.known, cache, aux=aux)
 
     loss, terms = diffusion_loss(
         denoise,

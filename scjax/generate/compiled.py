@@ -40,7 +40,6 @@ def sampling_loop(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> S
         config.prediction,
         latent_widths=PerType(agents=config.agent_latent, lanes=config.lane_latent),
         max_tokens=PerType(agents=config.max_agents, lanes=config.max_lanes),
-        self_conditioning=config.self_conditioning,
     )
 
 

@@ -98,9 +98,12 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
     denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *batch.features)
     advance = compiled.advance_program(*options, settings.guidance)
 
+    # Other decoders do not read known scenes, and would be compiled once more for them.
+    known_scenes = batch.known_scenes if model.autoencoder.config.shared_endpoints else None
+
     def decode(latents: PerType) -> Scene:
         program = compiled.decode_program(*coder)
-        scenes = batch.crop, batch.domain, batch.known_scenes
+        scenes = batch.crop, batch.domain, known_scenes
         return program(coder_params["decoder"], *statistics, latents, batch.masks, *scenes)
 
     state = compiled.start_program(*options)(settings.temperature, inputs)

@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 
 def merge_degree2_chains(
-    count: int, joins: set[tuple[int, int]], kept_apart: frozenset[tuple[int, int]] = frozenset()
+    count: int, joins: set[tuple[int, int]], breaks: frozenset[tuple[int, int]] = frozenset()
 ) -> tuple[list[list[int]], Int[np.ndarray, "edges 2"]]:
     """Chains of lanes that only follow each other, and the edges between the chains.
 
@@ -17,7 +17,7 @@ def merge_degree2_chains(
     Args:
       count: number of lanes.
       joins: pairs (i, j), lane j follows lane i.
-      kept_apart: pairs of ``joins`` that are not merged.
+      breaks: pairs of ``joins`` that are not merged.
 
     Returns:
       chains: lanes of each chain, in driving direction.
@@ -29,7 +29,7 @@ def merge_degree2_chains(
         successors[i].append(j)
         predecessors[j].append(i)
     follower = {i: s[0] for i, s in enumerate(successors) if len(s) == 1 and predecessors[s[0]] == [i] and s[0] != i}
-    follower = {i: j for i, j in follower.items() if (i, j) not in kept_apart}
+    follower = {i: j for i, j in follower.items() if (i, j) not in breaks}
     merged = set(follower.values())
     chains, used = [], set()
     # After the starts of open chains, the lanes left over belong to closed rings.

@@ -1,9 +1,20 @@
-"""A polyline at equal steps of arc length, on the host; ``scjax.scene.geometry.resample`` is the one for networks."""
+"""Polylines by arc length, on the host; ``scjax.scene.geometry`` has the functions for networks."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float64
+
+
+def cumulative_length(points: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, " points"]:
+    """Arc length in xy from the start to each point [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
+
+
+def smoothstep(t: np.ndarray) -> np.ndarray:
+    """Cubic step from 0 at ``t`` <= 0 to 1 at ``t`` >= 1, with slope 0 at both ends."""
+    t = np.clip(t, 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def resample_polyline(points: Float64[np.ndarray, "points 3"], count: int) -> Float64[np.ndarray, "count 3"]:

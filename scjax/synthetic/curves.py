@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
+from scjax.scene.polyline import cumulative_length
+
 ROAD_SPACING = 2.0  # m between the points of a road
 TURN_SPACING = 1.0  # m between the points of a turn
 
@@ -107,20 +109,9 @@ def slice_line(line: Line, start: float, end: float) -> Line:
     return np.stack([np.interp(positions, arc, line[:, d]) for d in (0, 1)], -1)
 
 
-def cumulative_length(line: Line) -> Float64[np.ndarray, " points"]:
-    """Arc length from the start to each point [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-
-
 def line_length(line: Line) -> float:
     """Length of ``line`` [m]."""
     return float(np.hypot(*np.diff(line, axis=0).T).sum())
-
-
-def smoothstep(t: np.ndarray) -> np.ndarray:
-    """Cubic step from 0 at ``t`` <= 0 to 1 at ``t`` >= 1, with slope 0 at both ends."""
-    t = np.clip(t, 0, 1)
-    return t * t * (3 - 2 * t)
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from scjax.synthetic.curves import cumulative_length
+from scjax.scene.polyline import cumulative_length
 from scjax.synthetic.network import Network
 
 _POINT_SPACING = 1.0  # m at most, between the points of a lane

@@ -7,7 +7,8 @@ import itertools
 
 import numpy as np
 
-from scjax.synthetic.curves import Line, cumulative_length, offset_line, smoothstep
+from scjax.scene.polyline import cumulative_length, smoothstep
+from scjax.synthetic.curves import Line, offset_line
 from scjax.synthetic.network import Arm, Lane, Network, Turn
 
 _POCKET_TAPER = 18.0  # m over which a turn pocket leaves its lane

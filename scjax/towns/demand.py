@@ -106,8 +106,7 @@ def _trips(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> li
     lanes = _part_of_town(lanes, demand)
     if not lanes:
         return []
-    lengths = np.array([lane.length for lane in lanes])
-    places = np.stack([lane.points[len(lane.points) // 2] for lane in lanes])
+    lengths, places = _lengths(lanes), _middles(lanes)
     number = demand.vehicles_per_km * lengths.sum() / 1000
     later = int(number * max(demand.seconds - _FILL_TIME, 0.0) / _MEAN_TRIP)
     times = np.concatenate([rng.uniform(0, _FILL_TIME, int(number)), rng.uniform(_FILL_TIME, demand.seconds, later)])
@@ -136,8 +135,7 @@ def _walks(network: SumoNetwork, demand: Demand, rng: np.random.Generator) -> li
     walks = _part_of_town(walks, demand)
     if not walks:
         return []
-    lengths = np.array([lane.length for lane in walks])
-    places = np.stack([lane.points[len(lane.points) // 2] for lane in walks])
+    lengths, places = _lengths(walks), _middles(walks)
     number = demand.people_per_km * lengths.sum() / 1000
     times = np.concatenate(
         [rng.uniform(0, 20.0, int(number)), rng.uniform(0, demand.seconds, int(number * demand.seconds / 200.0))]
@@ -161,9 +159,18 @@ def _part_of_town(lanes: list[SumoLane], demand: Demand) -> list[SumoLane]:
     """The lanes nearest to a random place, ``most_km`` of them at most; the same place for cars and people."""
     if sum(lane.length for lane in lanes) <= 1000 * demand.most_km:
         return lanes
-    middles = np.stack([lane.points[len(lane.points) // 2] for lane in lanes])
+    middles = _middles(lanes)
     share = np.random.default_rng([demand.seed, 13]).random(2)
     place = np.quantile(middles[:, 0], share[0]), np.quantile(middles[:, 1], share[1])
     order = np.argsort(np.hypot(*(middles - place).T))
     lengths = np.cumsum([lanes[row].length for row in order])
     return [lanes[row] for row in order[lengths <= 1000 * demand.most_km]]
+
+
+def _lengths(lanes: list[SumoLane]) -> np.ndarray:
+    return np.array([lane.length for lane in lanes])
+
+
+def _middles(lanes: list[SumoLane]) -> np.ndarray:
+    """A place near the middle of every lane [lanes, 2]."""
+    return np.stack([lane.points[len(lane.points) // 2] for lane in lanes])

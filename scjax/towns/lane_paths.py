@@ -15,6 +15,8 @@ from jaxtyping import Float64
 
 from scjax.data.readers.opendrive.lane_lines import LaneKey
 from scjax.data.readers.opendrive.road_map import RoadMap
+from scjax.language.road import wrap_to_pi
+from scjax.scene.polyline import cumulative_length
 from scjax.towns.sumo_network import SumoConnection, SumoLane, SumoNetwork
 
 MAX_OFFSET = 4.0  # m between a lane of SUMO and ours; SUMO shifts lanes where another one opens
@@ -75,7 +77,7 @@ def match_lanes(network: SumoNetwork, road_map: RoadMap, is_for_cars: Callable[[
 
 
 def _match_by_geometry(lane: SumoLane, candidates: list[LaneKey], road_map: RoadMap) -> LanePath | None:
-    arcs = _arc_lengths(lane.points)
+    arcs = cumulative_length(lane.points)
     samples = np.linspace(0.0, arcs[-1], max(int(arcs[-1] / _STEP), 1) + 1)
     xy = np.stack([np.interp(samples, arcs, column) for column in lane.points.T], -1)
     step = np.gradient(xy, axis=0) if len(xy) > 1 else np.zeros_like(xy)
@@ -83,7 +85,7 @@ def _match_by_geometry(lane: SumoLane, candidates: list[LaneKey], road_map: Road
     distances = np.full((len(candidates), len(xy)), np.inf)
     for row, key in enumerate(candidates):
         distance, place, direction = project(xy, road_map.lines[key].points)
-        turn = np.abs(np.angle(np.exp(1j * (direction - heading))))
+        turn = np.abs(wrap_to_pi(direction - heading))
         distance = distance + (0.0 if lane.origin is None or key.lane == lane.origin[1] else _OTHER_LANE)
         distances[row] = np.where(turn < _MAX_ANGLE, distance, np.inf)
     if not len(candidates) or not (distances.min(0) < MAX_OFFSET).any():
@@ -155,11 +157,7 @@ def _joined(keys: Iterable[LaneKey], road_map: RoadMap) -> tuple[np.ndarray, np.
     points = np.concatenate([road_map.lines[key].points for key in keys])
     step = np.hypot(*np.diff(points[:, :2], axis=0).T)
     points = points[np.concatenate([[True], step > 1e-3])]
-    return points, _arc_lengths(points)
-
-
-def _arc_lengths(points: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
+    return points, cumulative_length(points)
 
 
 def project(xy: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,7 +165,7 @@ def project(xy: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     start, step = points[:-1, :2], np.diff(points[:, :2], axis=0)
     squared = np.maximum((step * step).sum(-1), 1e-12)
     distance, place, heading = (np.empty(len(xy)) for _ in range(3))
-    arcs, headings = _arc_lengths(points), np.arctan2(step[:, 1], step[:, 0])
+    arcs, headings = cumulative_length(points), np.arctan2(step[:, 1], step[:, 0])
     for rows in np.array_split(np.arange(len(xy)), max(1, len(xy) * len(step) // 1_000_000 + 1)):
         offset = xy[rows, None] - start
         share = np.clip((offset * step).sum(-1) / squared, 0.0, 1.0)

@@ -2,8 +2,9 @@
 
 The wheel of py123d carries the maps as OpenDRIVE. Its own license (Apache-2.0) does not name them. CARLA's README says:
 "CARLA specific code is distributed under MIT License. CARLA specific assets are distributed under CC-BY License", and
-calls its urban layouts "created for this purpose". So records, and models trained on them, may be published if CARLA is
-named (``ATTRIBUTION``). Towns 01 to 07 are also in CARLA's repository opendrive-test-files, under the MIT License.
+calls its urban layouts "created for this purpose". No text says that the OpenDRIVE files are assets. We read it so:
+records, and models trained on them, may be published if CARLA is named (``ATTRIBUTION``). Towns 01 to 07 are also in
+CARLA's repository opendrive-test-files, under the MIT License.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.scene import AgentType
+from scjax.scene.polyline import cumulative_length
 from scjax.towns.demand import KINDS, PERSON_SIZE
 from scjax.towns.lane_paths import LanePath
 from scjax.towns.simulation import STEP, Drive
@@ -106,7 +107,7 @@ def _track_of(
         front[:, 1] -= side * _BICYCLE_MARGIN * np.cos(front[:, 3])
     behind = _way_behind(paths[lanes[0]], values[0, 4], size[0], front[0])
     line = np.concatenate([behind, front[:, :3]])
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    travelled = cumulative_length(line)
     places = _smooth(travelled[len(behind) :])
     center, heading = box_poses(line, travelled, places, size[0])
     center[:, 2] += size[2] / 2

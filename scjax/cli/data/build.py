@@ -83,9 +83,10 @@ def _pose_options(prefix: str, poses: str, defaults: PoseOptions) -> Callable[[C
 def data_build(
     source: str, out: str, workers: int, limit: int | None, no_resume: bool, strict: bool, **options: Any
 ) -> int:
-    """Cuts training records out of recorded scenes.
+    """Cuts training records out of recorded scenes or maps.
 
-    SCENES is searched for *.json.gz files of schema scene-json-1; folders named peer_outputs or images* are left out.
+    SCENES is one file, or a folder that is searched for *.json.gz files of schema scene-json-1, without folders named
+    peer_outputs or images*; else for *.xodr maps (OpenDRIVE), which hold no vehicle and need --lane-poses.
     RECORDS receives ArrayRecord shards train-*.arrayrecord and val-*.arrayrecord, an index of each split
     (train-index.npz, val-index.npz) and, last of all, manifest.json. A record holds everything within 80 m of one ego
     pose; crop and pose jitter are chosen when it is read.

@@ -70,3 +70,22 @@ class OneLog:
     def read(self, name: str) -> Log:
         """As the reader's."""
         return self.reader.read(name)
+
+
+def files_below(folder: str | Path, pattern: str, skipped: tuple[str, ...] = ()) -> list[str]:
+    """Files of a pattern relative to a folder, sorted.
+
+    Args:
+      skipped: beginnings of the names of folders that are left out.
+
+    Raises:
+      ValueError: if the folder does not exist or holds none.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder: give the folder that holds the {pattern} files")
+    paths = (path.relative_to(folder) for path in folder.rglob(pattern))
+    files = sorted(path.as_posix() for path in paths if not any(part.startswith(skipped) for part in path.parts[:-1]))
+    if not files:
+        raise ValueError(f"{folder}: no {pattern} files there: give the folder that holds them")
+    return files

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 from msgspec import Meta, Struct
 
-from scjax.data.readers.base import LogInfo
+from scjax.data.readers.base import LogInfo, files_below
 from scjax.data.readers.vocabulary import BICYCLE, LANE_WORDS, OBJECT_WORDS, SIGNAL_WORDS, look_up
 from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, LaneNeighbor, Log, LogMetadata, MapLane, Signal, validate_log
 from scjax.scene.document import convert_document, json_schema, parse_document
@@ -133,16 +133,7 @@ class SceneJsonReader:
         Raises:
           ValueError: if the folder does not exist or holds none.
         """
-        folder = Path(self.folder)
-        if not folder.is_dir():
-            raise ValueError(f"{folder}: no such folder: give the folder that holds the {PATTERN} scenes")
-        paths = (path.relative_to(folder) for path in folder.rglob(PATTERN))
-        files = sorted(
-            path.as_posix() for path in paths if not any(part.startswith(SKIPPED_FOLDERS) for part in path.parts[:-1])
-        )
-        if not files:
-            raise ValueError(f"{folder}: no {PATTERN} scenes there: give the folder that holds them")
-        return files
+        return files_below(self.folder, PATTERN, SKIPPED_FOLDERS)
 
     def scan(self, name: str) -> LogInfo:
         """Hash, data set and location of a file, or the reason why it cannot be used."""

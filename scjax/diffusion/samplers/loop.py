@@ -23,7 +23,6 @@ from scjax.diffusion.samplers.base import Sampler, SamplingContext, Step
 from scjax.diffusion.samplers.ddpm import DDPM
 from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.models.denoiser.config import Prediction
-from scjax.models.denoiser.estimate_features import SelfCondition
 from scjax.scene.per_type import PerType, generated_mask
 from scjax.scene.pytree import pytree
 
@@ -101,7 +100,6 @@ class SamplingLoop:
       latent_widths: latent size per type (config.agent_latent, config.lane_latent).
       max_tokens: as in ``scene_noise``.
       clip: bound on the absolute value of the state after every evaluation; None: no bound.
-      self_conditioning: whether ``denoise`` receives the last x0 estimate, too; at the first evaluation there is none.
     """
 
     sampler: Sampler
@@ -111,7 +109,6 @@ class SamplingLoop:
     max_tokens: PerType
     clip: float | None = DEFAULT_LATENT_BOUND
     dtype: Any = jnp.float32
-    self_conditioning: bool = False
 
     @property
     def levels(self) -> Int[np.ndarray, " evaluations"]:
@@ -151,11 +148,7 @@ class SamplingLoop:
                 self.update(inputs, temperature, before, x0, evaluation + 1),
             )
             level = jnp.broadcast_to(jnp.asarray(self.levels)[evaluation], state.x.agents.shape[:1])
-            estimates = ()
-            if self.self_conditioning:
-                present = jnp.broadcast_to(evaluation + 1 < len(self.levels), level.shape)
-                estimates = (SelfCondition(latents=x0, present=present),)
-            output = denoise(state.x, jnp.asarray(self.schedule.levels.time)[level], *estimates)
+            output = denoise(state.x, jnp.asarray(self.schedule.levels.time)[level])
             estimate = estimate_x0(self.schedule.levels[level], state.x, output, self.prediction)
             return state, set_known(estimate, inputs.known, inputs.known_latents)
 
@@ -198,7 +191,6 @@ def sample_latents(
     temperature: PerType = DEFAULT_TEMPERATURE,
     clip: float | None = DEFAULT_LATENT_BOUND,
     dtype=jnp.float32,
-    self_conditioning: bool = False,
 ) -> PerType:
     """Samples latents [B, tokens, latent] per type in one program.
 
@@ -207,13 +199,13 @@ def sample_latents(
     Args:
       denoise: (noisy latents, times [B], all equal) -> network output; guidance is a wrapper around it.
       keys, masks, known, known_latents: as in ``LoopInputs``.
-      schedule, sampler, prediction, latent_widths, max_tokens, clip, self_conditioning: as in ``SamplingLoop``.
+      schedule, sampler, prediction, latent_widths, max_tokens, clip: as in ``SamplingLoop``.
       temperature: scale of the initial noise and of the noise of all steps per type.
 
     Returns:
       Latents, zero at padding.
     """
-    loop = SamplingLoop(sampler, schedule, prediction, latent_widths, max_tokens, clip, dtype, self_conditioning)
+    loop = SamplingLoop(sampler, schedule, prediction, latent_widths, max_tokens, clip, dtype)
     inputs = LoopInputs(keys=keys, masks=masks, known=known, known_latents=known_latents)
 
     start, highest = loop.start(inputs, temperature), len(loop.levels) - 1

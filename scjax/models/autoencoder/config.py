@@ -89,8 +89,6 @@ class AutoencoderConfig:
       max_lanes: the lane-count head has the classes 0..max_lanes.
       known_inputs: append flags to the inputs that separate recorded from filled-in values (z; z, length, width,
         height).
-      min_posterior_std: added to the posterior's deviation, in quadrature, so that noise of this size in the latents
-        moves elements little. Not in the release.
       shared_endpoints: whether decoded lane ends that links join become one point (``models.shared_endpoints``). Not in
         the release.
       compute: precision of the operands of matrix products; everything else is float32.
@@ -115,7 +113,6 @@ class AutoencoderConfig:
     columns: int = 9
     max_lanes: int = 100
     known_inputs: bool = False
-    min_posterior_std: float = 0.0
     shared_endpoints: bool = False
     compute: Compute = "float32"
 
@@ -134,10 +131,6 @@ class AutoencoderConfig:
         if self.known_inputs and self.columns != 9:
             raise ValueError(
                 f"known_inputs needs the 9 agent columns of scjax.scene, not {self.columns}: switch it off"
-            )
-        if not 0 <= self.min_posterior_std <= 1:
-            raise ValueError(
-                f"min_posterior_std must lie in 0..1 (1 is the deviation of the prior), not {self.min_posterior_std}"
             )
         check_compute(self.compute)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import jax
 import jax.numpy as jnp
 from flax import nnx
@@ -65,12 +63,9 @@ class SceneEncoder(nnx.Module):
                 trace[f"block{i}/query"] = query[:, 0]
             edges = edges if values is None else DenseEdges(values)
 
-        logvar = PerType(agents=self.agent_logvar(nodes.agents), lanes=self.lane_logvar(nodes.lanes))
-        if least := self.config.min_posterior_std:
-            logvar = jax.tree.map(lambda x: jnp.logaddexp(x, 2 * math.log(least)), logvar)
         return Posterior(
             mean=_masked(PerType(agents=self.agent_mean(nodes.agents), lanes=self.lane_mean(nodes.lanes)), mask),
-            logvar=_masked(logvar, mask),
+            logvar=_masked(PerType(agents=self.agent_logvar(nodes.agents), lanes=self.lane_logvar(nodes.lanes)), mask),
             lane_count_logits=self.lane_count(query[:, 0]),
         )
 

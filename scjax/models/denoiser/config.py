@@ -89,7 +89,6 @@ class DenoiserConfig:
       fourier_octaves: wavelengths of the Fourier features, each half of the one before; the first is 8 deviations.
       relative_geometry: add features of nearby tokens to the embeddings (``denoiser.relative_geometry``). Not in the
         release.
-      self_conditioning: read the last x0 estimate, too (``denoiser.estimate_features``). Not in the release.
       prediction: what the network predicts, "noise" (official), "velocity" or "flow".
       schedule: noise levels of training and sampling, "cosine" (official) or "log_snr".
       cross_adaln_init: "zero" (a fresh conditional network equals its unconditional part) or "xavier" (official).
@@ -117,7 +116,6 @@ class DenoiserConfig:
     fourier_features: int = 0
     fourier_octaves: int = 6
     relative_geometry: bool = False
-    self_conditioning: bool = False
     prediction: Prediction = "noise"
     schedule: Schedule = "cosine"
     cross_adaln_init: Literal["zero", "xavier"] = "zero"

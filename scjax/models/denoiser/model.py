@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
-from scjax.models.denoiser.estimate_features import EstimateFeatures, SelfCondition
 from scjax.models.denoiser.fourier_features import FourierFeatures
 from scjax.models.denoiser.position_head import PositionHeads
 from scjax.models.denoiser.relative_geometry import RelativeGeometry
@@ -126,50 +125,14 @@ class Denoiser(nnx.Module):
         # Full precision: at low noise levels the little noise must be separated from latents that are mostly signal.
         self.lane_embedder = ResidualMLP(config.lane_latent, lane, init=init)
         self.agent_embedder = ResidualMLP(config.agent_latent, agent, init=init)
-        fourier_features = config.fourier_features
-        self.lane_fourier = (
-            FourierFeatures(
-                config.lane_latent,
-                lane,
-                fourier_features,
-                init=init,
-                octaves=config.fourier_octaves,
-                compute=compute,
-            )
-            if fourier_features
-            else None
-        )
-        self.agent_fourier = (
-            FourierFeatures(
-                config.agent_latent,
-                agent,
-                fourier_features,
-                init=init,
-                octaves=config.fourier_octaves,
-                compute=compute,
-            )
-            if fourier_features
-            else None
-        )
+        self.lane_fourier = _fourier_features(config, config.lane_latent, lane, init)
+        self.agent_fourier = _fourier_features(config, config.agent_latent, agent, init)
         self.position_heads = (
             PositionHeads(config.agent_latent, config.lane_latent, init=init) if config.relative_geometry else None
         )
         self.relative_geometry = (
             RelativeGeometry(PerType(agents=agent, lanes=lane), init=init, compute=compute)
             if config.relative_geometry
-            else None
-        )
-        self.estimate_features = (
-            EstimateFeatures(
-                PerType(agents=config.agent_latent, lanes=config.lane_latent),
-                PerType(agents=agent, lanes=lane),
-                init=init,
-                projections=fourier_features,
-                octaves=config.fourier_octaves,
-                relative_geometry=config.relative_geometry,
-                compute=compute,
-            )
-            if config.self_conditioning
             else None
         )
         self.time_in = Linear(TIME_CODE, lane, init=init, compute=compute, std=_STD)
@@ -256,7 +219,6 @@ class Denoiser(nnx.Module):
         modulation: dict | None = None,
         trace: dict | None = None,
         aux: dict[str, AuxOutputs] | None = None,
-        estimate: SelfCondition | None = None,
     ) -> PerType:
         """Estimate of the noise or a velocity (``config.prediction``), shaped as ``z``; zero at padding.
 
@@ -273,7 +235,6 @@ class Denoiser(nnx.Module):
           modulation: precomputed by ``modulation``; then ``t`` and ``label`` are ignored.
           trace: receives intermediate arrays, named as in the golden vectors, if it is a dict.
           aux: receives losses and metrics of the conditioning, by block and stage, if it is a dict.
-          estimate: the last x0 estimate, with ``config.self_conditioning``; None: there is none.
         """
         z = jax.tree.map(lambda latents, mask: jnp.where(mask[..., None], latents, 0), z, masks)
         tokens = PerType(agents=self.agent_embedder(z.agents), lanes=self.lane_embedder(z.lanes))
@@ -282,9 +243,6 @@ class Denoiser(nnx.Module):
             tokens = jax.tree.map(jnp.add, tokens, fourier_features)
         if self.relative_geometry is not None and self.position_heads is not None:
             tokens = jax.tree.map(jnp.add, tokens, self.relative_geometry(self.position_heads(z), masks))
-        if self.estimate_features is not None and estimate is not None:
-            additions = self.estimate_features(estimate, masks, self.position_heads)
-            tokens = jax.tree.map(jnp.add, tokens, additions)
         if trace is not None:
             trace |= {"embed_lane": tokens.lanes, "embed_agent": tokens.agents}
         config = self.config
@@ -321,6 +279,13 @@ class Denoiser(nnx.Module):
             agents=self.agent_head(tokens.agents, heads.agents), lanes=self.lane_head(tokens.lanes, heads.lanes)
         )
         return jax.tree.map(lambda noise, mask: jnp.where(mask[..., None], noise, 0), eps, masks)
+
+
+def _fourier_features(config: DenoiserConfig, latent: int, width: int, init: ParamInit) -> FourierFeatures | None:
+    if not config.fourier_features:
+        return None
+    octaves, compute = config.fourier_octaves, config.compute
+    return FourierFeatures(latent, width, config.fourier_features, init=init, octaves=octaves, compute=compute)
 
 
 def _add_positions(

@@ -208,7 +208,6 @@ class DenoiserObjective:
             condition_dropout=self.options.condition_dropout,
             count_known=self.options.count_known,
             penalty=penalty if self.penalties else None,
-            self_conditioning=self.model.self_conditioning,
         )
 
     def evaluate(self, params: Params) -> dict[str, float]:

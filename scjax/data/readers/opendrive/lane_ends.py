@@ -9,6 +9,7 @@ import numpy as np
 
 from scjax.data.readers.opendrive.lane_lines import LaneKey, LaneLine
 from scjax.data.readers.opendrive.lane_links import Links
+from scjax.scene.polyline import cumulative_length, smoothstep
 
 MAX_GAP = 0.3  # m; ends farther apart are not meant to meet
 _LEAST_REACH, _REACH = 3.0, 20.0  # m along a lane, and for each meter of a gap
@@ -79,15 +80,14 @@ def _moved(line: LaneLine, is_end: bool, shift: np.ndarray, reach: float) -> Lan
     """A lane with one end moved by ``shift`` [m], over ``reach`` m along it for each meter; its other end stays."""
     order = slice(None, None, -1 if is_end else 1)
     table = np.column_stack([line.points, line.widths])[order]
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
+    arc = cumulative_length(table)
     length = min(max(_LEAST_REACH, reach * float(np.linalg.norm(shift))), float(arc[-1]))
     if np.linalg.norm(shift) > _SMALL_SHIFT:
         parts = np.where(arc[:-1] < length, np.ceil(np.diff(arc) / _STEP), 1).astype(int)
         places = np.append(np.repeat(arc[:-1], parts) + _fractions(parts) * np.repeat(np.diff(arc), parts), arc[-1])
         table = np.stack([np.interp(places, arc, column) for column in table.T], -1)
         arc = places
-    share = np.clip(1 - arc / max(length, 1e-9), 0.0, 1.0)
-    table[:, :3] += (share * share * (3 - 2 * share))[:, None] * shift
+    table[:, :3] += smoothstep(1 - arc / max(length, 1e-9))[:, None] * shift
     table = table[order]
     return dataclasses.replace(line, points=table[:, :3].copy(), widths=table[:, 3].copy())
 

@@ -12,6 +12,7 @@ from scjax.data.readers.opendrive.lane_sections import NO_WIDTH
 from scjax.data.readers.opendrive.lateral import lane_borders
 from scjax.data.readers.opendrive.roads import LaneSection, MapRoad, SectionLane
 from scjax.scene.limits import MAX_COORDINATE
+from scjax.scene.polyline import cumulative_length
 
 MAX_DEVIATION = 0.005  # m between a centerline and its chords
 MAX_STEP_TURN = np.deg2rad(3.0)  # between two chords
@@ -56,7 +57,7 @@ class LaneLine:
     @property
     def length(self) -> float:
         """Length in the plane [m]."""
-        return float(np.hypot(*np.diff(self.points[:, :2], axis=0).T).sum())
+        return float(cumulative_length(self.points)[-1])
 
 
 def sample_section(road: MapRoad, index: int, section: LaneSection) -> list[LaneLine]:

@@ -141,7 +141,7 @@ def _ways_through(
             if lines[following].in_junction:
                 ways.append(following)
                 continue
-            length = distance + float(lines[following].length)
+            length = distance + lines[following].length
             if length < _WAY_TO_JUNCTION:
                 front.append((following, length))
     return ways or [start]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.data.readers.opendrive.roads import LaneSection, MapRoad, SectionLane
+from scjax.scene.polyline import smoothstep
 
 _SMALLEST_JUMP = 1e-3  # m
 _LEAST_REACH, _REACH = 3.0, 10.0  # m before and after a jump, and for each meter of it
@@ -33,8 +34,7 @@ def lane_borders(road: MapRoad, section: LaneSection, s: np.ndarray, at: np.ndar
         place = inner[k]
         reach = np.maximum(_LEAST_REACH, _REACH * np.abs(jumps[:, k]))[:, None]
         low, high = np.maximum(place - reach, section.start), np.minimum(place + reach, section.end)
-        share = np.clip((s - low) / (high - low), 0.0, 1.0)
-        borders = borders + jumps[:, k, None] * (share * share * (3 - 2 * share) - (at > place))
+        borders = borders + jumps[:, k, None] * (smoothstep((s - low) / (high - low)) - (at > place))
     outward = np.array([0, *(np.sign(lane.id) for lane in section.lanes)])[:, None]
     for row in range(1, len(borders)):  # a border stays outside of the one before
         side = outward[row]

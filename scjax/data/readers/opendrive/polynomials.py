@@ -36,11 +36,6 @@ class Cubics:
         a, b, c, d = self.coefficients[row].T
         return a + ds * (b + ds * (c + ds * d))
 
-    @property
-    def is_zero(self) -> bool:
-        """Whether it is 0 everywhere."""
-        return not self.coefficients.any()
-
 
 def constant(value: float) -> Cubics:
     """The same value everywhere."""

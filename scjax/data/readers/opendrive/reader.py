@@ -6,11 +6,13 @@ not. Lights for cars give the lanes that they control; signs are counted.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
-from scjax.data.readers.base import LogInfo
+from scjax.data.readers.base import LogInfo, files_below
 from scjax.data.readers.opendrive.elements import MAX_BYTES, parse_elements
 from scjax.data.readers.opendrive.map_lanes import road_map_log
 from scjax.data.readers.opendrive.road_map import RoadMap, build_road_map
@@ -36,13 +38,7 @@ class OpenDriveReader:
         Raises:
           ValueError: if the folder does not exist or holds none.
         """
-        folder = Path(self.folder)
-        if not folder.is_dir():
-            raise ValueError(f"{folder}: no such folder: give the folder that holds the {OPENDRIVE_PATTERN} files")
-        files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob(OPENDRIVE_PATTERN))
-        if not files:
-            raise ValueError(f"{folder}: no {OPENDRIVE_PATTERN} files there: give the folder that holds them")
-        return files
+        return files_below(self.folder, OPENDRIVE_PATTERN)
 
     def scan(self, name: str) -> LogInfo:
         """Hash and location of a file, or the reason why it cannot be read."""
@@ -72,7 +68,7 @@ def read_opendrive(path: str | Path, location: str = "") -> Log:
     """
     path = Path(path)
     data = _read_bytes(path)
-    try:
+    with _named(path):
         road_map = build_road_map(parse_elements(data))
         metadata = LogMetadata(
             domain=OPENDRIVE_DOMAIN,
@@ -85,8 +81,6 @@ def read_opendrive(path: str | Path, location: str = "") -> Log:
             notes=dict(sorted(road_map.notes.items())),
         )
         return validate_log(road_map_log(road_map, metadata))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def read_road_map(path: str | Path) -> RoadMap:
@@ -95,10 +89,18 @@ def read_road_map(path: str | Path) -> RoadMap:
     Raises:
       ValueError: as ``read_opendrive``.
     """
+    data = _read_bytes(Path(path))
+    with _named(path):
+        return build_road_map(parse_elements(data))
+
+
+@contextlib.contextmanager
+def _named(path: str | Path) -> Iterator[None]:
+    """Within it, errors name the file."""
     try:
-        return build_road_map(parse_elements(_read_bytes(Path(path))))
+        yield
     except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _read_bytes(path: Path) -> bytes:

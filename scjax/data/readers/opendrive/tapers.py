@@ -13,6 +13,7 @@ import numpy as np
 
 from scjax.data.readers.opendrive.lane_lines import LaneKey, LaneLine
 from scjax.data.readers.opendrive.lane_links import Links
+from scjax.scene.polyline import cumulative_length, smoothstep
 
 CLOSED_WIDTH = 0.5  # m at an end of a lane that opens or closes there
 _OPEN_SHARE = 0.9  # of the greatest width, from which on a lane is open
@@ -58,8 +59,7 @@ def _way_over(line: LaneLine, beside: LaneLine, is_end: bool) -> np.ndarray:
     """Points of a lane that begins (ends) in the middle of the lane beside it [points, 3]."""
     order = slice(None, None, -1 if is_end else 1)
     own, other, widths = line.points[order], beside.points[order], line.widths[order]
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(other[:, :2], axis=0).T))])
+    arc = cumulative_length(other)
     length = arc[int(np.argmax(widths >= _OPEN_SHARE * widths.max()))]
     length = min(max(float(length), _LEAST_LENGTH), float(arc[-1]))
-    share = np.clip(arc / length, 0.0, 1.0)
-    return (other + (share * share * (3 - 2 * share))[:, None] * (own - other))[order]
+    return (other + smoothstep(arc / length)[:, None] * (own - other))[order]
