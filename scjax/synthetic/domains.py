@@ -1,7 +1,7 @@
 """Domains: kinds of places, with their networks, traffic and pedestrians. In one domain traffic keeps left.
 
 To add a domain, add a line to ``DOMAINS``; shares are relative, so existing ones keep their ratio. Every change of
-``DOMAINS`` changes the worlds of all seeds: raise ``scjax.synthetic.world.VERSION``.
+``DOMAINS`` changes the worlds of all seeds: raise ``scjax.synthetic.setting.VERSION``.
 """
 
 from __future__ import annotations

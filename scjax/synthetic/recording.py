@@ -8,7 +8,11 @@ import numpy as np
 
 from scjax.scene import LaneNeighbor, Log, LogMetadata, MapLane, Signal
 from scjax.synthetic.actors import concatenate_actors
-from scjax.synthetic.world import VERSION, World, moment_times
+from scjax.synthetic.ground import Ground
+from scjax.synthetic.network import Network
+from scjax.synthetic.setting import VERSION
+from scjax.synthetic.stage import moment_times
+from scjax.synthetic.world import World
 
 
 def to_log(world: World) -> Log:
@@ -37,16 +41,9 @@ def to_log(world: World) -> Log:
         signal_lane_ids=tuple(str(lane) for lane in signal_lanes),
         signal_states=signals[signal_lanes].astype(np.int8),
         signal_positions=np.full((len(signal_lanes), 3), np.nan),
-        lanes=_map_lanes(world, flip),
+        lanes=map_lanes(world.net, world.ground, flip),
         has_topology=True,
-        metadata=LogMetadata(
-            domain=world.domain,
-            scene_id=world.name,
-            location_cluster=world.name,
-            variant="synthetic",
-            source_file=f"synthetic world {world.name}",
-            source_sha256=hashlib.sha256(f"{VERSION} {world.name}".encode()).hexdigest(),
-        ),
+        metadata=world_metadata(world.name, world.domain),
     )
 
 
@@ -55,15 +52,28 @@ def object_index(world: World, moment: int, agent: int) -> int:
     return sum(len(world.moments[m]) for m in range(moment)) + agent
 
 
-def _map_lanes(world: World, flip: float) -> tuple[MapLane, ...]:
-    lanes = world.net.lanes
+def world_metadata(name: str, domain: str) -> LogMetadata:
+    """Where the logs of a world come from."""
+    return LogMetadata(
+        domain=domain,
+        scene_id=name,
+        location_cluster=name,
+        variant="synthetic",
+        source_file=f"synthetic world {name}",
+        source_sha256=hashlib.sha256(f"{VERSION} {name}".encode()).hexdigest(),
+    )
+
+
+def map_lanes(net: Network, ground: Ground, flip: float) -> tuple[MapLane, ...]:
+    """The lanes of a network as a map; ``flip`` -1 mirrors it for left-hand traffic."""
+    lanes = net.lanes
     predecessors: list[list[str]] = [[] for _ in lanes]
     for k, lane in enumerate(lanes):
         for successor in lane.successors:
             predecessors[successor].append(str(k))
     map_lanes = []
     for k, lane in enumerate(lanes):
-        z = world.ground.height(lane.points) + lane.height
+        z = ground.height(lane.points) + lane.height
         points = np.column_stack([lane.points * np.array([1.0, flip]), z])
         sides = [() if other is None else (LaneNeighbor(str(other)),) for other in (lane.left, lane.right)]
         left, right = sides if flip > 0 else sides[::-1]

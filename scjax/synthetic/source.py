@@ -18,7 +18,8 @@ from scjax.language.events import EVENTS
 from scjax.synthetic.domains import draw_domain
 from scjax.synthetic.labels import SceneLabel, label_scene
 from scjax.synthetic.recording import object_index, to_log
-from scjax.synthetic.world import VERSION, make_world
+from scjax.synthetic.setting import VERSION
+from scjax.synthetic.world import make_world
 
 _MAX_SCENES_PER_EVENT = 2  # of a world, since many vehicles see the same jam
 

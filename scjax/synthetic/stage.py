@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import Float64
 
 from scjax.scene import AgentType
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
 from scjax.synthetic.bystanders import Bystanders
 from scjax.synthetic.events import StagedEvent
+from scjax.synthetic.events.base import LEAD_TIME
 from scjax.synthetic.network import Network
 from scjax.synthetic.traffic import TIME_STEP, TrafficSimulation
 from scjax.synthetic.traffic.fleet import vehicle_ids
+
+NUM_MOMENTS = 3  # of a world
+_MOMENT_INTERVAL = 12.0  # s
+_WARM_UP_TIME = 22.0  # s of traffic before the first moment
 
 
 @dataclasses.dataclass
@@ -52,6 +59,31 @@ class Stage:
         )
         made.ids = vehicle_ids(fleet, rows)
         return made
+
+
+def moment_times(count: int = NUM_MOMENTS) -> Float64[np.ndarray, " count"]:
+    """Times of the first ``count`` moments of a world [s]."""
+    return _WARM_UP_TIME + _MOMENT_INTERVAL * np.arange(count)
+
+
+def play(stage: Stage, rng: np.random.Generator, ahead: float = 0.0) -> Iterator[tuple[int, float]]:
+    """Runs a stage through all moments, and ``ahead`` [s] after the last.
+
+    Yields:
+      After every step the number of the moment, and the time from it, negative before it [s]. Each moment has the
+      steps from ``LEAD_TIME`` before it until those of the next one.
+    """
+    step = -round(_WARM_UP_TIME / TIME_STEP)
+    lead, interval = round(LEAD_TIME / TIME_STEP), round(_MOMENT_INTERVAL / TIME_STEP)
+    for moment in range(NUM_MOMENTS):
+        last = interval - lead if moment + 1 < NUM_MOMENTS else round(ahead / TIME_STEP)
+        while step < last:
+            if step == -lead and stage.event is not None:
+                stage.event.start(stage.simulation, rng)
+            stage.run(TIME_STEP)
+            step += 1
+            yield moment, step * TIME_STEP
+        step = -lead
 
 
 def without_overlaps(agents: Actors) -> Actors:

@@ -10,29 +10,19 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
-from scjax.language.events import EVENTS
 from scjax.scene import AgentType
-from scjax.synthetic import actors, domains
+from scjax.synthetic import domains
 from scjax.synthetic.actors import Actors
-from scjax.synthetic.bystanders import draw_bystanders
-from scjax.synthetic.events import StagedEvent, draw_event
-from scjax.synthetic.events.base import LEAD_TIME
+from scjax.synthetic.events import StagedEvent
 from scjax.synthetic.ground import Ground
-from scjax.synthetic.lane_arrays import LaneArrays, build_lane_arrays
+from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
-from scjax.synthetic.network_types import draw_network
-from scjax.synthetic.signals import SignalTiming
-from scjax.synthetic.stage import Stage, without_overlaps
-from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
+from scjax.synthetic.setting import VERSION, draw_setting
+from scjax.synthetic.stage import play, without_overlaps
 
-VERSION = 2  # raise it with every change of what a seed gives
 MAX_SCENES = 15  # per world
-_NUM_MOMENTS = 3
-_MOMENT_INTERVAL = 12.0  # s
-_WARM_UP_TIME = 22.0  # s of traffic before the first moment
-_SIGNALS_RECORDED_SHARE = 0.8  # of the worlds with signals
+_EGOS = 2  # stream of random numbers for the choice of egos
 _EGO_DISTANCE = 14.0  # m between the egos of a world, over all moments
 _EVENT_EGO_DISTANCE = _EGO_DISTANCE / 3  # m for egos that see an event
 _JUNCTION_DISTANCE = 30.0  # m, recordings dwell close to junctions
@@ -95,73 +85,26 @@ def make_world(seed: int, k: int, events: Sequence[str] = (), event_share: float
     Raises:
       ValueError: if one of the numbers is negative.
     """
-    if seed < 0 or k < 0:
-        raise ValueError(f"seed is {seed} and k is {k}: worlds are counted from 0")
-    rng = np.random.default_rng([VERSION, seed, k])
-    domain = domains.draw_domain(rng)
-    network_type = domain.draw_network_type(rng)
-    net = draw_network(network_type, domain.style, rng)
-    lanes = build_lane_arrays(net)
-    timings = [SignalTiming.draw(junction, rng) for junction in net.junctions if junction.phases]
-    records_signals = bool(timings) and rng.random() < _SIGNALS_RECORDED_SHARE
-    stage = _draw_stage(domain, net, lanes, timings, events, event_share, rng)
+    setting = draw_setting(seed, k, events, event_share)
+    stage, rng = setting.stage, np.random.default_rng([VERSION, seed, k, _EGOS])
     moments, signals, egos = [], [], []
-    for moment in range(_NUM_MOMENTS):
-        run_to_moment(stage, moment, rng)
-        scene = without_overlaps(stage.agents())
-        moments.append(scene)
-        lights = stage.simulation.signals
-        signals.append(lights.copy() if records_signals else np.zeros_like(lights))
-        egos += _draw_egos(scene, net, moment, stage.event, rng)
+    for moment, time in play(stage, setting.rng):
+        if time == 0.0:
+            moments.append(without_overlaps(stage.agents()))
+            signals.append(setting.recorded_signals())
+            egos += _draw_egos(moments[-1], setting.net, moment, stage.event, rng)
     return World(
-        name=f"{domain.name}-{seed}-{k:06d}",
-        domain=domain.name,
-        network_type=network_type,
-        mirrored=domain.left_hand,
-        net=net,
-        lanes=lanes,
-        ground=Ground.draw(rng),
+        name=setting.name,
+        domain=setting.domain.name,
+        network_type=setting.network_type,
+        mirrored=setting.domain.left_hand,
+        net=setting.net,
+        lanes=setting.lanes,
+        ground=setting.ground,
         moments=tuple(moments),
         signals=tuple(signals),
         egos=tuple(_select_egos(egos, moments)),
     )
-
-
-def moment_times(count: int) -> Float64[np.ndarray, " count"]:
-    """Times of the first ``count`` moments of a world [s]."""
-    return _WARM_UP_TIME + _MOMENT_INTERVAL * np.arange(count)
-
-
-def run_to_moment(stage: Stage, moment: int, rng: np.random.Generator) -> None:
-    """Lets the time pass until ``moment``, after the one before; the event starts anew."""
-    stage.run((_MOMENT_INTERVAL if moment else _WARM_UP_TIME) - LEAD_TIME)
-    if stage.event is not None:
-        stage.event.start(stage.simulation, rng)
-    stage.run(LEAD_TIME)
-
-
-def _draw_stage(
-    domain: domains.Domain,
-    net: Network,
-    lanes: LaneArrays,
-    timings: list[SignalTiming],
-    events: Sequence[str],
-    event_share: float,
-    rng: np.random.Generator,
-) -> Stage:
-    """Random traffic, bystanders and event of a network."""
-    event = None
-    if rng.random() < (1.0 if events else event_share):
-        choices = events or EVENTS
-        event = draw_event(choices[int(rng.integers(len(choices)))], net, lanes, rng)
-    densities = domain.draw_densities(net, lanes, rng)
-    fleet = draw_fleet(lanes, densities, lambda count: actors.draw_vehicle_sizes(count, rng), rng)
-    if event is not None:
-        fleet = event.prepare_traffic(fleet, rng)
-    simulation = TrafficSimulation(lanes, timings, fleet, rng)
-    pedestrian_density, cyclist_density = domain.pedestrians.draw(rng), domain.cyclists.draw(rng)
-    bystanders = draw_bystanders(net, lanes, pedestrian_density, cyclist_density, rng)
-    return Stage(net, simulation, bystanders, event)
 
 
 def _draw_egos(

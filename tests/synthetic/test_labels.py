@@ -11,7 +11,8 @@ from scjax.language.facts import Facts, extract_facts
 from scjax.scene import AgentType
 from scjax.synthetic.domains import draw_domain
 from scjax.synthetic.labels import SceneLabel, label_scene
-from scjax.synthetic.world import VERSION, make_world
+from scjax.synthetic.setting import VERSION
+from scjax.synthetic.world import make_world
 from tests.factories.synthetic_scenes import example_worlds, scenes_of
 
 

@@ -12,6 +12,7 @@ import click
 from scjax.cli.data.build import data_build
 from scjax.cli.data.caption import data_caption
 from scjax.cli.data.embed import data_embed
+from scjax.cli.data.logs import data_logs
 from scjax.cli.data.scenes import data_scenes
 from scjax.cli.data.synthetic import data_synthetic
 from scjax.cli.data.towns import data_towns
@@ -32,7 +33,7 @@ def data() -> None:
     """
 
 
-for command in (data_build, data_synthetic, data_towns, data_caption, data_embed, data_scenes):
+for command in (data_build, data_synthetic, data_towns, data_caption, data_embed, data_scenes, data_logs):
     data.add_command(command)
 
 
