@@ -95,9 +95,7 @@ def build_lane_arrays(net: Network) -> LaneArrays:
         successor_shares=shares,
         is_merge=num_predecessors > 1,
         conflicts=_find_conflicts(net, lines),
-        entries=np.array(
-            [k for k, lane in enumerate(net.lanes) if not num_predecessors[k] and not lane.is_center_turn], int
-        ),
+        entries=np.flatnonzero(num_predecessors == 0),
     )
 
 
