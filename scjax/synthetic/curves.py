@@ -52,7 +52,7 @@ def cubic_curve(
 
 
 def turn_curve(before: Line, after: Line) -> Line:
-    """A line from the end of one lane to the start of another, tangent to both: straight, then nearly an arc."""
+    """A line from the end of one lane to the start of another, tangent to both: straight, then an arc."""
     start, end = before[-1], after[0]
     start_direction, end_direction = _unit(before[-1] - before[-2]), _unit(after[1] - after[0])
     cross = start_direction[0] * end_direction[1] - start_direction[1] * end_direction[0]
@@ -64,15 +64,20 @@ def turn_curve(before: Line, after: Line) -> Line:
         reach = min(to_corner, from_corner)
         if reach > _MIN_CORNER_REACH:
             corner = start + to_corner * start_direction
-            bend = cubic_curve(
-                corner - reach * start_direction,
-                _heading(start_direction),
-                corner + reach * end_direction,
-                _heading(end_direction),
-                0.5,
-            )
-            return resample_line(np.concatenate([start[None], bend[1:-1], end[None]]), TURN_SPACING)
+            bend = _fillet(corner, start_direction, end_direction, reach)
+            return resample_line(np.concatenate([start[None], bend, end[None]]), TURN_SPACING)
     return cubic_curve(start, _heading(start_direction), end, _heading(end_direction), TURN_SPACING)
+
+
+def _fillet(corner: np.ndarray, start_direction: np.ndarray, end_direction: np.ndarray, reach: float) -> Line:
+    """The arc that is tangent to two directions at ``reach`` [m] before and after ``corner``, without its ends."""
+    cross = start_direction[0] * end_direction[1] - start_direction[1] * end_direction[0]
+    turn = float(np.arctan2(cross, start_direction @ end_direction))
+    radius = reach / np.tan(turn / 2)  # negative to the right
+    angle = np.linspace(0, turn, max(8, round(abs(radius * turn) / 0.5)))[1:-1, None]
+    left = np.array([-start_direction[1], start_direction[0]])
+    start = corner - reach * start_direction
+    return start + radius * (np.sin(angle) * start_direction + (1 - np.cos(angle)) * left)
 
 
 def straight_line(start: np.ndarray, heading: float, length: float) -> Line:

@@ -72,9 +72,8 @@ class Domain:
         """Vehicles per meter of every lane [lanes]."""
         density = self.traffic.median / 100 * np.exp(self.traffic.spread * rng.normal())
         variation = np.exp(_LANE_SPREAD * rng.normal(size=len(net.lanes)))
-        has_traffic = np.array([0.0 if lane.is_center_turn else 1.0 for lane in net.lanes])
         headway_factor = np.clip(12.0 / lanes.speed, 0.5, 1.6)  # fast traffic keeps larger distances
-        return np.minimum(density * variation * has_traffic * headway_factor, _MAX_DENSITY)
+        return np.minimum(density * variation * headway_factor, _MAX_DENSITY)
 
 
 _CITY = StreetStyle(
@@ -92,8 +91,7 @@ _SUBURB = StreetStyle(
     limits=(30, 35, 40, 45, 50, 55),
     widths=(3.3, 3.75),
     lanes=(0.12, 0.38, 0.33, 0.17),
-    medians=(0.0, 1.2, 3.4, 4.5),
-    center_turn_lane=0.25,
+    medians=(0.0, 1.2, 3.4, 3.6, 4.5),
     parking=0.15,
     sidewalks=0.8,
     signals=0.6,

@@ -12,20 +12,23 @@ _MAX_STRAIGHT_ANGLE = np.deg2rad(38.0)
 _MAX_TURN_ANGLE = np.deg2rad(150.0)  # larger changes of direction are U-turns
 _CORNER_ANGLES = np.deg2rad((15.0, 165.0))  # between neighboring arms that share a corner
 _RIGHT_TURN_SPEED, _LEFT_TURN_SPEED = 6.0, 7.5  # m/s
-_MIN_STOP_DISTANCE, _MAX_STOP_DISTANCE = 5.0, 34.0  # m
+_MIN_STOP_DISTANCE, _MAX_STOP_DISTANCE = 5.0, 36.0  # m
+_MIN_CORNER_ROOM = 2.5  # m between a corner and the stop lines
 _TURN_RANK = {"through": 0, "right": 1, "left": 2}
 _LEFT_ONLY_SHARE, _RIGHT_ONLY_SHARE = 0.4, 0.2  # of junctions with lanes for one turn only
 
 
-def stop_distances(
-    angles: list[float], arriving: list[float], leaving: list[float], corners: list[float]
-) -> list[float]:
+class InfeasiblePlan(Exception):
+    """The roads of a plan are too close to each other, or do not connect."""
+
+
+def stop_distances(angles: list[float], arriving: list[float], leaving: list[float], radii: list[float]) -> list[float]:
     """Distances of the stop lines from the center, so that neighboring roads do not overlap [m].
 
     Args:
       angles: directions of the arms, ascending [rad].
       arriving, leaving: half widths of each arm on the side of the lanes that arrive and that leave [m].
-      corners: room between the corner and the stop line of each arm [m].
+      radii: of the curb at the corners of each arm [m].
     """
     distances = [_MIN_STOP_DISTANCE] * len(angles)
     for i in range(len(angles)):
@@ -34,29 +37,45 @@ def stop_distances(
         if not _CORNER_ANGLES[0] < gap < _CORNER_ANGLES[1]:
             continue
         sin, cos = np.sin(gap), np.cos(gap)
-        distances[i] = max(distances[i], (leaving[j] + arriving[i] * cos) / sin + corners[i])
-        distances[j] = max(distances[j], (arriving[i] + leaving[j] * cos) / sin + corners[j])
+        # From the corner, where the edges of the roads meet, to the ends of the arc between them.
+        room = max(radii[i], radii[j]) * np.tan((np.pi - gap) / 2)
+        distances[i] = max(distances[i], (leaving[j] + arriving[i] * cos) / sin + max(room, _MIN_CORNER_ROOM))
+        distances[j] = max(distances[j], (arriving[i] + leaving[j] * cos) / sin + max(room, _MIN_CORNER_ROOM))
     return [float(min(distance, _MAX_STOP_DISTANCE)) for distance in distances]
 
 
 def add_connectors(net: Network, junction: Junction, rng: np.random.Generator) -> None:
-    """Adds a connector for every turn that a lane allows."""
+    """Adds a connector for every turn that a lane allows, so that every lane that leaves has one.
+
+    Raises:
+      InfeasiblePlan: if an arm cannot be left or reached.
+    """
     number = net.junctions.index(junction)
+    angles, has_exit = [arm.angle for arm in junction.arms], [bool(arm.outbound) for arm in junction.arms]
     for a, arm in enumerate(junction.arms):
-        exits = _exits(junction.arms, a)
+        exits = exits_by_turn(angles, has_exit, a)
+        if arm.inbound and not any(exits.values()):
+            raise InfeasiblePlan("an arm of a junction has no exit: turn a one-way road around")
         for (lane, _), turns in zip(arm.inbound, _allowed_turns(arm, exits, rng), strict=True):
             for turn in turns:
                 for exit_arm in exits[turn]:
                     _add_connector(net, junction, number, a, lane, turn, junction.arms[exit_arm])
+    for arm in junction.arms:
+        _fill_exit(net, junction, number, arm)
 
 
-def _exits(arms: list[Arm], a: int) -> dict[Turn, list[int]]:
-    """The arms to which traffic of arm ``a`` can leave, by turn; at most one is straight ahead."""
-    heading = arms[a].angle + np.pi
-    angles = {b: wrap_to_pi(arm.angle - heading) for b, arm in enumerate(arms) if b != a and arm.outbound}
+def exits_by_turn(angles: list[float], has_exit: list[bool], a: int) -> dict[Turn, list[int]]:
+    """The arms to which traffic of arm ``a`` can leave, by turn; at most one is straight ahead.
+
+    Args:
+      angles: directions of the arms, seen from the junction [rad].
+      has_exit: whether lanes leave through the arm.
+    """
+    heading = angles[a] + np.pi
+    turns = {b: wrap_to_pi(angles[b] - heading) for b in range(len(angles)) if b != a and has_exit[b]}
     exits: dict[Turn, list[int]] = {"left": [], "through": [], "right": []}
-    ahead = min(angles, key=lambda b: abs(angles[b]), default=None)
-    for b, angle in angles.items():
+    ahead = min(turns, key=lambda b: abs(turns[b]), default=None)
+    for b, angle in turns.items():
         if b == ahead and abs(angle) < _MAX_STRAIGHT_ANGLE:
             exits["through"].append(b)
         elif abs(angle) < _MAX_TURN_ANGLE:
@@ -114,6 +133,30 @@ def _add_connector(net: Network, junction: Junction, number: int, a: int, lane: 
     candidates = [k for k, pocket in arm.inbound if pocket is None or turn != "through"]
     outbound = exit_arm.outbound
     exit_lane = outbound[-1] if turn == "right" else outbound[min(candidates.index(lane), len(outbound) - 1)]
+    _connect_lanes(net, junction, number, a, lane, turn, exit_lane)
+
+
+def _fill_exit(net: Network, junction: Junction, number: int, arm: Arm) -> None:
+    """Adds connectors to the lanes of an exit that none leads to, beside those to their neighbors."""
+    exits = {k: net.lanes[k].successors[0] for k in junction.connectors}
+    connectors = [k for k in junction.connectors if exits[k] in arm.outbound]
+    if arm.outbound and not connectors:
+        raise InfeasiblePlan("an arm of a junction cannot be reached: turn a one-way road around")
+    for position, exit_lane in enumerate(arm.outbound):
+        if exit_lane in exits.values():
+            continue
+
+        def distance(connector: int, position: int = position) -> tuple[int, int]:
+            return abs(arm.outbound.index(exits[connector]) - position), net.lanes[connector].rank
+
+        neighbor = net.lanes[min(connectors, key=distance)]
+        assert neighbor.turn is not None
+        _connect_lanes(net, junction, number, neighbor.arm, neighbor.entry_lane, neighbor.turn, exit_lane)
+
+
+def _connect_lanes(
+    net: Network, junction: Junction, number: int, a: int, lane: int, turn: Turn, exit_lane: int
+) -> None:
     before, after = net.lanes[lane], net.lanes[exit_lane]
     if turn == "through":
         speed = min(before.speed, after.speed)
@@ -130,7 +173,7 @@ def _add_connector(net: Network, junction: Junction, number: int, a: int, lane: 
             turn=turn,
             arm=a,
             entry_lane=lane,
-            rank=arm.rank + _TURN_RANK[turn],
+            rank=junction.arms[a].rank + _TURN_RANK[turn],
             height=before.height,
         )
     )

@@ -114,9 +114,7 @@ def build_lane_arrays(net: Network) -> LaneArrays:
         right=np.array([-1 if lane.right is None else lane.right for lane in net.lanes]),
         is_merge=num_predecessors > 1,
         conflicts=_find_conflicts(net, lines),
-        entries=np.array(
-            [k for k, lane in enumerate(net.lanes) if not num_predecessors[k] and not lane.is_center_turn], int
-        ),
+        entries=np.flatnonzero(num_predecessors == 0),
     )
 
 

@@ -51,6 +51,7 @@ def _add_road_with_ramp(
     second, _ = add_road(net, after, profile, entry_road, _ONE_WAY)
     through_lanes = [lane for lane, pocket in first.end if pocket is None]
     for lane, successor in zip(through_lanes, second.start, strict=False):
+        net.lanes[successor].points[0] = net.lanes[lane].points[-1]
         net.link(lane, successor)
         net.lanes[successor].points[0] = net.lanes[lane].points[-1]
     if is_entry and len(second.start) > lanes:

@@ -32,7 +32,6 @@ class Lane:
       turn, arm, entry_lane: of a connector: its turn, and the indices of the arm and the lane that it starts from.
       rank: right of way among conflicting connectors; lower goes first.
       height: above the ground [m].
-      is_center_turn: a two-way turn lane without traffic along it.
       at_curb: the right edge of the lane is the edge of the road.
     """
 
@@ -49,7 +48,6 @@ class Lane:
     entry_lane: int = -1
     rank: int = 0
     height: float = 0.0
-    is_center_turn: bool = False
     at_curb: bool = False
 
 

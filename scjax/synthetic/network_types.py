@@ -10,10 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scjax.synthetic.junctions import InfeasiblePlan
 from scjax.synthetic.motorway import build_motorway
 from scjax.synthetic.network import Network
 from scjax.synthetic.parking_lot import build_parking_lot
-from scjax.synthetic.plan import RoadPlan, RoadTooShort, build_network
+from scjax.synthetic.plan import RoadPlan, build_network
 from scjax.synthetic.street_plans import (
     plan_blocks,
     plan_dead_end,
@@ -54,6 +55,6 @@ def draw_network(network_type: str, style: StreetStyle, rng: np.random.Generator
     for _ in range(_ATTEMPTS):
         try:
             return NETWORK_BUILDERS[network_type](style, rng)
-        except RoadTooShort:
+        except InfeasiblePlan:
             continue
     raise RuntimeError(f"no network of type {network_type!r} could be built in {_ATTEMPTS} attempts: widen the style")

@@ -11,6 +11,7 @@ from scjax.synthetic.roads import Carriageway, RoadProfile
 from scjax.synthetic.streets import MAP_RADIUS, SIDE_STREET_RANK, StreetStyle
 
 _BAY_LENGTH = 5.2  # m
+_CORNER, _OUTER_CORNER = 2.5, 5.5  # m, radii of the curbs
 _ROW_MARGIN = 12.0  # m of an aisle without bays
 _AISLE = RoadProfile(2.7, 2.8)
 _LANE = Carriageway(1)
@@ -20,13 +21,17 @@ def build_parking_lot(style: StreetStyle, rng: np.random.Generator) -> Network:
     """Two to four aisles; one of the two access lanes leads to a street.
 
     Raises:
-      RoadTooShort: if the junctions leave no room for a road between them.
+      InfeasiblePlan: if the junctions leave no room for a road between them.
     """
     aisles, depth = int(rng.integers(2, 5)), rng.uniform(34, 40)
-    pitch = 2 * (_AISLE.width + _BAY_LENGTH) + rng.uniform(0.5, 1.5)
+    pitch = 2 * (_AISLE.width + _BAY_LENGTH) + rng.uniform(2.2, 4.0)
     xs = (np.arange(aisles) - (aisles - 1) / 2) * pitch
     plan = RoadPlan(
-        [PlanNode(np.array([x, y]), corner=2.0, is_driveway=True) for y in (-depth / 2, depth / 2) for x in xs]
+        [
+            PlanNode(np.array([x, y]), corner=_OUTER_CORNER if k in (0, aisles - 1) else _CORNER, is_driveway=True)
+            for y in (-depth / 2, depth / 2)
+            for k, x in enumerate(xs)
+        ]
     )
     for k in range(aisles):
         aisle = straight_line(plan.nodes[k].center, np.pi / 2, depth)
@@ -38,7 +43,7 @@ def build_parking_lot(style: StreetStyle, rng: np.random.Generator) -> Network:
     gate = int(rng.integers(0, aisles))
     length = rng.uniform(26, 40)
     junction, junction_node = np.array([xs[gate], -depth / 2 - length]), 2 * aisles
-    plan.nodes.append(PlanNode(junction, corner=4.0))
+    plan.nodes.append(PlanNode(junction, corner=6.5))
     driveway = straight_line(junction, np.pi / 2, length)
     plan.edges.append(PlanEdge(driveway, _AISLE, _LANE, _LANE, junction_node, gate, SIDE_STREET_RANK))
     profile = RoadProfile(float(style.limits[0]) * MPS_PER_MPH, 3.4, sidewalk=True)

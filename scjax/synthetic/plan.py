@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
 from scjax.synthetic.curves import Line, line_length, slice_line
-from scjax.synthetic.junctions import add_connectors, stop_distances
+from scjax.synthetic.junctions import InfeasiblePlan, add_connectors, exits_by_turn, stop_distances
 from scjax.synthetic.network import Arm, Junction, JunctionType, Network
 from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, attach_to_arm
 from scjax.synthetic.roundabouts import RING_CLEARANCE, add_ring
@@ -16,11 +17,9 @@ from scjax.synthetic.signals import plan_phases
 _DIRECTION_DISTANCE = 8.0  # m from a node where the direction of a road is measured
 _MIN_ROAD_LENGTH = 4.0  # m between two junctions
 _MAX_CORNER_VARIATION = 2.5  # m
+_ROAD_CLEARANCE = 1.75  # m between the centerlines of lanes of different roads
+_MAX_CELLS = 10_000  # of a grid over the map, along one axis
 _MAX_Y_GAP = np.deg2rad(155)  # between the arms of a Y-junction
-
-
-class RoadTooShort(Exception):
-    """The junctions of a plan leave no room for the road between them."""
 
 
 @dataclasses.dataclass
@@ -31,14 +30,14 @@ class PlanNode:
       center: [m].
       signals: whether it has traffic signals.
       ring_radius: of a roundabout [m], 0 for other junctions.
-      corner: room between a corner and the stop lines [m].
+      corner: smallest radius of the curbs [m].
       is_driveway: whether a private road ends here.
     """
 
     center: np.ndarray
     signals: bool = False
     ring_radius: float = 0.0
-    corner: float = 4.0
+    corner: float = 6.5
     is_driveway: bool = False
 
 
@@ -80,6 +79,7 @@ class _EdgeEnd:
     angle: float
     arriving: float
     leaving: float
+    leaving_lanes: int
     rank: int
 
 
@@ -87,16 +87,22 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     """The network of a plan: roads up to the stop lines, then connectors, rings and signals.
 
     Raises:
-      RoadTooShort: if an edge is too short for the junctions at its ends.
+      InfeasiblePlan: if an edge is too short for the junctions at its ends, if roads touch, or if an arm is no way on.
     """
     net = Network()
+    for number in range(len(plan.nodes)):
+        _remove_idle_pockets(plan, _ends_at(plan, number))
     ends_of_nodes = [_ends_at(plan, number) for number in range(len(plan.nodes))]
     arms: dict[tuple[int, bool], Arm] = {}
     for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
         for end, distance in zip(ends, _stop_distances(node, ends, rng), strict=True):
             arms[end.edge, end.at_start] = Arm(end.angle, distance, rank=end.rank)
+    edge_of_lane: list[int] = []
     for number, edge in enumerate(plan.edges):
         _add_edge(net, number, edge, arms.get((number, True)), arms.get((number, False)))
+        edge_of_lane += [number] * (len(net.lanes) - len(edge_of_lane))
+    if _roads_touch(net, edge_of_lane):
+        raise InfeasiblePlan("two roads of the plan touch: widen the distances between them")
     for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
         node_arms = [arms[end.edge, end.at_start] for end in ends]
         radius = max(arm.stop_distance for arm in node_arms)
@@ -111,10 +117,34 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     return net
 
 
+def _remove_idle_pockets(plan: RoadPlan, ends: list[_EdgeEnd]) -> None:
+    """Removes turn pockets at a node for turns that it does not have."""
+    angles, has_exit = [end.angle for end in ends], [end.leaving_lanes > 0 for end in ends]
+    for a, end in enumerate(ends):
+        exits = exits_by_turn(angles, has_exit, a)
+        edge, side = plan.edges[end.edge], "backward" if end.at_start else "forward"
+        idle = {f"{turn}_pocket": 0.0 for turn in ("left", "right") if not exits[turn]}
+        setattr(edge, side, dataclasses.replace(getattr(edge, side), **idle))
+
+
+def _roads_touch(net: Network, edge_of_lane: list[int]) -> bool:
+    """Whether lanes of two edges come closer than about ``_ROAD_CLEARANCE``."""
+    points = np.concatenate([lane.points for lane in net.lanes])
+    edges = np.repeat(edge_of_lane, [len(lane.points) for lane in net.lanes])
+    for shift in itertools.product((0.0, 0.5), repeat=2):  # two close points share a cell of one of the four grids
+        cells = np.floor(points / (2 * _ROAD_CLEARANCE) + shift).astype(int)
+        cell = cells[:, 0] * _MAX_CELLS + cells[:, 1]
+        order = np.lexsort((edges, cell))
+        if ((np.diff(cell[order]) == 0) & (np.diff(edges[order]) != 0)).any():
+            return True
+    return False
+
+
 def _stop_distances(node: PlanNode, ends: list[_EdgeEnd], rng: np.random.Generator) -> list[float]:
     if node.ring_radius:
         return [node.ring_radius + RING_CLEARANCE] * len(ends)
-    corners = [node.corner + rng.uniform(0, _MAX_CORNER_VARIATION) for _ in ends]
+    variation = 0.0 if node.is_driveway else _MAX_CORNER_VARIATION
+    corners = [node.corner + rng.uniform(0, variation) for _ in ends]
     angles, arriving = [end.angle for end in ends], [end.arriving for end in ends]
     return stop_distances(angles, arriving, [end.leaving for end in ends], corners)
 
@@ -125,7 +155,7 @@ def _add_edge(net: Network, number: int, edge: PlanEdge, start_arm: Arm | None, 
     start = start_arm.stop_distance if start_arm else 0.0
     end = length - (end_arm.stop_distance if end_arm else 0.0)
     if end - start < _MIN_ROAD_LENGTH:
-        raise RoadTooShort(f"edge {number} of the plan: {length:.0f} m are too short for the junctions at its ends")
+        raise InfeasiblePlan(f"edge {number} of the plan: {length:.0f} m are too short for the junctions at its ends")
     line = slice_line(edge.line, start, end)
     forward, backward = add_road(net, line, edge.profile, edge.forward, edge.backward)
     if start_arm:
@@ -148,7 +178,7 @@ def _ends_at(plan: RoadPlan, number: int) -> list[_EdgeEnd]:
             arriving, leaving = (edge.backward, edge.forward) if at_start else (edge.forward, edge.backward)
             arriving_width = arriving.half_width(edge.profile, arriving=True)
             leaving_width = leaving.half_width(edge.profile, arriving=False)
-            ends.append(_EdgeEnd(k, at_start, angle, arriving_width, leaving_width, edge.rank))
+            ends.append(_EdgeEnd(k, at_start, angle, arriving_width, leaving_width, leaving.lanes, edge.rank))
     return sorted(ends, key=lambda end: end.angle)
 
 

@@ -26,7 +26,6 @@ class RoadProfile:
       width: of a lane [m].
       median: width between the two directions [m].
       subtype: as in ``Lane``.
-      center_turn_lane: the median, at least 3 m wide, is a turn lane for both directions.
       parking, sidewalk: along the right edge.
       height: above the ground [m].
     """
@@ -35,7 +34,6 @@ class RoadProfile:
     width: float = 3.5
     median: float = 0.0
     subtype: str = "surface_street"
-    center_turn_lane: bool = False
     parking: bool = False
     sidewalk: bool = False
     height: float = 0.0
@@ -110,8 +108,6 @@ class _CarriagewayBuilder:
             ends.end.insert(0, (self._add_left_pocket(), "left"))
         if self.pocket and self.carriageway.right_pocket:
             ends.end.append((self._add_right_pocket(), "right"))
-        if self.profile.center_turn_lane and not self.carriageway.left_pocket:
-            ends.end.insert(0, (self._add_center_turn_lane(), "left"))
         return ends
 
     def _add_lane(self, left: float | np.ndarray, start: float, end: float, at_curb: bool) -> int:
@@ -172,15 +168,3 @@ class _CarriagewayBuilder:
         self.net.lanes[lane].points[0] = self.net.lanes[predecessor].points[-1]
         self.net.link(predecessor, lane)
         return lane
-
-    def _add_center_turn_lane(self) -> int:
-        profile = self.profile
-        lane = Lane(
-            self.line.copy(),
-            profile.speed,
-            profile.width,
-            profile.subtype,
-            height=profile.height,
-            is_center_turn=True,
-        )
-        return self.net.add_lane(lane)

@@ -35,7 +35,7 @@ def plan_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A four-way, T- or Y-junction, often with further junctions on its arms."""
-    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(3, 6))])
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(6.0, 9.0))])
     shape = rng.choice(["four", "T", "Y"], p=[0.52, 0.42, 0.06])
     if shape == "Y":
         angles = np.array([0.0, 2.1, -2.1]) + rng.normal(0, 0.12, 3)
@@ -67,14 +67,13 @@ def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     spacing = rng.uniform(62, 105, 2)
     corners = [np.array([x, y]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     has_signals = bool(rng.random() < style.signals)
-    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(3, 5)) for corner in corners])
+    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(6.0, 8.0)) for corner in corners])
     streets = [draw_main_street(style, rng) if rng.random() < 0.4 else draw_minor_street(style, rng) for _ in range(4)]
     for k, (profile, forward, backward) in enumerate(streets):
         # Streets 0 and 1 run along y at the two x, streets 2 and 3 along x at the two y.
         first, second = ((0, 1), (2, 3), (0, 2), (1, 3))[k]
         heading = np.pi / 2 if k < 2 else 0.0
         a, b = plan.nodes[first].center, plan.nodes[second].center
-        profile = dataclasses.replace(profile, center_turn_lane=False)
         rank = SIDE_STREET_RANK * (k % 2)
         between = straight_line(a, heading, float(np.hypot(*(b - a))))
         plan.edges.append(PlanEdge(between, profile, forward, backward, first, second, rank))
@@ -99,7 +98,7 @@ def plan_roundabout(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 def plan_dead_end(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A residential street that starts on another one and ends within view."""
-    plan = RoadPlan([PlanNode(np.zeros(2), corner=4.0)])
+    plan = RoadPlan([PlanNode(np.zeros(2), corner=6.5)])
     profile, forward, backward = draw_minor_street(style, rng)
     profile = dataclasses.replace(profile, parking=True)
     angles = np.array([0.0, np.pi, np.pi / 2 + rng.normal(0, 0.1)])

@@ -16,7 +16,6 @@ MAP_RADIUS = 150.0  # m from the center to the border of the map
 SIDE_STREET_RANK = 3
 _MIN_ROAD_DISTANCE = 16.0  # m between the reference lines of roads that do not meet
 _MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
-_CENTER_TURN_MEDIAN = 3.6  # m
 _DRIVEWAY_SHARE = 0.6
 _BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
 _SIDE_STREET_SPACING = (26, 55)  # m
@@ -32,7 +31,7 @@ class StreetStyle:
       widths: range of lane widths [m].
       lanes: probabilities of 1, 2, ... lanes per direction on main roads.
       medians: widths [m], drawn with equal probabilities.
-      center_turn_lane, one_way, parking, sidewalks, signals, pockets: shares of roads or junctions with the feature.
+      one_way, parking, sidewalks, signals, pockets: shares of roads or junctions with the feature.
       bends: share of roads with a bend.
       branches: probabilities of 0, 1 and 2 side streets on an arm of a junction.
     """
@@ -41,7 +40,6 @@ class StreetStyle:
     widths: tuple[float, float]
     lanes: tuple[float, ...]
     medians: tuple[float, ...]
-    center_turn_lane: float = 0.0
     one_way: float = 0.0
     parking: float = 0.0
     sidewalks: float = 1.0
@@ -62,17 +60,15 @@ class Street(NamedTuple):
 def draw_main_street(style: StreetStyle, rng: np.random.Generator) -> Street:
     """Random cross-section of a main road."""
     lanes = 1 + int(rng.choice(len(style.lanes), p=style.lanes))
-    center_turn_lane = lanes > 1 and draw_bool(style.center_turn_lane, rng)
     profile = RoadProfile(
         speed=float(rng.choice(style.limits)) * MPS_PER_MPH,
         width=rng.uniform(*style.widths),
-        median=_CENTER_TURN_MEDIAN if center_turn_lane else float(rng.choice(style.medians)) if lanes > 1 else 0.0,
-        center_turn_lane=center_turn_lane,
+        median=float(rng.choice(style.medians)) if lanes > 1 else 0.0,
         parking=draw_bool(style.parking, rng),
         sidewalk=draw_bool(style.sidewalks, rng),
     )
     if draw_bool(style.one_way, rng):
-        profile = dataclasses.replace(profile, median=0.0, center_turn_lane=False)
+        profile = dataclasses.replace(profile, median=0.0)
         return Street(profile, Carriageway(max(lanes, 2)), Carriageway(0))
     backward_lanes = lanes if rng.random() < 0.85 else max(1, lanes - 1)
     return Street(profile, Carriageway(lanes), Carriageway(backward_lanes))
@@ -157,7 +153,7 @@ def add_road_with_side_streets(
         if not side_streets:
             continue
         number = len(plan.nodes)
-        plan.nodes.append(PlanNode(line[point], corner=2.5 if is_driveway else 4.0, is_driveway=is_driveway))
+        plan.nodes.append(PlanNode(line[point], corner=4.5 if is_driveway else 6.5, is_driveway=is_driveway))
         plan.edges += side_streets
         side_lines += [side_street.line for side_street in side_streets]
         stretch = line[start : point + 1]
@@ -201,7 +197,6 @@ def _add_pockets(
     """The carriageway with random turn pockets."""
     if not carriageway.lanes or not draw_bool(style.pockets, rng):
         return carriageway
-    has_room_left = profile.median >= _MIN_POCKET_MEDIAN and not profile.center_turn_lane
-    left = rng.uniform(28, 55) if has_room_left else 0.0
+    left = rng.uniform(28, 55) if profile.median >= _MIN_POCKET_MEDIAN else 0.0
     right = rng.uniform(28, 50) if rng.random() < 0.4 else 0.0
     return dataclasses.replace(carriageway, left_pocket=left, right_pocket=right)

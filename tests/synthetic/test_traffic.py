@@ -13,7 +13,8 @@ from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.plan import build_network
 from scjax.synthetic.signals import SignalTiming
 from scjax.synthetic.street_plans import plan_intersection
-from scjax.synthetic.traffic import TIME_STEP, Fleet, TrafficSimulation, draw_fleet
+from scjax.synthetic.traffic import TIME_STEP, Fleet, Obstacle, TrafficSimulation, draw_fleet
+from scjax.synthetic.traffic.fleet import AXLE_SHARE
 
 
 def vehicle(lane: int, along: float, speed: float, next_lane: int = -1, speed_factor: float = 1.0) -> dict:
@@ -136,3 +137,45 @@ def test_conflicting_connectors_are_never_occupied_together(intersection):
         simulation.run(TIME_STEP)
         occupied = np.unique(fleet.lane[(fleet.lane >= 0) & (lanes.junction[fleet.lane] >= 0)])
         assert not lanes.conflicts[np.ix_(occupied, occupied)].any()
+
+
+def two_lanes(length: float = 600.0) -> Network:
+    """Two lanes abreast along x."""
+    net = Network()
+    for y in (3.5, 0.0):
+        net.add_lane(Lane(np.stack([np.linspace(0, length, 60), np.full(60, y)], -1), 15.0))
+    net.set_neighbors(0, 1)
+    return net
+
+
+def test_vehicles_pass_a_slow_one_on_the_other_lane():
+    fleet = make_fleet(vehicle(1, 150.0, 2.0, speed_factor=0.1), vehicle(1, 100.0, 12.0), vehicle(1, 60.0, 12.0))
+    simulation = make_simulation(two_lanes(), fleet)
+    simulation.run(20.0)
+    assert (fleet.lane[1:] == 0).all() and (fleet.along[1:] > fleet.along[0]).all()
+    assert np.abs(fleet.lateral).max() < 0.5
+
+
+def test_vehicles_keep_behind_obstacles_or_leave_the_lane():
+    for net, passes in ((two_lanes(), True), (straight_network(600.0), False)):
+        lane = 1 if passes else 0
+        fleet = make_fleet(vehicle(lane, 100.0, 10.0))
+        simulation = make_simulation(net, fleet)
+        simulation.obstacles = (Obstacle(lane, 300.0),)
+        for _ in range(60):
+            simulation.run(TIME_STEP)
+            assert fleet.lane[0] != lane or fleet.along[0] < 300.0 - 2.2
+        assert (fleet.along[0] > 300.0) == passes
+
+
+def test_axles_of_long_vehicles_keep_to_their_lane():
+    angle = np.linspace(0, np.pi / 2, 40)
+    net = Network()
+    net.add_lane(Lane(20.0 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1), 8.0))
+    fleet = make_fleet(vehicle(0, 15.0, 5.0))
+    fleet.sizes[0, 0] = 12.0
+    lanes = build_lane_arrays(net)
+    (position,), (heading,) = fleet.poses(lanes, np.array([0]))
+    reach = AXLE_SHARE * 12.0 * np.array([np.cos(heading), np.sin(heading)])
+    for axle in (position + reach, position - reach):
+        assert abs(np.hypot(axle[0], axle[1] - 20.0) - 20.0) < 0.3

@@ -52,11 +52,7 @@ class StagedEvent(abc.ABC):
         candidates = [
             k
             for k, lane in enumerate(net.lanes)
-            if lane.junction < 0
-            and not lane.is_center_turn
-            and lane.height == 0.0
-            and lanes.length[k] > min_length
-            and cls.fits(net, k)
+            if lane.junction < 0 and lane.height == 0.0 and lanes.length[k] > min_length and cls.fits(net, k)
         ]
         rng.shuffle(candidates)
         for lane in candidates:
