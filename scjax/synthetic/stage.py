@@ -20,7 +20,7 @@ from scjax.synthetic.traffic.fleet import vehicle_ids
 
 NUM_MOMENTS = 3  # of a world
 _MOMENT_INTERVAL = 12.0  # s
-_WARM_UP_TIME = 22.0  # s of traffic before the first moment
+_WARM_UP_TIME = 18.0  # s of traffic before the first moment
 
 
 @dataclasses.dataclass

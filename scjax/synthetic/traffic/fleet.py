@@ -14,7 +14,8 @@ _NONE = -1
 _MAX_ENTRIES = 1000  # of a vehicle, by which its numbers differ
 _WANDERING_SHARE = 0.3  # of vehicles that keep less to the centerline
 _LATERAL_DEVIATIONS = (0.22, 0.6)  # m, of the others and of those
-_MAX_LATERAL = 1.4  # m
+_MAX_LATERAL = 1.1  # m
+_WANDERING_LENGTH = 6.0  # m, longer vehicles keep more to the centerline
 
 
 @dataclasses.dataclass
@@ -140,7 +141,8 @@ def draw_fleet(
     lane, along, sizes, slot = lane[fits], along[fits], sizes[fits], slot[fits]
     speed_factor = np.clip(rng.normal(1.05, 0.12, len(lane)), 0.7, 1.35)
     speed = np.minimum(lanes.speed[lane] * speed_factor, np.maximum((slot - sizes[:, 0]) / 2.5, 0.0))
-    return make_fleet(lanes, lane, along, speed, sizes, speed_factor, draw_laterals(len(lane), rng), rng)
+    lateral = draw_laterals(len(lane), rng) * np.minimum(1.0, _WANDERING_LENGTH / sizes[:, 0])
+    return make_fleet(lanes, lane, along, speed, sizes, speed_factor, lateral, rng)
 
 
 def draw_laterals(count: int, rng: np.random.Generator) -> Float64[np.ndarray, " count"]:
