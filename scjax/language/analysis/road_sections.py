@@ -96,13 +96,17 @@ def _section(lines: LaneLines, pose: np.ndarray) -> RoadSection:
     marks = sorted([(x, True) for x in same] + [(x, False) for x in opposite], reverse=True)
     ego = marks.index((0.0, True))
     road, median = [ego], False
-    for side in (range(ego - 1, -1, -1), range(ego + 1, len(marks))):
+    # Oncoming lanes lie on one side: the one where they are nearer.
+    nearest = min(opposite, key=abs, default=0.0)
+    for sign, side in ((1, range(ego - 1, -1, -1)), (-1, range(ego + 1, len(marks)))):
         last, changed = ego, False
         for k in side:
             spacing, changes = abs(marks[k][0] - marks[last][0]), marks[k][1] != marks[last][1]
             if changes and changed and spacing < _SHARED_LANE:
                 continue  # maps draw a lane for turns of both directions once per direction
             if spacing > (_MAX_SPACING_OPPOSITE if changes else _MAX_SPACING) or (changes and changed):
+                break
+            if changes and sign * nearest < 0:
                 break
             changed |= changes
             median |= changes and spacing > _MEDIAN_SPACING

@@ -8,7 +8,6 @@ from scjax.language.analysis.platoons import leader_gaps, longest_platoon
 from scjax.language.analysis.scene_analysis import Analysis
 from scjax.language.attributes.base import Attribute, count_of
 from scjax.language.road import wrap_to_pi
-from scjax.scene import AgentType
 
 _REACH = 32.0  # m along the way
 _OWN_LATERAL = 1.8  # m
@@ -68,7 +67,7 @@ def _crossing(scene: Analysis) -> int:
 
 
 def _has_queue(scene: Analysis) -> bool:
-    rows = np.flatnonzero(scene.is_type(AgentType.VEHICLE) & (scene.speeds < _QUEUE_SPEED))
+    rows = np.flatnonzero(scene.vehicles & ~scene.parked_vehicles & (scene.speeds < _QUEUE_SPEED))
     rows = rows[scene.relations.lane[rows] >= 0]
     if len(rows) < _QUEUE_SIZE:
         return False
