@@ -26,7 +26,7 @@ def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
     Training on text needs records (build or synthetic), then caption, then embed. scenes writes what records hold as
-    files.
+    files, logs the motion of synthetic worlds.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
     were skipped (listed on stderr and in manifest.json); 130 interrupted.
