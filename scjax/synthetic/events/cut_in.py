@@ -16,7 +16,7 @@ from scjax.synthetic.traffic.lane_changes import start_change
 _SPEEDS = (0.5, 0.9)  # of the speed of the lane
 _GAPS = (4.0, 8.0)  # m to the follower at the start
 _CHANGE_TIME = 4.0  # s; half of it has passed at the moment
-_MIDDLE = (0.7, 2.4)  # m from the centerline of the new lane at the moment
+_MIDDLE = (0.9, 2.0)  # m from the centerline of the new lane at the moment
 _MAX_GAP = 12.0  # m to the follower at the moment
 _MIN_FOLLOWER_SPEED = 2.0  # m/s
 _JUNCTION_MARGIN = 16.0  # m around junctions without cut-ins

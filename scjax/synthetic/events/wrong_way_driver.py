@@ -10,12 +10,12 @@ from scjax.synthetic.actors import Actors
 from scjax.synthetic.events.base import LEAD_TIME, StagedEvent, remove_vehicles
 from scjax.synthetic.traffic import TIME_STEP, Obstacle, TrafficSimulation
 
-_SPEEDS = (3.0, 9.0)  # m/s
+_SPEEDS = (4.0, 9.0)  # m/s
 _CLEAR_DISTANCE = 15.0  # m of lane without vehicles behind the driver at the start
 _MIN_GAP = 6.0  # m to oncoming vehicles
 _DECELERATION = 4.0  # m/s^2
 _END = 3.0  # m from the start of the lane, where the driver stops
-_MIN_SPEED = 1.5  # m/s at the moment
+_MIN_SPEED = 3.0  # m/s at the moment
 
 
 class WrongWayDriver(StagedEvent):
