@@ -179,7 +179,7 @@ class Condition:
             raise ValueError(f"Condition.attributes: {error}") from error
         if not isinstance(self.streams, Mapping):
             raise ValueError(f"Condition.streams must map names to streams, not be a {type(self.streams).__name__}")
-        for name, text in self._prompts().items():
+        for name, text in self.prompts.items():
             try:
                 object.__setattr__(self, _PROMPTS[name], clean_text(text))
             except ValueError as error:
@@ -204,11 +204,13 @@ class Condition:
     @property
     def texts(self) -> dict[str, str]:
         """Stream name -> the text that fills it: the prompts, and a text of the attributes where there is no prompt."""
-        texts = self._prompts()
+        texts = self.prompts
         text = "" if "text" in texts or "text" in self.streams else request_text(self.attributes)
         return {"text": text} | texts if text else texts
 
-    def _prompts(self) -> dict[str, str]:
+    @property
+    def prompts(self) -> dict[str, str]:
+        """Stream name -> the prompt that fills it."""
         texts = {name: getattr(self, field) for name, field in _PROMPTS.items()}
         return {name: text for name, text in texts.items() if text is not None}
 

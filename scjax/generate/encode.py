@@ -37,11 +37,13 @@ def encode_conditions(
     Raises:
       ValueError: the model cannot read a stream, or the encoder is not the model's.
     """
-    texts = dict.fromkeys(text for condition in conditions for text in condition.texts.values())
+    # A model without text leaves attributes to the choice among candidates.
+    by_condition = [condition.texts if model.text_encoder else condition.prompts for condition in conditions]
+    texts = dict.fromkeys(text for one in by_condition for text in one.values())
     features = _encode_texts(list(texts), model, encoder) if texts else {}
     streams: list[Streams] = [
-        {**condition.streams, **{name: Stream(features[text]) for name, text in condition.texts.items()}}
-        for condition in conditions
+        {**condition.streams, **{name: Stream(features[text]) for name, text in own.items()}}
+        for condition, own in zip(conditions, by_condition, strict=True)
     ]
     check_readable(streams, model.denoiser.config.condition)
     return streams

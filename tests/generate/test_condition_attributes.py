@@ -6,8 +6,10 @@ import pytest
 
 from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
+from scjax.generate.encode import encode_conditions
 from scjax.generate.requests import _num_agents
 from tests.factories.repair_scenes import queue
+from tests.factories.worlds import tiny_model
 
 
 @pytest.mark.parametrize(
@@ -48,3 +50,7 @@ def test_best_of_chooses_by_attributes():
     assert score_scene(None, few).missed == 0
     missed = score_scene(None, few, {"vehicles": 2}).missed  # the ego is on no lane
     assert score_scene(None, few, {"vehicles": 5}).missed == missed + 1
+
+
+def test_attributes_are_no_text_for_a_model_without_text():
+    assert encode_conditions([Condition(attributes={"vehicles": 3})], tiny_model()) == [{}]
