@@ -11,7 +11,7 @@ from scjax.synthetic.curves import Line, line_length, slice_line
 from scjax.synthetic.junctions import InfeasiblePlan, add_connectors, exits_by_turn, stop_distances
 from scjax.synthetic.network import Arm, Junction, JunctionType, Network
 from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, attach_to_arm
-from scjax.synthetic.roundabouts import RING_CLEARANCE, add_ring
+from scjax.synthetic.roundabouts import RING_CLEARANCE, add_roundabout, outer_ring_radius
 from scjax.synthetic.signals import plan_phases
 
 _DIRECTION_DISTANCE = 8.0  # m from a node where the direction of a road is measured
@@ -29,7 +29,8 @@ class PlanNode:
     Attributes:
       center: [m].
       signals: whether it has traffic signals.
-      ring_radius: of a roundabout [m], 0 for other junctions.
+      ring_radius: of the innermost lane of a roundabout [m], 0 for other junctions.
+      ring_lanes: of the roundabout.
       corner: smallest radius of the curbs [m].
       is_driveway: whether a private road ends here.
     """
@@ -37,6 +38,7 @@ class PlanNode:
     center: np.ndarray
     signals: bool = False
     ring_radius: float = 0.0
+    ring_lanes: int = 1
     corner: float = 6.5
     is_driveway: bool = False
 
@@ -109,7 +111,7 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
         junction = Junction(_junction_type(node, node_arms), node.center, radius, node_arms)
         net.junctions.append(junction)
         if node.ring_radius:
-            add_ring(net, junction, node.ring_radius)
+            add_roundabout(net, junction, node.ring_radius, node.ring_lanes)
         else:
             add_connectors(net, junction, rng)
             if node.signals:
@@ -142,7 +144,7 @@ def _roads_touch(net: Network, edge_of_lane: list[int]) -> bool:
 
 def _stop_distances(node: PlanNode, ends: list[_EdgeEnd], rng: np.random.Generator) -> list[float]:
     if node.ring_radius:
-        return [node.ring_radius + RING_CLEARANCE] * len(ends)
+        return [outer_ring_radius(node.ring_radius, node.ring_lanes) + RING_CLEARANCE] * len(ends)
     variation = 0.0 if node.is_driveway else _MAX_CORNER_VARIATION
     corners = [node.corner + rng.uniform(0, variation) for _ in ends]
     angles, arriving = [end.angle for end in ends], [end.arriving for end in ends]

@@ -19,6 +19,7 @@ _MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
 _DRIVEWAY_SHARE = 0.6
 _BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
 _SIDE_STREET_SPACING = (26, 55)  # m
+_BEND_TRANSITION = 10.0  # m from straight to the full curvature of a bend
 _MIN_BORDER_DISTANCE = 35  # m between a side street and the border of the map
 
 
@@ -94,6 +95,18 @@ def draw_road_line(rng: np.random.Generator, has_bends: bool, speed: float) -> L
     curvature = rng.choice([-1, 1]) * rng.uniform(0.35, 1.0) * max_curvature * has_bends
     second = -curvature if rng.random() < 0.35 else curvature * rng.uniform(0, 1)
     line = clothoid([70, 30, 40, 40, 40, 80], [0, 0, curvature, curvature * 0.8, second, 0, 0])
+    return line - line[len(line) // 2]
+
+
+def draw_winding_line(rng: np.random.Generator, min_radius: float) -> Line:
+    """A line of about ``2 * MAP_RADIUS`` around the origin with bends to both sides, of radii from ``min_radius`` [m]."""
+    lengths, curvatures, side = [], [0.0], float(rng.choice([-1, 1]))
+    while sum(lengths) < 2 * MAP_RADIUS:
+        curvature = side * rng.uniform(0.6, 1.0) / min_radius
+        lengths += [_BEND_TRANSITION, rng.uniform(8, 22), _BEND_TRANSITION]
+        curvatures += [curvature, curvature, 0.0]
+        side = -side
+    line = clothoid(lengths, curvatures)
     return line - line[len(line) // 2]
 
 

@@ -25,7 +25,7 @@ from scjax.synthetic.network_types import draw_network
 from scjax.synthetic.signals import SignalTiming
 from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
 
-VERSION = 2  # raise it with every change of what a seed gives
+VERSION = 3  # raise it with every change of what a seed gives
 MAX_SCENES = 15  # per world
 _NUM_MOMENTS = 3
 _MOMENT_INTERVAL = 9.0  # s
