@@ -1,0 +1,63 @@
+"""The page of documentation that follows from the table.
+
+python -m scjax.language.attributes.page docs/attributes.md
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from scjax.language.attributes.base import TAKES, UNSPECIFIED, Attribute
+from scjax.language.attributes.table import ATTRIBUTES, GROUPS
+from scjax.scene.files import write_text
+
+_HEAD = f"""# Attributes
+
+What can be measured on a scene: {len(ATTRIBUTES)} attributes. `scjax/language/attributes/` defines them, and
+this page follows from it. Lengths are in meters, speeds in m/s. The ego is agent 0 and counts as no vehicle.
+
+```python
+from scjax.language.attributes.table import measure_attributes, score_attributes
+from scjax.scene.scene import empty
+
+scene = empty(1, 0)
+measure_attributes(scene)["vehicles"]
+score = score_attributes(scene, {{"layout": "T", "vehicles": (3, 5), "signal": "{UNSPECIFIED}"}})
+score.share, score.misses
+```
+
+A request names attributes; a missing one, None and "{UNSPECIFIED}" ask nothing. Each kind of attribute takes a form:
+
+| kind | a request is |
+| --- | --- |
+"""
+_TAIL = """
+Stop signs, yield signs and crosswalks are no attributes: scenes do not record them.
+"""
+
+
+def attributes_page() -> str:
+    """The text of docs/attributes.md."""
+    kinds = "".join(f"| {kind} | {form} |\n" for kind, form in TAKES.items())
+    groups = "".join(
+        f"\n## {title}\n\n| name | kind | values | meaning |\n| --- | --- | --- | --- |\n"
+        + "".join(f"| {item.name} | {item.kind} | {_values(item)} | {item.meaning} |\n" for item in group)
+        for title, group in GROUPS.items()
+    )
+    return _HEAD + kinds + groups + _TAIL
+
+
+def _values(item: Attribute) -> str:
+    if item.kind == "range":
+        low, high = item.limits
+        return f"{low:g} to {high:g} {item.unit}".strip()
+    return ", ".join(item.values) or "true, false"
+
+
+def main() -> None:
+    write_text(Path(sys.argv[1]), attributes_page())
+
+
+if __name__ == "__main__":
+    main()
