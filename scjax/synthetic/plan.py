@@ -93,7 +93,7 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     """
     net = Network()
     for number in range(len(plan.nodes)):
-        _remove_idle_pockets(plan, _ends_at(plan, number))
+        _remove_idle_pockets(plan, _ends_at(plan, number), has_ring=plan.nodes[number].ring_radius > 0)
     ends_of_nodes = [_ends_at(plan, number) for number in range(len(plan.nodes))]
     arms: dict[tuple[int, bool], Arm] = {}
     for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
@@ -119,13 +119,13 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     return net
 
 
-def _remove_idle_pockets(plan: RoadPlan, ends: list[_EdgeEnd]) -> None:
-    """Removes turn pockets at a node for turns that it does not have."""
+def _remove_idle_pockets(plan: RoadPlan, ends: list[_EdgeEnd], has_ring: bool) -> None:
+    """Removes turn pockets at a node for turns that it does not have; a ring has none."""
     angles, has_exit = [end.angle for end in ends], [end.leaving_lanes > 0 for end in ends]
     for a, end in enumerate(ends):
         exits = exits_by_turn(angles, has_exit, a)
         edge, side = plan.edges[end.edge], "backward" if end.at_start else "forward"
-        idle = {f"{turn}_pocket": 0.0 for turn in ("left", "right") if not exits[turn]}
+        idle = {f"{turn}_pocket": 0.0 for turn in ("left", "right") if has_ring or not exits[turn]}
         setattr(edge, side, dataclasses.replace(getattr(edge, side), **idle))
 
 

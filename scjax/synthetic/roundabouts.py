@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.synthetic.curves import TURN_SPACING, cubic_curve
+from scjax.synthetic.curves import TURN_SPACING, turn_curve
 from scjax.synthetic.network import Junction, Lane, Network
 
 RING_CLEARANCE = 9.0  # m from the outer ring to the end of the arms
@@ -49,19 +49,13 @@ def _add_ring(net: Network, junction: Junction, number: int, position: int, radi
     for a, arm in enumerate(junction.arms):
         before_exit, after_entry = ring[2 * a - 1], ring[2 * a + 1]
         for lane, _ in arm.inbound[position : position + 1]:
-            points = _connect(net.lanes[lane].points, net.lanes[after_entry].points)
+            points = turn_curve(net.lanes[lane].points, net.lanes[after_entry].points)
             connector = Lane(points, _SPEED, successors=[after_entry], junction=number, arm=a, entry_lane=lane)
             connector.rank = _ENTRY_RANK
             net.link(lane, net.add_lane(connector))
             junction.connectors.append(net.lanes[lane].successors[-1])
         for lane in arm.outbound[position : position + 1]:
-            points = _connect(net.lanes[before_exit].points, net.lanes[lane].points)
+            points = turn_curve(net.lanes[before_exit].points, net.lanes[lane].points)
             connector = Lane(points, _SPEED, successors=[lane], arm=a, junction=-1 if is_outermost else number)
             net.link(before_exit, net.add_lane(connector))
             junction.connectors.append(net.lanes[before_exit].successors[-1])
-
-
-def _connect(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    start, end = before[-1] - before[-2], after[1] - after[0]
-    start_heading, end_heading = float(np.arctan2(*start[::-1])), float(np.arctan2(*end[::-1]))
-    return cubic_curve(before[-1], start_heading, after[0], end_heading, TURN_SPACING)
