@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import click
 
+from scjax.cli.attributes import attributes_command
 from scjax.cli.data import data
 from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
@@ -36,7 +37,7 @@ def cli() -> None:
 DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
-for command in (demo, generate, evaluate, caption, plot_command, data, train_command, info, schema):
+for command in (demo, generate, evaluate, caption, attributes_command, plot_command, data, train_command, info, schema):
     cli.add_command(command)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from scjax.generate.conditions import Condition
+from scjax.language.attributes.table import score_attributes
 from scjax.language.facts import extract_facts
 from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
@@ -17,8 +18,8 @@ class SceneScore(NamedTuple):
     """What is wrong with a scene. Less is better; earlier fields decide first.
 
     Attributes:
-      missed: attributes of the prompt that the scene does not show, plus one if the ego is on no lane (fragments of
-        lanes pass for much, such as for a curve); 0 without a prompt.
+      missed: what the prompt and the attributes request and the scene does not show, plus one if the ego is on no lane
+        (fragments of lanes pass for much, such as for a curve); 0 without a request.
       faults: overlapping boxes, lane connections open by more than 1 m, and vehicles on no lane.
       gap: sum of the gaps at lane connections [m].
     """
@@ -28,18 +29,21 @@ class SceneScore(NamedTuple):
     gap: float
 
 
-def score_scene(prompt: str | None, scene: Scene) -> SceneScore:
-    """Scores a scene for its prompt; without a prompt the faults alone count."""
+def score_scene(prompt: str | None, scene: Scene, attributes: Mapping[str, Any] | None = None) -> SceneScore:
+    """Scores a scene for its prompt and attributes; without either the faults alone count."""
     gaps, (offsets, _) = connection_gaps(scene), lane_offsets(scene)
     missed = 0
     if prompt is not None:
         missed = sum(not shown for shown in check(parse_prompt(prompt), extract_facts(scene)).values())
+    if attributes:
+        missed += len(score_attributes(scene, attributes).misses)
+    if prompt is not None or attributes:
         missed += int((offsets[:1] > ON_LANE).sum())
     faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int((offsets > ON_LANE).sum())
     return SceneScore(missed, faults, float(gaps.sum()))
 
 
-def best_index(prompt: str | None, scenes: Sequence[Scene]) -> int:
+def best_index(prompt: str | None, scenes: Sequence[Scene], attributes: Mapping[str, Any] | None = None) -> int:
     """Index of the scene with the least ``score_scene``, the first of equals.
 
     Raises:
@@ -47,7 +51,7 @@ def best_index(prompt: str | None, scenes: Sequence[Scene]) -> int:
     """
     if not scenes:
         raise ValueError("there are no scenes to choose from: give at least one")
-    return min(range(len(scenes)), key=lambda k: score_scene(prompt, scenes[k]))
+    return min(range(len(scenes)), key=lambda k: score_scene(prompt, scenes[k], attributes))
 
 
 def prompt_warnings(condition: Condition) -> list[str]:

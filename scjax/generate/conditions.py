@@ -14,6 +14,8 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from scjax.encoders.text import clean_text
+from scjax.language.attributes.request_text import request_text
+from scjax.language.attributes.table import check_attributes
 from scjax.scene import Crop, Scene, validate
 from scjax.scene.arguments import whole_number
 from scjax.scene.limits import MAX_SLOTS
@@ -146,6 +148,10 @@ class Condition:
       streams: condition tokens by name (``STREAMS``), for whatever the model reads. They combine freely; ``sample``
         refuses those that the model cannot read. "image" and "depth" need ``Crop.FORWARD``; ``scjax.camera.raycast``
         makes both from a scene.
+      attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",
+        "vehicles": (3, 5)}``; docs/attributes.md lists them. A missing one, None and "unspecified" ask nothing.
+        Without a prompt, a text made of them takes its place; ``best_of`` chooses by them; numbers of vehicles, people
+        and cyclists set ``num_agents`` where it is not given.
     """
 
     num_lanes: int | None = None
@@ -156,6 +162,7 @@ class Condition:
     prompt: str | None = None
     negative_prompt: str | None = None
     streams: Mapping[str, Stream] = dataclasses.field(default_factory=dict)
+    attributes: Any = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
         for name in ("num_lanes", "num_agents"):
@@ -166,9 +173,13 @@ class Condition:
             object.__setattr__(self, "domain", whole_number(self.domain, "Condition.domain", 0, 10_000))
         object.__setattr__(self, "crop", _crop(self.crop))
         self._check_known()
+        try:
+            object.__setattr__(self, "attributes", check_attributes(self.attributes))
+        except ValueError as error:
+            raise ValueError(f"Condition.attributes: {error}") from error
         if not isinstance(self.streams, Mapping):
             raise ValueError(f"Condition.streams must map names to streams, not be a {type(self.streams).__name__}")
-        for name, text in self.texts.items():
+        for name, text in self._prompts().items():
             try:
                 object.__setattr__(self, _PROMPTS[name], clean_text(text))
             except ValueError as error:
@@ -192,7 +203,12 @@ class Condition:
 
     @property
     def texts(self) -> dict[str, str]:
-        """Stream name -> the text that fills it."""
+        """Stream name -> the text that fills it: the prompts, and a text of the attributes where there is no prompt."""
+        texts = self._prompts()
+        text = "" if "text" in texts or "text" in self.streams else request_text(self.attributes)
+        return {"text": text} | texts if text else texts
+
+    def _prompts(self) -> dict[str, str]:
         texts = {name: getattr(self, field) for name, field in _PROMPTS.items()}
         return {name: text for name, text in texts.items() if text is not None}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,6 +18,7 @@ from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
 
 _COUNTS_KEY = 0xC0  # folded into a scene's key for the draw of its counts
+_AGENT_COUNTS = ("vehicles", "pedestrians", "cyclists")
 _CANDIDATES_KEY = 0xBE  # folded into a scene's key for its further candidates
 
 
@@ -48,6 +50,7 @@ class Request:
     num_agents: int
     num_lanes: int
     known: KnownElements | None
+    attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def known_counts(self) -> tuple[int, int]:
@@ -100,12 +103,26 @@ def draw_request(
         condition.crop,
         domain=domain,
         num_lanes=condition.num_lanes,
-        num_agents=condition.num_agents,
+        num_agents=_num_agents(condition, num_known[0], model.denoiser.config.max_agents),
         least_lanes=num_known[1],
         least_agents=num_known[0],
     )
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
-    return Request(key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, elements)
+    return Request(
+        key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, elements, condition.attributes
+    )
+
+
+def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:
+    """Agents of a scene: as given, else by the attributes if these give the vehicles, else None.
+
+    The number is the middle of each range, or its lower end where the upper one is open.
+    """
+    if condition.num_agents is not None or "vehicles" not in condition.attributes:
+        return condition.num_agents
+    ranges = [condition.attributes[name] for name in _AGENT_COUNTS if name in condition.attributes]
+    total = 1 + sum(int(low if high is None else (low + high) // 2) for low, high in ranges)
+    return min(max(total, num_known, 1), most)
 
 
 def _check_counts(condition: Condition, num_known: tuple[int, int], model: Model) -> None:

@@ -152,7 +152,8 @@ def sample_scenes(
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
     if best_of > 1:
         groups = [scenes[start : start + best_of] for start in range(0, len(scenes), best_of)]
-        scenes = [group[best_index(request.prompt, group)] for group, request in zip(groups, requests, strict=True)]
+        pairs = zip(groups, requests, strict=True)
+        scenes = [group[best_index(request.prompt, group, request.attributes)] for group, request in pairs]
     return stack(scenes) if is_single else scenes
 
 

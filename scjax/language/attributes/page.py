@@ -33,6 +33,10 @@ A request names attributes; a missing one, None and "{UNSPECIFIED}" ask nothing.
 | --- | --- |
 """
 _TAIL = """
+`scjax attributes FILE` prints all of them for the scenes in a file, `--ask JSON` compares them with a request. In Python,
+`scjax.Condition(attributes=...)` takes a request: a text made of it stands in for a missing prompt, numbers of vehicles
+set the number of agents, and `best_of` chooses by it.
+
 Stop signs, yield signs and crosswalks are no attributes: scenes do not record them.
 """
 
