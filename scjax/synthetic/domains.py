@@ -114,7 +114,8 @@ _TOWN_NETWORKS = {
     "side streets": 0.15,
     "road": 0.06,
     "dead end": 0.03,
-    "roundabout": 0.04,
+    "winding road": 0.04,
+    "roundabout": 0.06,
     "parking lot": 0.03,
 }
 _CITY_TRAFFIC = TrafficDensity(0.9, 0.6)
@@ -124,7 +125,7 @@ DOMAINS = (
     Domain(
         name="suburb",
         share=0.34,
-        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.05},
+        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.07},
         style=_SUBURB,
         traffic=TrafficDensity(0.95, 0.6),
         pedestrians=BystanderDensity(0.3, 0.8),
@@ -133,7 +134,7 @@ DOMAINS = (
     Domain(
         name="country",
         share=0.07,
-        networks={"road": 0.55, "crossing": 0.2, "side streets": 0.2, "roundabout": 0.05},
+        networks={"road": 0.4, "winding road": 0.2, "crossing": 0.2, "side streets": 0.15, "roundabout": 0.05},
         style=_COUNTRY,
         traffic=TrafficDensity(0.8, 0.6),
         pedestrians=BystanderDensity(0.08, 0.3),

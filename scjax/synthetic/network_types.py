@@ -22,6 +22,7 @@ from scjax.synthetic.street_plans import (
     plan_road,
     plan_roundabout,
     plan_side_streets,
+    plan_winding_road,
 )
 from scjax.synthetic.streets import StreetStyle
 
@@ -35,6 +36,7 @@ def _from_plan(draw_plan: Callable[[StreetStyle, np.random.Generator], RoadPlan]
 
 NETWORK_BUILDERS: dict[str, NetworkBuilder] = {
     "road": _from_plan(plan_road),
+    "winding road": _from_plan(plan_winding_road),
     "crossing": _from_plan(plan_intersection),
     "side streets": _from_plan(plan_side_streets),
     "blocks": _from_plan(plan_blocks),

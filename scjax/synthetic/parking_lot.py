@@ -43,7 +43,7 @@ def build_parking_lot(style: StreetStyle, rng: np.random.Generator) -> Network:
     gate = int(rng.integers(0, aisles))
     length = rng.uniform(26, 40)
     junction, junction_node = np.array([xs[gate], -depth / 2 - length]), 2 * aisles
-    plan.nodes.append(PlanNode(junction, corner=6.5))
+    plan.nodes.append(PlanNode(junction, corner=8.0))
     driveway = straight_line(junction, np.pi / 2, length)
     plan.edges.append(PlanEdge(driveway, _AISLE, _LANE, _LANE, junction_node, gate, SIDE_STREET_RANK))
     profile = RoadProfile(float(style.limits[0]) * MPS_PER_MPH, 3.4, sidewalk=True)

@@ -11,7 +11,7 @@ from scjax.synthetic.curves import Line, line_length, slice_line
 from scjax.synthetic.junctions import InfeasiblePlan, add_connectors, exits_by_turn, stop_distances
 from scjax.synthetic.network import Arm, Junction, JunctionType, Network
 from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, attach_to_arm
-from scjax.synthetic.roundabouts import RING_CLEARANCE, add_ring
+from scjax.synthetic.roundabouts import RING_CLEARANCE, add_roundabout, outer_ring_radius
 from scjax.synthetic.signals import plan_phases
 
 _DIRECTION_DISTANCE = 8.0  # m from a node where the direction of a road is measured
@@ -29,7 +29,8 @@ class PlanNode:
     Attributes:
       center: [m].
       signals: whether it has traffic signals.
-      ring_radius: of a roundabout [m], 0 for other junctions.
+      ring_radius: of the innermost lane of a roundabout [m], 0 for other junctions.
+      ring_lanes: of the roundabout.
       corner: smallest radius of the curbs [m].
       is_driveway: whether a private road ends here.
     """
@@ -37,6 +38,7 @@ class PlanNode:
     center: np.ndarray
     signals: bool = False
     ring_radius: float = 0.0
+    ring_lanes: int = 1
     corner: float = 6.5
     is_driveway: bool = False
 
@@ -91,7 +93,7 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     """
     net = Network()
     for number in range(len(plan.nodes)):
-        _remove_idle_pockets(plan, _ends_at(plan, number))
+        _remove_idle_pockets(plan, _ends_at(plan, number), has_ring=plan.nodes[number].ring_radius > 0)
     ends_of_nodes = [_ends_at(plan, number) for number in range(len(plan.nodes))]
     arms: dict[tuple[int, bool], Arm] = {}
     for node, ends in zip(plan.nodes, ends_of_nodes, strict=True):
@@ -109,7 +111,7 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
         junction = Junction(_junction_type(node, node_arms), node.center, radius, node_arms)
         net.junctions.append(junction)
         if node.ring_radius:
-            add_ring(net, junction, node.ring_radius)
+            add_roundabout(net, junction, node.ring_radius, node.ring_lanes)
         else:
             add_connectors(net, junction, rng)
             if node.signals:
@@ -117,13 +119,13 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     return net
 
 
-def _remove_idle_pockets(plan: RoadPlan, ends: list[_EdgeEnd]) -> None:
-    """Removes turn pockets at a node for turns that it does not have."""
+def _remove_idle_pockets(plan: RoadPlan, ends: list[_EdgeEnd], has_ring: bool) -> None:
+    """Removes turn pockets at a node for turns that it does not have; a ring has none."""
     angles, has_exit = [end.angle for end in ends], [end.leaving_lanes > 0 for end in ends]
     for a, end in enumerate(ends):
         exits = exits_by_turn(angles, has_exit, a)
         edge, side = plan.edges[end.edge], "backward" if end.at_start else "forward"
-        idle = {f"{turn}_pocket": 0.0 for turn in ("left", "right") if not exits[turn]}
+        idle = {f"{turn}_pocket": 0.0 for turn in ("left", "right") if has_ring or not exits[turn]}
         setattr(edge, side, dataclasses.replace(getattr(edge, side), **idle))
 
 
@@ -142,7 +144,7 @@ def _roads_touch(net: Network, edge_of_lane: list[int]) -> bool:
 
 def _stop_distances(node: PlanNode, ends: list[_EdgeEnd], rng: np.random.Generator) -> list[float]:
     if node.ring_radius:
-        return [node.ring_radius + RING_CLEARANCE] * len(ends)
+        return [outer_ring_radius(node.ring_radius, node.ring_lanes) + RING_CLEARANCE] * len(ends)
     variation = 0.0 if node.is_driveway else _MAX_CORNER_VARIATION
     corners = [node.corner + rng.uniform(0, variation) for _ in ends]
     angles, arriving = [end.angle for end in ends], [end.arriving for end in ends]

@@ -1,21 +1,38 @@
-"""Roundabouts: a counter-clockwise ring with one entry and one exit per arm."""
+"""Roundabouts: counter-clockwise rings, with an entry and an exit of every ring per arm."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from scjax.synthetic.curves import TURN_SPACING, cubic_curve
+from scjax.synthetic.curves import TURN_SPACING, turn_curve
 from scjax.synthetic.network import Junction, Lane, Network
 
-RING_CLEARANCE = 9.0  # m from the ring to the end of the arms
-_EXIT_DISTANCE = 6.5  # m along the ring, from the axis of an arm to its exit and to its entry
+RING_CLEARANCE = 9.0  # m from the outer ring to the end of the arms
+_RING_SPACING = 4.2  # m between two rings
+_EXIT_DISTANCE = 8.0  # m along the ring, from the axis of an arm to its exit and to its entry
 _SPEED = 7.0  # m/s
 _ENTRY_RANK = 3  # the ring has the right of way
 
 
-def add_ring(net: Network, junction: Junction, radius: float) -> None:
-    """Connects the arms of ``junction`` by a ring with ``radius`` [m]."""
+def outer_ring_radius(radius: float, lanes: int) -> float:
+    """Radius of the outermost of ``lanes`` rings around a ring of ``radius`` [m]."""
+    return radius + (lanes - 1) * _RING_SPACING
+
+
+def add_roundabout(net: Network, junction: Junction, radius: float, lanes: int) -> None:
+    """Connects the arms of ``junction`` by rings; lane k of an arm, from the inside, leads to ring k and back.
+
+    Args:
+      radius: of the innermost ring [m].
+      lanes: number of rings.
+    """
     number = net.junctions.index(junction)
+    for k in range(lanes):
+        _add_ring(net, junction, number, k, outer_ring_radius(radius, k + 1), is_outermost=k == lanes - 1)
+
+
+def _add_ring(net: Network, junction: Junction, number: int, position: int, radius: float, is_outermost: bool) -> None:
+    """Adds the ring at ``position`` from the inside, with its entries and exits."""
     exit_angle = _EXIT_DISTANCE / radius
     # The exit, then the entry of every arm, counter-clockwise.
     angles = [arm.angle + sign * exit_angle for arm in junction.arms for sign in (-1, 1)]
@@ -24,36 +41,21 @@ def add_ring(net: Network, junction: Junction, radius: float) -> None:
         end = start + (angles[(k + 1) % len(angles)] - start) % (2 * np.pi)
         angle = np.linspace(start, end, max(4, round((end - start) * radius / TURN_SPACING)))
         points = junction.center + radius * np.stack([np.cos(angle), np.sin(angle)], -1)
-        # Entries conflict with the parts between the exit and the entry of an arm.
+        # Entries, and exits from inner rings, conflict with the parts between the exit and the entry of an arm.
         ring.append(net.add_lane(Lane(points, _SPEED, junction=number if k % 2 == 0 else -1)))
         junction.connectors.append(ring[-1])
     for k, lane in enumerate(ring):
         net.link(lane, ring[(k + 1) % len(ring)])
     for a, arm in enumerate(junction.arms):
         before_exit, after_entry = ring[2 * a - 1], ring[2 * a + 1]
-        for lane, _ in arm.inbound[:1]:
-            points = _connect(net.lanes[lane].points, net.lanes[after_entry].points)
-            connector = net.add_lane(
-                Lane(
-                    points,
-                    _SPEED,
-                    successors=[after_entry],
-                    junction=number,
-                    arm=a,
-                    entry_lane=lane,
-                    rank=_ENTRY_RANK,
-                )
-            )
-            net.link(lane, connector)
-            junction.connectors.append(connector)
-        for lane in arm.outbound[:1]:
-            points = _connect(net.lanes[before_exit].points, net.lanes[lane].points)
-            connector = net.add_lane(Lane(points, _SPEED, successors=[lane], arm=a))
-            net.link(before_exit, connector)
-            junction.connectors.append(connector)
-
-
-def _connect(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    start, end = before[-1] - before[-2], after[1] - after[0]
-    start_heading, end_heading = float(np.arctan2(*start[::-1])), float(np.arctan2(*end[::-1]))
-    return cubic_curve(before[-1], start_heading, after[0], end_heading, TURN_SPACING)
+        for lane, _ in arm.inbound[position : position + 1]:
+            points = turn_curve(net.lanes[lane].points, net.lanes[after_entry].points)
+            connector = Lane(points, _SPEED, successors=[after_entry], junction=number, arm=a, entry_lane=lane)
+            connector.rank = _ENTRY_RANK
+            net.link(lane, net.add_lane(connector))
+            junction.connectors.append(net.lanes[lane].successors[-1])
+        for lane in arm.outbound[position : position + 1]:
+            points = turn_curve(net.lanes[before_exit].points, net.lanes[lane].points)
+            connector = Lane(points, _SPEED, successors=[lane], arm=a, junction=-1 if is_outermost else number)
+            net.link(before_exit, net.add_lane(connector))
+            junction.connectors.append(net.lanes[before_exit].successors[-1])

@@ -21,7 +21,11 @@ from scjax.synthetic.streets import (
     draw_main_street,
     draw_minor_street,
     draw_road_line,
+    draw_winding_line,
 )
+
+_TWO_LANE_RING_SHARE = 0.35
+_LATERAL_ACCELERATION = 2.5  # m/s^2, comfortable in bends
 
 
 def plan_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
@@ -33,10 +37,18 @@ def plan_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     return RoadPlan(edges=[PlanEdge(line, profile, forward, backward)])
 
 
+def plan_winding_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """One road with bends to both sides, driven at a speed that suits them."""
+    profile, forward, backward = draw_minor_street(style, rng)
+    min_radius = rng.uniform(32, 75)
+    profile = dataclasses.replace(profile, speed=min(profile.speed, float(np.sqrt(_LATERAL_ACCELERATION * min_radius))))
+    return RoadPlan(edges=[PlanEdge(draw_winding_line(rng, min_radius), profile, forward, backward)])
+
+
 def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A four-way, T- or Y-junction, often with further junctions on its arms."""
-    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(6.0, 9.0))])
-    shape = rng.choice(["four", "T", "Y"], p=[0.52, 0.42, 0.06])
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(8.0, 11.0))])
+    shape = rng.choice(["four", "T", "Y"], p=[0.51, 0.40, 0.09])
     if shape == "Y":
         angles = np.array([0.0, 2.1, -2.1]) + rng.normal(0, 0.12, 3)
     else:
@@ -55,7 +67,7 @@ def plan_side_streets(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A road with streets and driveways that end on it."""
     profile, forward, backward = draw_main_street(style, rng)
     line = draw_road_line(rng, has_bends=bool(rng.random() < style.bends), speed=profile.speed)
-    positions = np.cumsum(rng.uniform(26, 55, int(rng.integers(3, 7)))) + rng.uniform(50, 100)
+    positions = np.cumsum(rng.uniform(30, 57, int(rng.integers(3, 7)))) + rng.uniform(50, 100)
     plan = RoadPlan()
     road = PlanEdge(line, profile, forward, backward)
     add_road_with_side_streets(plan, road, positions[positions < 2 * MAP_RADIUS - 60], [], rng)
@@ -67,7 +79,7 @@ def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     spacing = rng.uniform(62, 105, 2)
     corners = [np.array([x, y]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     has_signals = bool(rng.random() < style.signals)
-    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(6.0, 8.0)) for corner in corners])
+    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(8.0, 10.0)) for corner in corners])
     streets = [draw_main_street(style, rng) if rng.random() < 0.4 else draw_minor_street(style, rng) for _ in range(4)]
     for k, (profile, forward, backward) in enumerate(streets):
         # Streets 0 and 1 run along y at the two x, streets 2 and 3 along x at the two y.
@@ -85,20 +97,21 @@ def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 
 def plan_roundabout(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
-    """Three or four arms on a ring."""
+    """Three or four arms on a ring of one or two lanes."""
     count = int(rng.choice([3, 4], p=[0.35, 0.65]))
-    plan = RoadPlan([PlanNode(np.zeros(2), ring_radius=float(rng.uniform(13, 20)))])
+    lanes = 2 if len(style.lanes) > 2 and rng.random() < _TWO_LANE_RING_SHARE else 1
+    plan = RoadPlan([PlanNode(np.zeros(2), ring_radius=float(rng.uniform(14.5, 20)), ring_lanes=lanes)])
     angles = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.08, count)
     limit = float(rng.choice(style.limits)) * MPS_PER_MPH
     median, sidewalk = float(rng.choice([0.0, 1.5])), draw_bool(style.sidewalks, rng)
     profile = RoadProfile(limit, rng.uniform(*style.widths), median=median, sidewalk=sidewalk)
-    add_arms(plan, 0, angles, [Street(profile, Carriageway(1), Carriageway(1))] * count, style, rng)
+    add_arms(plan, 0, angles, [Street(profile, Carriageway(lanes), Carriageway(lanes))] * count, style, rng)
     return plan
 
 
 def plan_dead_end(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A residential street that starts on another one and ends within view."""
-    plan = RoadPlan([PlanNode(np.zeros(2), corner=6.5)])
+    plan = RoadPlan([PlanNode(np.zeros(2), corner=8.0)])
     profile, forward, backward = draw_minor_street(style, rng)
     profile = dataclasses.replace(profile, parking=True)
     angles = np.array([0.0, np.pi, np.pi / 2 + rng.normal(0, 0.1)])

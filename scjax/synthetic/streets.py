@@ -18,7 +18,8 @@ _MIN_ROAD_DISTANCE = 16.0  # m between the reference lines of roads that do not 
 _MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
 _DRIVEWAY_SHARE = 0.6
 _BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
-_SIDE_STREET_SPACING = (26, 55)  # m
+_SIDE_STREET_SPACING = (30, 57)  # m
+_BEND_TRANSITION = 10.0  # m from straight to the full curvature of a bend
 _MIN_BORDER_DISTANCE = 35  # m between a side street and the border of the map
 
 
@@ -97,6 +98,18 @@ def draw_road_line(rng: np.random.Generator, has_bends: bool, speed: float) -> L
     return line - line[len(line) // 2]
 
 
+def draw_winding_line(rng: np.random.Generator, min_radius: float) -> Line:
+    """A line of about ``2 * MAP_RADIUS`` with bends to both sides, of radii from ``min_radius`` [m]."""
+    lengths, curvatures, side = [], [0.0], float(rng.choice([-1, 1]))
+    while sum(lengths) < 2 * MAP_RADIUS:
+        curvature = side * rng.uniform(0.6, 1.0) / min_radius
+        lengths += [_BEND_TRANSITION, rng.uniform(8, 22), _BEND_TRANSITION]
+        curvatures += [curvature, curvature, 0.0]
+        side = -side
+    line = clothoid(lengths, curvatures)
+    return line - line[len(line) // 2]
+
+
 def add_arms(
     plan: RoadPlan, node: int, angles: np.ndarray, streets: list[Street], style: StreetStyle, rng: np.random.Generator
 ) -> None:
@@ -139,6 +152,7 @@ def add_road_with_side_streets(
     line, side_lines = road.line, []
     spacing = float(np.hypot(*(line[1] - line[0])))
     start_node, start, backward = road.start_node, 0, road.backward
+    is_one_way = not (road.forward.lanes and road.backward.lanes)
     for position in positions:
         point = round(position / spacing)
         is_driveway = bool(rng.random() < _DRIVEWAY_SHARE)
@@ -153,7 +167,9 @@ def add_road_with_side_streets(
         if not side_streets:
             continue
         number = len(plan.nodes)
-        plan.nodes.append(PlanNode(line[point], corner=4.5 if is_driveway else 6.5, is_driveway=is_driveway))
+        plan.nodes.append(
+            PlanNode(line[point], corner=5.0 if is_driveway and not is_one_way else 8.0, is_driveway=is_driveway)
+        )
         plan.edges += side_streets
         side_lines += [side_street.line for side_street in side_streets]
         stretch = line[start : point + 1]
