@@ -114,8 +114,8 @@ _TOWN_NETWORKS = {
     "side streets": 0.15,
     "road": 0.06,
     "dead end": 0.03,
-    "winding road": 0.04,
-    "roundabout": 0.06,
+    "winding road": 0.05,
+    "roundabout": 0.035,
     "parking lot": 0.03,
 }
 _CITY_TRAFFIC = TrafficDensity(0.9, 0.6)
@@ -125,7 +125,7 @@ DOMAINS = (
     Domain(
         name="suburb",
         share=0.34,
-        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.07},
+        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.04},
         style=_SUBURB,
         traffic=TrafficDensity(0.95, 0.6),
         pedestrians=BystanderDensity(0.3, 0.8),

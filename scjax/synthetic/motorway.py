@@ -33,7 +33,7 @@ def build_motorway(rng: np.random.Generator) -> Network:
         gap = lanes * profile.width + rng.uniform(2, 9)
         opposite = offset_line(line, gap)[::-1]
         add_road(net, opposite, profile, Carriageway(int(rng.choice([lanes, max(2, lanes - 1)]))), _ONE_WAY)
-    if rng.random() < 0.3:
+    if rng.random() < 0.2:
         _add_overpass(net, line, rng)
     return net
 

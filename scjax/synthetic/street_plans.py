@@ -100,7 +100,7 @@ def plan_roundabout(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """Three or four arms on a ring of one or two lanes."""
     count = int(rng.choice([3, 4], p=[0.35, 0.65]))
     lanes = 2 if len(style.lanes) > 2 and rng.random() < _TWO_LANE_RING_SHARE else 1
-    plan = RoadPlan([PlanNode(np.zeros(2), ring_radius=float(rng.uniform(14.5, 20)), ring_lanes=lanes)])
+    plan = RoadPlan([PlanNode(np.zeros(2), ring_radius=float(rng.uniform(13.0, 18.0)), ring_lanes=lanes)])
     angles = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.08, count)
     limit = float(rng.choice(style.limits)) * MPS_PER_MPH
     median, sidewalk = float(rng.choice([0.0, 1.5])), draw_bool(style.sidewalks, rng)

@@ -19,7 +19,6 @@ from tests.factories.damage import damaged_bytes
 
 OPTIONS = BuildOptions(split_percent=30.0, files_per_shard=2)
 WORLDS = Worlds(3, 6)
-FIRST = "train-00000-of-00002.arrayrecord"
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +31,16 @@ def original(tmp_path_factory):
 @pytest.fixture
 def folder(original, tmp_path):
     return shutil.copytree(original, tmp_path / "records")
+
+
+@pytest.fixture
+def shard(folder):
+    """The first of training."""
+    return train_shards(folder)[0]
+
+
+def train_shards(folder):
+    return sorted(folder.glob("train-*.arrayrecord"))
 
 
 def forget_files(folder):
@@ -52,7 +61,7 @@ def zero_a_block(shard):
 
 
 def swap(shard):
-    other = shard.with_name("train-00001-of-00002.arrayrecord")
+    other = train_shards(shard.parent)[1]
     first, second = shard.read_bytes(), other.read_bytes()
     shard.write_bytes(second)
     other.write_bytes(first)
@@ -66,16 +75,16 @@ def test_manifest_holds_size_and_hash_of_every_shard(original):
 
 
 @pytest.mark.parametrize("damage", [truncate, zero_a_block, swap, lambda shard: shard.unlink()])
-def test_open_records_names_a_changed_shard(folder, damage):
-    damage(folder / FIRST)
-    with pytest.raises(ValueError, match=rf"{FIRST}: .*copy it again, or run `python -m scjax\.data build"):
+def test_open_records_names_a_changed_shard(folder, shard, damage):
+    damage(shard)
+    with pytest.raises(ValueError, match=rf"{shard.name}: .*copy it again, or run `python -m scjax\.data build"):
         records.open_records(folder, "train")
     assert len(records.open_records(folder, "val"))
 
 
 @pytest.mark.parametrize("damage", [truncate, zero_a_block, lambda shard: shard.unlink()])
-def test_build_again_mends_the_shards(folder, original, damage):
-    damage(folder / FIRST)
+def test_build_again_mends_the_shards(folder, shard, original, damage):
+    damage(shard)
     build_records(WORLDS, folder, OPTIONS)
     assert list(records.open_records(folder, "train")) == list(records.open_records(original, "train"))
 
@@ -85,17 +94,17 @@ def test_open_records_of_older_manifests(folder, original):
     assert list(records.open_records(folder, "train")) == list(records.open_records(original, "train"))
 
 
-def test_damaged_records_are_named_when_they_are_read(folder):
+def test_damaged_records_are_named_when_they_are_read(folder, shard):
     forget_files(folder)
-    zero_a_block(folder / FIRST)
+    zero_a_block(shard)
     stored = records.open_records(folder, "train")
-    with pytest.raises(ValueError, match=rf"{FIRST}: record 0 cannot be read"):
+    with pytest.raises(ValueError, match=rf"{shard.name}: record 0 cannot be read"):
         list(stored)
-    with pytest.raises(ValueError, match=rf"{FIRST}: record \d+ cannot be read"):
+    with pytest.raises(ValueError, match=rf"{shard.name}: record \d+ cannot be read"):
         batches = training_batches(folder, scjax(), LoaderConfig(batch_size=4, buckets=((61, 100),), workers=2))
         for _ in range(len(stored)):
             next(batches)
-    with pytest.raises(ValueError, match=rf"{FIRST}: record 0 cannot be read"):
+    with pytest.raises(ValueError, match=rf"{shard.name}: record 0 cannot be read"):
         validation_scenes(folder, scjax(), split="train")
 
 
@@ -110,13 +119,13 @@ def test_read_record_names_a_record_that_cannot_be_decoded(tmp_path):
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(draw=st.data(), with_files=st.booleans())
-def test_damaged_shards_are_refused_or_read(folder, original, draw, with_files):
+def test_damaged_shards_are_refused_or_read(folder, shard, original, draw, with_files):
     manifest = json.loads((original / "manifest.json").read_text())
     if not with_files:
         del manifest["files"]
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    whole = (original / FIRST).read_bytes()
-    (folder / FIRST).write_bytes(draw.draw(damaged_bytes(whole)))
+    whole = (original / shard.name).read_bytes()
+    shard.write_bytes(draw.draw(damaged_bytes(whole)))
     try:
         stored = records.open_records(folder, "train")
         content = [records.read_record(stored, row) for row in range(len(stored))]

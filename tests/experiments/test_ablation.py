@@ -40,12 +40,12 @@ def test_ablation_runs_all_entries(workdir):
 
 def test_entry_without_condition_ignores_shuffling(workdir):
     none, _ = read(workdir)["runs"]
-    assert json.dumps(none["own"]) == json.dumps(none["shuffled"]) and none["parameters"] == 0
+    assert json.dumps(none["own"]) == json.dumps(none["shuffled"])
 
 
 def test_entry_with_condition_adds_parameters_and_work(workdir):
     none, full = read(workdir)["runs"]
-    assert full["parameters"] > 0 and full["flops"] > full["flops_cached"] > none["flops"] > 0
+    assert full["parameters"] > none["parameters"] >= 0 and full["flops"] > full["flops_cached"] > none["flops"] > 0
     assert full["seconds_per_step"] > 0
 
 

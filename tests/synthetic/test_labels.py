@@ -42,7 +42,7 @@ def test_scenes_have_realistic_numbers_of_vehicles(labeled_scenes):
 
 def test_roundabout_labels_agree_with_facts():
     layouts = collections.Counter()
-    for k in range(400):
+    for k in range(1500):
         rng = np.random.default_rng([VERSION, 8, k])
         if draw_domain(rng).draw_network_type(rng) == "roundabout":
             world = make_world(8, k)

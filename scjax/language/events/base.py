@@ -24,6 +24,7 @@ MAX_COORDINATE = 32.0  # m, half the width of the scene
 _MAX_EVENT_COORDINATE = 25.0  # m, events nearer to the border may be cut off
 _JUNCTION_DISTANCE = 18.0  # m of road around a fork, a merge or a sharp turn without events
 _QUEUE_DISTANCE = 8.0  # m around an intersection where vehicles wait
+_FORK_TURN = 0.3  # rad, of a branch of a fork or merge that is a junction
 _SHARP_TURN = 0.6  # rad of turn over a whole lane
 _SHARP_CURVATURE = 1 / 40  # rad/m, above it a bend is a turn at a junction
 _HEADING_COST = 0.5  # m per rad in the choice of the lane that an agent follows
@@ -117,8 +118,13 @@ def relate_agents_to_lanes(scene: Scene, road: Road, intersections: list[Interse
 
 def _near_junction(positions: np.ndarray, road: Road, intersections: list[Intersection]) -> np.ndarray:
     """Which positions are close to a fork, a merge, a sharp turn or an intersection [agents]."""
-    junctions = [road.points[k, -1] for k in range(len(road)) if len(road.successors[k]) > 1]
-    junctions += [road.points[k, 0] for k in range(len(road)) if len(road.predecessors[k]) > 1]
+    turns = np.abs(road.bends.sum(1)) > _FORK_TURN  # a fork whose branches all go straight on opens a lane
+    junctions = [
+        road.points[k, end]
+        for end, neighbors in ((-1, road.successors), (0, road.predecessors))
+        for k in range(len(road))
+        if len(neighbors[k]) > 1 and turns[list(neighbors[k])].any()
+    ]
     near = np.zeros(len(positions), bool)
     if junctions:
         near |= _within(positions, np.array(junctions))
