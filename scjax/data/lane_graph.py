@@ -57,13 +57,13 @@ class LaneGraph:
         return arc_lengths(self.points, self.offsets)[self.offsets[1:] - 1]
 
 
-def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_signals: bool = False) -> LaneGraph:
+def build_graph(log: Log, join_options: JoinOptions | None = None, *, one_signal: bool = False) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
 
     Args:
       join_options: of sources without topology; by default those of the evaluation rule.
-      split_at_signals: merge lanes only if they have the same signal, so that no state reaches beyond its junction.
-        The evaluation rule merges them all.
+      one_signal: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
+        evaluation rule merges them all and keeps the first signal.
 
     Raises:
       ValueError: if no lane with two distinct points is left.
@@ -82,7 +82,7 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_s
     else:
         joins = inferred_joins(points, join_options or JoinOptions())
     warnings = dict(joins.warnings)
-    breaks = _signal_changes(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
+    breaks = _signal_ends(log, [lane.id for lane in lanes], joins.pairs) if one_signal else frozenset()
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
@@ -99,10 +99,10 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_s
     return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
 
 
-def _signal_changes(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
-    """Pairs of lanes that follow each other with different signals, or of which one has none."""
+def _signal_ends(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+    """Pairs of lanes that follow each other, of which the first has a signal that the second does not have."""
     states = {lane_id: row.tobytes() for lane_id, row in zip(log.signal_lane_ids, log.signal_states, strict=True)}
-    return frozenset((i, j) for i, j in joins if states.get(ids[i]) != states.get(ids[j]))
+    return frozenset((i, j) for i, j in joins if ids[i] in states and states[ids[i]] != states.get(ids[j]))
 
 
 def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains steps"]:

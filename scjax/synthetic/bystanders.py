@@ -15,7 +15,7 @@ from scjax.synthetic.standing import draw_standing
 from scjax.synthetic.traffic.right_of_way import RightOfWay
 from scjax.synthetic.walkers import LaneWalkers, draw_cyclists, draw_pedestrians
 
-_CROSSING_SHARE, _MAX_CROSSING = 0.8, 2.0  # people for each crosswalk, of the density on sidewalks
+_CROSSING_SHARE, _MAX_CROSSING = 0.6, 1.5  # people for each crosswalk, of the density on sidewalks
 
 
 @dataclasses.dataclass

@@ -16,7 +16,9 @@ from scjax.synthetic.traffic.right_of_way import RightOfWay
 _APPROACH = 6.0  # m that people walk before and after a crosswalk
 _CURB = 2.6  # m from the centerline of the outermost lane to the curb where people wait
 _BEFORE_STOP_LINE = 1.8  # m
-_PATIENCE = 3.0  # s at the curb, after which vehicles without signals let people cross
+_AWAY_TIME = (10.0, 60.0)  # s between two crossings of a person
+_PASSED = 2.5  # m behind the center of a connector, from which on a vehicle may drive there
+_PATIENCE = 4.0  # s at the curb, after which vehicles without signals let people cross
 _IDS = 4 * 10**9
 
 
@@ -26,14 +28,19 @@ class Crosswalks:
 
     Attributes:
       start, end: at the curbs [m].
-      crossed: connectors that cross it [crosswalks, lanes].
+      places: where connectors cross it, from its start [m], NaN for those that do not [crosswalks, lanes].
       arriving: those of them that come from its own arm; their signals hold for people [crosswalks, lanes].
     """
 
     start: Float64[np.ndarray, "n 2"]
     end: Float64[np.ndarray, "n 2"]
-    crossed: Bool[np.ndarray, "n lanes"]
+    places: Float64[np.ndarray, "n lanes"]
     arriving: Bool[np.ndarray, "n lanes"]
+
+    @property
+    def crossed(self) -> Bool[np.ndarray, "n lanes"]:
+        """Connectors that cross the crosswalks."""
+        return ~np.isnan(self.places)
 
     @property
     def length(self) -> Float64[np.ndarray, " n"]:
@@ -44,7 +51,7 @@ class Crosswalks:
 def find_crosswalks(net: Network) -> Crosswalks:
     """Crosswalks in both directions, in front of the stop line of every arm with a sidewalk."""
     sidewalk_lanes = set(net.sidewalk_lanes)
-    starts, ends, crossed, arriving = [], [], [], []
+    starts, ends, places, arriving = [], [], [], []
     for number, junction in enumerate(net.junctions):
         if junction.type in ("merge", "driveway"):
             continue
@@ -53,26 +60,26 @@ def find_crosswalks(net: Network) -> Crosswalks:
             if not sidewalk_lanes & {*(lane for lane, _ in arm.inbound), *arm.outbound}:
                 continue
             start, end = _curbs(net, junction, arm)
-            crosses, comes = np.zeros(len(net.lanes), bool), np.zeros(len(net.lanes), bool)
+            place, comes = np.full(len(net.lanes), np.nan), np.zeros(len(net.lanes), bool)
             for k in connectors:
-                crosses[k] = _meets(net.lanes[k].points, start, end)
-                comes[k] = crosses[k] and net.lanes[k].arm == a and net.lanes[k].entry_lane >= 0
-            for pair in ((start, end), (end, start)):
+                place[k] = _crossing_place(net.lanes[k].points, start, end)
+                comes[k] = not np.isnan(place[k]) and net.lanes[k].arm == a and net.lanes[k].entry_lane >= 0
+            for pair in ((start, end, place), (end, start, np.hypot(*(end - start)) - place)):
                 starts.append(pair[0])
                 ends.append(pair[1])
-                crossed.append(crosses)
+                places.append(pair[2])
                 arriving.append(comes)
     lanes = len(net.lanes)
     return Crosswalks(
         np.array(starts, float).reshape(-1, 2),
         np.array(ends, float).reshape(-1, 2),
-        np.array(crossed, bool).reshape(-1, lanes),
+        np.array(places, float).reshape(-1, lanes),
         np.array(arriving, bool).reshape(-1, lanes),
     )
 
 
 class CrosswalkWalkers:
-    """People who go back and forth over crosswalks."""
+    """People who cross again and again, each one crosswalk; between two times they are out of sight for a while."""
 
     def __init__(self, crosswalks: Crosswalks, mean: float, rng: np.random.Generator):
         """``mean``: people for each crosswalk."""
@@ -80,9 +87,10 @@ class CrosswalkWalkers:
         self.crosswalks = crosswalks
         self.crosswalk: Int[np.ndarray, " n"] = np.repeat(np.arange(len(counts)), counts)
         count = len(self.crosswalk)
-        self.cycle = crosswalks.length[self.crosswalk] + 2 * _APPROACH
-        self.along: Float64[np.ndarray, " n"] = rng.uniform(-_APPROACH, self.cycle - _APPROACH)
         self.speed = np.clip(rng.normal(1.35, 0.2, count), 0.6, 2.2)
+        away = self.speed * rng.uniform(*_AWAY_TIME, count)
+        self.cycle = crosswalks.length[self.crosswalk] + 2 * _APPROACH + away
+        self.along: Float64[np.ndarray, " n"] = rng.uniform(-_APPROACH - away, self.cycle - _APPROACH - away)
         self.left = rng.normal(0, 0.5, count)
         self.sizes = actors.draw_sizes(AgentType.PEDESTRIAN, count, rng)
         self.waited = np.zeros(count)  # s
@@ -107,10 +115,14 @@ class CrosswalkWalkers:
         on_road = (self.along >= 0) & (self.along <= length)
         has_signal = (way.signals[None] != Signal.UNKNOWN) & self.crosswalks.arriving
         goes_first = (self.waited > _PATIENCE) & ~has_signal.any(1)[self.crosswalk]
-        way.occupied[:] = self.crosswalks.crossed[self.crosswalk[on_road | goes_first]].any(0)
+        way.occupied[:] = self.in_the_way(on_road | goes_first)
+
+    def in_the_way(self, rows: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " lanes"]:
+        """Connectors whose crossing some of the people have not passed yet, or only just."""
+        return (self.along[rows, None] < self.crosswalks.places[self.crosswalk[rows]] + _PASSED).any(0)
 
     def actors(self) -> Actors:
-        """The people now."""
+        """The people in sight now."""
         start, end = self.crosswalks.start[self.crosswalk], self.crosswalks.end[self.crosswalk]
         direction = (end - start) / self.crosswalks.length[self.crosswalk, None]
         left = np.stack([-direction[:, 1], direction[:, 0]], -1)
@@ -119,7 +131,7 @@ class CrosswalkWalkers:
         speeds = np.where(self.waited > 0, 0.0, self.speed)
         made = actors.make_actors(AgentType.PEDESTRIAN, positions, headings, speeds, self.sizes)
         made.ids = _IDS + 1000 * np.arange(len(made)) + self.laps
-        return made
+        return made.select(np.flatnonzero(self.along >= -_APPROACH))
 
     def _is_free(self, way: RightOfWay) -> np.ndarray:
         """Crosswalks without vehicles and without a green or yellow light across them."""
@@ -140,8 +152,8 @@ def _curbs(net: Network, junction: Junction, arm: Arm) -> tuple[np.ndarray, np.n
     return middle + (lateral.min() - _CURB) * left, middle + (lateral.max() + _CURB) * left
 
 
-def _meets(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
-    """Whether a polyline crosses the segment from ``start`` to ``end``."""
+def _crossing_place(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    """Where a polyline last crosses the segment from ``start`` to ``end``, seen along it [m]; NaN if it does not."""
     axis = end - start
     length = float(np.hypot(*axis))
     axis = axis / length
@@ -150,4 +162,5 @@ def _meets(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
     changes = np.flatnonzero((across[:-1] < 0) != (across[1:] < 0))
     share = across[changes] / (across[changes] - across[changes + 1])
     places = along[changes] + share * (along[changes + 1] - along[changes])
-    return bool(((places > -0.5) & (places < length + 0.5)).any())
+    inside = places[(places > -0.5) & (places < length + 0.5)]
+    return float(inside.max()) if len(inside) else np.nan

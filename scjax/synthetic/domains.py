@@ -15,7 +15,7 @@ from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
 from scjax.synthetic.streets import StreetStyle
 
-EVENT_SHARE = 0.7  # of worlds with a rare event, if they have a place for it
+EVENT_SHARE = 0.6  # of worlds with a rare event, if they have a place for it
 _MAX_DENSITY = 0.09  # vehicles per meter
 _LANE_SPREAD = 0.4  # standard deviation of the logarithm of the density among the lanes of a world
 
@@ -77,25 +77,25 @@ class Domain:
 
 
 _CITY = StreetStyle(
-    limits=(20, 25, 25, 30, 35),
+    limits=(25, 30, 30, 35, 40, 45),
     widths=(3.0, 3.5),
-    lanes=(0.2, 0.45, 0.28, 0.07),
+    lanes=(0.33, 0.22, 0.28, 0.17),
     medians=(0.0, 0.0, 1.0, 3.2),
     one_way=0.16,
-    parking=0.3,
-    signals=0.65,
+    parking=0.14,
+    signals=0.36,
     pockets=0.5,
     bends=0.2,
 )
 _SUBURB = StreetStyle(
     limits=(30, 35, 40, 45, 50, 55),
     widths=(3.3, 3.75),
-    lanes=(0.12, 0.38, 0.33, 0.17),
+    lanes=(0.25, 0.18, 0.3, 0.27),
     medians=(0.0, 1.2, 3.4, 3.6, 4.5),
-    parking=0.15,
+    parking=0.08,
     sidewalks=0.8,
-    signals=0.6,
-    pockets=0.8,
+    signals=0.36,
+    pockets=0.9,
     bends=0.35,
 )
 _COUNTRY = StreetStyle(
@@ -109,17 +109,18 @@ _COUNTRY = StreetStyle(
     bends=0.8,
 )
 _TOWN_NETWORKS = {
-    "crossing": 0.56,
-    "blocks": 0.14,
-    "side streets": 0.15,
-    "road": 0.06,
+    "crossing": 0.6,
+    "blocks": 0.17,
+    "side streets": 0.1,
+    "Y": 0.045,
+    "road": 0.08,
     "dead end": 0.03,
     "winding road": 0.05,
     "roundabout": 0.035,
-    "parking lot": 0.03,
+    "parking lot": 0.045,
 }
-_CITY_TRAFFIC = TrafficDensity(0.9, 0.6)
-_CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.45, 1.2), BystanderDensity(0.45, 0.4)
+_CITY_TRAFFIC = TrafficDensity(0.9, 0.7)
+_CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.6, 1.2), BystanderDensity(0.45, 0.4)
 DOMAINS = (
     Domain("city", 0.33, _TOWN_NETWORKS, _CITY, _CITY_TRAFFIC, _CITY_PEDESTRIANS, _CITY_CYCLISTS),
     Domain(
@@ -127,8 +128,8 @@ DOMAINS = (
         share=0.34,
         networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.04},
         style=_SUBURB,
-        traffic=TrafficDensity(0.95, 0.6),
-        pedestrians=BystanderDensity(0.3, 0.8),
+        traffic=TrafficDensity(0.95, 0.7),
+        pedestrians=BystanderDensity(0.45, 0.9),
         cyclists=BystanderDensity(0.25, 0.3),
     ),
     Domain(

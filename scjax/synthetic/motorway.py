@@ -24,7 +24,7 @@ def build_motorway(rng: np.random.Generator) -> Network:
     lanes = int(rng.choice([2, 3, 4], p=[0.45, 0.4, 0.15]))
     speed = float(rng.choice([55, 60, 65, 70])) * MPS_PER_MPH
     profile = RoadProfile(speed, rng.uniform(3.5, 3.75), subtype="freeway")
-    ramp = rng.choice(["none", "entry", "exit"], p=[0.3, 0.4, 0.3])
+    ramp = rng.choice(["none", "entry", "exit"], p=[0.1, 0.55, 0.35])
     if ramp == "none":
         add_road(net, line, profile, Carriageway(lanes), _ONE_WAY)
     else:
@@ -33,7 +33,7 @@ def build_motorway(rng: np.random.Generator) -> Network:
         gap = lanes * profile.width + rng.uniform(2, 9)
         opposite = offset_line(line, gap)[::-1]
         add_road(net, opposite, profile, Carriageway(int(rng.choice([lanes, max(2, lanes - 1)]))), _ONE_WAY)
-    if rng.random() < 0.2:
+    if rng.random() < 0.3:
         _add_overpass(net, line, rng)
     return net
 

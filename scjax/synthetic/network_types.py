@@ -23,6 +23,7 @@ from scjax.synthetic.street_plans import (
     plan_roundabout,
     plan_side_streets,
     plan_winding_road,
+    plan_y_junction,
 )
 from scjax.synthetic.streets import StreetStyle
 
@@ -38,6 +39,7 @@ NETWORK_BUILDERS: dict[str, NetworkBuilder] = {
     "road": _from_plan(plan_road),
     "winding road": _from_plan(plan_winding_road),
     "crossing": _from_plan(plan_intersection),
+    "Y": _from_plan(plan_y_junction),
     "side streets": _from_plan(plan_side_streets),
     "blocks": _from_plan(plan_blocks),
     "roundabout": _from_plan(plan_roundabout),

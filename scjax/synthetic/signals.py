@@ -12,6 +12,7 @@ from scjax.scene import Signal
 from scjax.synthetic.network import Junction, Network
 
 YELLOW_TIME, CLEARANCE_TIME = 3.0, 2.0  # s
+_YELLOW_SHARE = 0.35  # of the junctions that are drawn with a phase that is yellow at a moment
 _MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 
@@ -88,11 +89,16 @@ class SignalTiming:
     start: float
 
     @classmethod
-    def draw(cls, junction: Junction, rng: np.random.Generator) -> SignalTiming:
-        """Random timing; phases with more connectors are longer."""
+    def draw(cls, junction: Junction, moments: np.ndarray, rng: np.random.Generator) -> SignalTiming:
+        """Random timing; phases with more connectors are longer. Often a phase is yellow at one of ``moments`` [s]."""
         greens = [rng.uniform(6, 10) + 2.0 * len(phase) ** 0.5 for phase in junction.phases]
         cycle = sum(greens) + len(greens) * (YELLOW_TIME + CLEARANCE_TIME)
-        return cls(tuple(junction.phases), tuple(float(green) for green in greens), float(rng.uniform(0, cycle)))
+        start = rng.uniform(0, cycle)
+        if rng.random() < _YELLOW_SHARE:
+            phase = int(rng.integers(len(greens)))
+            yellow = sum(greens[: phase + 1]) + phase * (YELLOW_TIME + CLEARANCE_TIME) + rng.uniform(0, YELLOW_TIME)
+            start = (yellow - rng.choice(moments)) % cycle
+        return cls(tuple(junction.phases), tuple(float(green) for green in greens), float(start))
 
     def states(self, time: float) -> dict[int, Signal]:
         """The ``Signal`` of every connector at ``time`` [s]."""

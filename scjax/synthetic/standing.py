@@ -42,7 +42,7 @@ def _parked_along_lanes(net: Network, lanes: LaneArrays, rng: np.random.Generato
     for lane in net.parking_lanes:
         if lanes.length[lane] < 25 or rng.random() < 0.15:
             continue
-        occupancy, position = rng.uniform(0.2, 0.95), 10.0 + rng.uniform(0, 5)
+        occupancy, position = rng.uniform(0.1, 0.9), 10.0 + rng.uniform(0, 5)
         while position < lanes.length[lane] - 12.0:
             if rng.random() < occupancy:
                 lane_of.append(lane)

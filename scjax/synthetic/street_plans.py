@@ -24,6 +24,7 @@ from scjax.synthetic.streets import (
     draw_winding_line,
 )
 
+_FOUR_ARMS_SHARE, _SKEW_SHARE = 0.55, 0.25
 _TWO_LANE_RING_SHARE = 0.35
 _LATERAL_ACCELERATION = 2.5  # m/s^2, comfortable in bends
 
@@ -46,20 +47,28 @@ def plan_winding_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 
 def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
-    """A four-way, T- or Y-junction, often with further junctions on its arms."""
-    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(8.0, 11.0))])
-    shape = rng.choice(["four", "T", "Y"], p=[0.51, 0.40, 0.09])
-    if shape == "Y":
-        angles = np.array([0.0, 2.1, -2.1]) + rng.normal(0, 0.12, 3)
-    else:
-        skew = rng.normal(0, 0.08) if rng.random() < 0.8 else rng.choice([-1, 1]) * rng.uniform(0.3, 0.6)
-        cross = np.pi / 2 + skew
-        angles = np.array([0.0, np.pi, cross, cross - np.pi][: 4 if shape == "four" else 3]) + rng.normal(0, 0.03)
-        if shape == "T" and rng.random() < 0.5:
-            angles = -angles
+    """A four-way or T-junction, of narrow roads also a skew one, often with further junctions on its arms."""
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(6.5, 9.5))])
     main_street = draw_main_street(style, rng)
-    cross_street = draw_main_street(style, rng) if rng.random() < 0.45 else draw_minor_street(style, rng)
+    cross_street = draw_main_street(style, rng) if rng.random() < 0.6 else draw_minor_street(style, rng)
+    is_narrow = max(main_street.forward.lanes, cross_street.forward.lanes) == 1
+    is_skew = is_narrow and rng.random() < _SKEW_SHARE
+    cross = np.pi / 2 + (rng.choice([-1, 1]) * rng.uniform(0.3, 0.6) if is_skew else rng.normal(0, 0.08))
+    arms = 4 if rng.random() < _FOUR_ARMS_SHARE else 3
+    angles = np.array([0.0, np.pi, cross, cross - np.pi][:arms]) + rng.normal(0, 0.03)
+    if arms == 3 and (rng.random() < 0.5 or not main_street.backward.lanes):
+        angles = -angles  # on a one-way road from the right, where ways in and out do not cross
     add_arms(plan, 0, angles, [main_street, main_street, cross_street, cross_street], style, rng)
+    return plan
+
+
+def plan_y_junction(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
+    """Three narrow roads that meet at about equal angles."""
+    style = dataclasses.replace(style, lanes=(1.0,), one_way=0.0)
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals / 2), corner=rng.uniform(6.5, 9.5))])
+    angles = np.arange(3) * 2 * np.pi / 3 + rng.normal(0, 0.12, 3)
+    street = draw_minor_street(style, rng)
+    add_arms(plan, 0, angles, [street] * 3, style, rng)
     return plan
 
 
@@ -79,7 +88,7 @@ def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     spacing = rng.uniform(62, 105, 2)
     corners = [np.array([x, y]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     has_signals = bool(rng.random() < style.signals)
-    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(8.0, 10.0)) for corner in corners])
+    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(6.5, 8.5)) for corner in corners])
     streets = [draw_main_street(style, rng) if rng.random() < 0.4 else draw_minor_street(style, rng) for _ in range(4)]
     for k, (profile, forward, backward) in enumerate(streets):
         # Streets 0 and 1 run along y at the two x, streets 2 and 3 along x at the two y.
@@ -114,7 +123,8 @@ def plan_dead_end(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     plan = RoadPlan([PlanNode(np.zeros(2), corner=8.0)])
     profile, forward, backward = draw_minor_street(style, rng)
     profile = dataclasses.replace(profile, parking=True)
-    angles = np.array([0.0, np.pi, np.pi / 2 + rng.normal(0, 0.1)])
+    side = 1 if backward.lanes else -1
+    angles = np.array([0.0, np.pi, side * np.pi / 2 + rng.normal(0, 0.1)])
     add_arms(plan, 0, angles[:2], [Street(profile, forward, backward)] * 2, style, rng)
     line = clothoid([25, rng.uniform(20, 60)], [0, 0, rng.normal(0, 0.006)])
     line = transform_line(line, np.zeros(2), float(angles[2]))

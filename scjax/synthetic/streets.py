@@ -16,7 +16,7 @@ MAP_RADIUS = 150.0  # m from the center to the border of the map
 SIDE_STREET_RANK = 3
 _MIN_ROAD_DISTANCE = 16.0  # m between the reference lines of roads that do not meet
 _MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
-_DRIVEWAY_SHARE = 0.6
+_DRIVEWAY_SHARE = 0.2
 _BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
 _SIDE_STREET_SPACING = (30, 57)  # m
 _BEND_TRANSITION = 10.0  # m from straight to the full curvature of a bend
@@ -157,9 +157,11 @@ def add_road_with_side_streets(
         point = round(position / spacing)
         is_driveway = bool(rng.random() < _DRIVEWAY_SHARE)
         tangent = line[point + 1] - line[point - 1]
-        side = float(rng.choice([-1, 1]))
+        sides = rng.permutation([-1.0, 1.0])[: 2 if rng.random() < _BOTH_SIDES_SHARE else 1]
+        if is_one_way:  # from the right, where ways in and out do not cross
+            sides = [-1.0 if road.forward.lanes else 1.0]
         side_streets = []
-        for sign in (side, -side) if rng.random() < _BOTH_SIDES_SHARE else (side,):
+        for sign in sides:
             angle = float(np.arctan2(tangent[1], tangent[0])) + sign * (np.pi / 2 + rng.normal(0, 0.07))
             side_street = _draw_side_street(line[point], angle, is_driveway, len(plan.nodes), rng)
             if _is_clear(side_street.line, others + side_lines):
@@ -196,11 +198,11 @@ def _is_clear(line: Line, others: list[Line]) -> bool:
 def _draw_side_street(
     start: np.ndarray, angle: float, is_driveway: bool, node: int, rng: np.random.Generator
 ) -> PlanEdge:
-    length = rng.uniform(22, 32) if is_driveway else rng.uniform(70, 110)
+    length = rng.uniform(22, 32) if is_driveway else rng.uniform(85, 125)
     profile = RoadProfile(
         (10 if is_driveway else 25) * MPS_PER_MPH,
         3.0 if is_driveway else 3.3,
-        parking=not is_driveway and rng.random() < 0.5,
+        parking=not is_driveway and rng.random() < 0.3,
         sidewalk=not is_driveway,
     )
     line = transform_line(clothoid([20, length - 20], [0, 0, rng.normal(0, 0.004)]), start, angle)
@@ -213,6 +215,6 @@ def _add_pockets(
     """The carriageway with random turn pockets."""
     if not carriageway.lanes or not draw_bool(style.pockets, rng):
         return carriageway
-    left = rng.uniform(28, 55) if profile.median >= _MIN_POCKET_MEDIAN else 0.0
-    right = rng.uniform(28, 50) if rng.random() < 0.4 else 0.0
+    left = rng.uniform(32, 75) if profile.median >= _MIN_POCKET_MEDIAN else 0.0
+    right = rng.uniform(30, 65) if rng.random() < 0.45 else 0.0
     return dataclasses.replace(carriageway, left_pocket=left, right_pocket=right)

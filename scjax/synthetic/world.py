@@ -26,7 +26,8 @@ _EGOS = 2  # stream of random numbers for the choice of egos
 _EGO_DISTANCE = 14.0  # m between the egos of a world, over all moments
 _EVENT_EGO_DISTANCE = _EGO_DISTANCE / 3  # m for egos that see an event
 _JUNCTION_DISTANCE = 30.0  # m, recordings dwell close to junctions
-_ELSEWHERE_SHARE = 0.2  # of the vehicles further from junctions that become egos
+_STANDING_SPEED, _STANDING_SHARE = 0.5, 0.4  # m/s; of the standing vehicles that become egos
+_ELSEWHERE_SHARE = 0.12  # of the vehicles further from junctions that become egos
 _MAX_EGO_RADIUS = 78.0  # m from the center of the map
 _EVENT_ALONG, _EVENT_LATERAL = 21, 20  # m from an ego to an event that its scene shows
 _MAX_EVENT_EGOS = 4  # per moment
@@ -123,7 +124,9 @@ def _draw_egos(
     centers = np.array([junction.center for junction in net.junctions]).reshape(-1, 1, 2)
     near_junction = (np.linalg.norm(scene.positions[rows] - centers, axis=-1) < _JUNCTION_DISTANCE).any(0)
     share_elsewhere = _ELSEWHERE_SHARE if near_junction.any() else 1.0
-    ordinary = rows[near_junction | (rng.random(len(rows)) < share_elsewhere)]
+    ordinary = near_junction | (rng.random(len(rows)) < share_elsewhere)
+    ordinary &= (scene.speeds[rows] > _STANDING_SPEED) | (rng.random(len(rows)) < _STANDING_SHARE)
+    ordinary = rows[ordinary]
     agent = None if event is None else event.find(scene)
     if event is None or agent is None:
         return [Ego(moment, int(row)) for row in ordinary]

@@ -10,7 +10,7 @@ from scjax.data.readers.scene_json import read_log
 from scjax.scene import Signal
 from scjax.scene.lane_chains import merge_degree2_chains
 from tests.factories import scene_files
-from tests.factories.logs import example_log
+from tests.factories.logs import example_log, straight_lane
 
 
 def graph_of(tmp_path, **changes):
@@ -132,10 +132,26 @@ def test_nearest_lane_is_exact(tmp_path_factory, seed):
     np.testing.assert_allclose(z, 10.0)
 
 
-def test_lanes_with_different_signals_stay_apart_on_request():
-    """Lane "b" has a signal and follows "a", which has none."""
-    log = example_log()
-    assert build_graph(log).num_lanes == 2
-    graph = build_graph(log, split_at_signals=True)
-    assert graph.num_lanes == 3 and graph.successors.tolist() == [[0, 1]]
-    assert not graph.signals[0].any() and graph.signals[1].tolist() == log.signal_states[0].tolist()
+def test_merged_lanes_end_behind_the_junction_of_their_signal_on_request():
+    """Lanes a, b, ... follow each other; "b" and, 30 m behind it, "d" have signals of two junctions."""
+    names = "abcde"
+    lanes = tuple(
+        straight_lane(
+            name,
+            30 * k,
+            30 * k + 30,
+            0,
+            predecessors=tuple(names[max(k - 1, 0) : k]),
+            successors=tuple(names[k + 1 : k + 2]),
+        )
+        for k, name in enumerate(names)
+    )
+    states = np.array([[Signal.GO] * 10, [Signal.STOP] * 10])
+    log = example_log(
+        lanes=lanes, signal_lane_ids=("b", "d"), signal_states=states, signal_positions=np.full((2, 3), np.nan)
+    )
+    merged, apart = build_graph(log), build_graph(log, one_signal=True)
+    assert merged.signals[:, 0].tolist() == [Signal.GO]  # the second signal is lost
+    assert apart.signals[:, 0].tolist() == [Signal.GO, Signal.STOP, Signal.UNKNOWN]
+    assert apart.successors.tolist() == [[0, 1], [1, 2]]
+    np.testing.assert_allclose(apart.lane_lengths, [60, 60, 30])

@@ -12,6 +12,7 @@ from scjax.synthetic.lane_arrays import build_lane_arrays
 from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.plan import build_network
 from scjax.synthetic.signals import SignalTiming
+from scjax.synthetic.stage import moment_times
 from scjax.synthetic.street_plans import plan_intersection
 from scjax.synthetic.traffic import TIME_STEP, Fleet, Obstacle, TrafficSimulation, draw_fleet
 from scjax.synthetic.traffic.fleet import AXLE_SHARE
@@ -82,7 +83,7 @@ def intersection() -> tuple[Network, SignalTiming]:
     while True:
         net = build_network(plan_intersection(style, rng), rng)
         if net.junctions[0].phases and len(net.junctions[0].arms) == 4:
-            return net, SignalTiming.draw(net.junctions[0], rng)
+            return net, SignalTiming.draw(net.junctions[0], moment_times(), rng)
 
 
 def dense_simulation(net: Network, timing: SignalTiming, seed: int) -> TrafficSimulation:

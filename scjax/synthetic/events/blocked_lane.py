@@ -53,8 +53,7 @@ class DoubleParking(StoppedVehicle):
 
     @classmethod
     def fits(cls, net: Network, lane: int) -> bool:
-        is_single = net.lanes[lane].left is None and net.lanes[lane].subtype != "freeway"
-        return lane in net.parking_lanes and is_single
+        return lane in net.parking_lanes and net.lanes[lane].subtype != "freeway"
 
     def prepare_traffic(self, fleet: Fleet, rng: np.random.Generator) -> Fleet:
         lateral = -(0.5 * self.net.lanes[self.lane].width - _EDGE_DISTANCE)

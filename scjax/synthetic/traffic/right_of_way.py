@@ -8,14 +8,13 @@ from jaxtyping import Bool, Int
 from scjax.scene import Signal
 from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.signals import SignalTiming
-from scjax.synthetic.traffic.driver_model import DECELERATION
 from scjax.synthetic.traffic.fleet import Fleet
 from scjax.synthetic.traffic.queue import TrafficQueue
 
 STOP_LINE_GAP = 1.2  # m between the front bumper and the stop line
 _COMFORTABLE_DECELERATION = 3.0  # m/s^2, vehicles that would have to brake harder pass a yellow signal
-_REQUEST_DISTANCE = 6.0  # m, and braking distance and 2.5 s, before which a vehicle requests a connector
-_REQUEST_TIME = 2.5  # s
+_REQUEST_DISTANCE = 6.0  # m, and braking distance and 1 s, before which a vehicle requests a connector
+_REQUEST_TIME = 1.0  # s
 _RELEASE_DISTANCE = 0.5  # m behind a connector
 _SLOW = 2.0  # m/s, of a vehicle that may block the way behind a connector
 _NONE = -1
@@ -52,7 +51,7 @@ class RightOfWay:
     def grant(self, fleet: Fleet, queue: TrafficQueue) -> None:
         """Grants connectors to vehicles close to them, by rank, then by distance."""
         lanes = self.lanes
-        reach = queue.speed**2 / (2 * DECELERATION) + _REQUEST_TIME * queue.speed + _REQUEST_DISTANCE
+        reach = queue.speed**2 / (2 * _COMFORTABLE_DECELERATION) + _REQUEST_TIME * queue.speed + _REQUEST_DISTANCE
         requests = np.flatnonzero(self.needs_grant(fleet, queue) & (queue.remaining - queue.half_length < reach))
         if not len(requests):
             return
