@@ -21,7 +21,12 @@ from tests.factories.scene_files import write_scene_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-SMALLER = {"--worlds 2000": "--worlds 3", "-n 20": "-n 5", " -n 4": " -n 1 --num-steps 2 --best-of 1"}
+SMALLER = {
+    "--worlds 2000": "--worlds 3",
+    "--worlds 8": "--worlds 1",
+    "-n 20": "-n 5",
+    " -n 4": " -n 1 --num-steps 2 --best-of 1",
+}
 NOT_RUN = ("pip install", "scjax demo")  # the two commands of the README: .ci/run runs them
 
 

@@ -79,12 +79,12 @@ class Domain:
 _CITY = StreetStyle(
     limits=(25, 30, 30, 35, 40, 45),
     widths=(3.0, 3.5),
-    lanes=(0.33, 0.22, 0.28, 0.17),
-    medians=(0.0, 0.0, 1.0, 3.2),
+    lanes=(0.3, 0.2, 0.28, 0.22),
+    medians=(0.0, 1.0, 3.2, 3.2),
     one_way=0.16,
     parking=0.14,
     signals=0.36,
-    pockets=0.5,
+    pockets=0.8,
     bends=0.2,
 )
 _SUBURB = StreetStyle(

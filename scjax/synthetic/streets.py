@@ -216,5 +216,5 @@ def _add_pockets(
     if not carriageway.lanes or not draw_bool(style.pockets, rng):
         return carriageway
     left = rng.uniform(32, 75) if profile.median >= _MIN_POCKET_MEDIAN else 0.0
-    right = rng.uniform(30, 65) if rng.random() < 0.45 else 0.0
+    right = rng.uniform(30, 75) if rng.random() < 0.55 else 0.0
     return dataclasses.replace(carriageway, left_pocket=left, right_pocket=right)

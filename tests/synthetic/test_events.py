@@ -18,7 +18,7 @@ def scene_events() -> list[tuple[str | None, set[str]]]:
     """The event that each scene shows, and those that the rules detect."""
     return [
         (ego.event, set(extract_facts(scene).events))
-        for k in range(50)
+        for k in range(36)
         for ego, scene in scenes_of(make_world(11, k, event_share=1.0))
     ]
 

@@ -9,7 +9,7 @@ from scjax.scene import NO_EGO, Log, load_log, save_log, validate_log
 from scjax.synthetic.motion import SECONDS_AHEAD, SECONDS_BACK, STEP, world_logs
 from scjax.synthetic.world import World, make_world
 
-_WORLDS = range(4)
+_WORLDS = range(8)
 _SEED = 3
 
 

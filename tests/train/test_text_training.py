@@ -43,7 +43,7 @@ from tests.factories.worlds import tiny_model
 def folder(tmp_path_factory):
     """Captioned and embedded records, and models of both stages before text."""
     folder = tmp_path_factory.mktemp("text")
-    build_records(Worlds(3, 6), folder / "records", BuildOptions(split_percent=30.0))
+    build_records(Worlds(3, 14), folder / "records", BuildOptions(split_percent=30.0))
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     config = configured("denoiser", folder)
