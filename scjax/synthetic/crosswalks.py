@@ -119,7 +119,8 @@ class CrosswalkWalkers:
 
     def in_the_way(self, rows: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " lanes"]:
         """Connectors whose crossing some of the people have not passed yet, or only just."""
-        return (self.along[rows, None] < self.crosswalks.places[self.crosswalk[rows]] + _PASSED).any(0)
+        is_before = np.less(self.along[rows, None], self.crosswalks.places[self.crosswalk[rows]] + _PASSED)
+        return np.asarray(is_before.any(axis=0))
 
     def actors(self) -> Actors:
         """The people in sight now."""
