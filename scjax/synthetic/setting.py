@@ -24,7 +24,7 @@ VERSION = 5  # raise it with every change of what a seed gives
 _EVENT_WEIGHTS = {  # 1 of the others; few places allow double parking, and many scenes see one corridor
     "double parking": 4.0,
     "cut-in": 2.0,
-    "wrong-way driver": 1.5,
+    "wrong-way driver": 0.8,
     "work zone": 1.5,
     "emergency corridor": 0.7,
 }
