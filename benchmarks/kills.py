@@ -82,7 +82,10 @@ def main(arguments: list[str] | None = None) -> None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{folder}/programs")
         tasks = _tasks(Path(folder) / "templates", args.scenes) if {*names} - {"save", "cache"} else []
         chosen = [task for task in tasks if task.name in names]
-        rows = [_row(task, Path(folder) / task.name, args.kills, rng) for task in tqdm(chosen, "commands")]
+        rows = []
+        for task in tqdm(chosen, "commands"):
+            rows.append(_row(task, Path(folder) / task.name, args.kills, rng))
+            print(json.dumps(rows[-1]), file=sys.stderr)  # a run that is ended keeps what it has found
         if "save" in names:
             rows.append(_save_row(Path(folder) / "save", args.kills, rng))
         if "cache" in names:
