@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from scjax.language.analysis.platoons import leader_gaps
+from scjax.language.analysis.scene_analysis import Analysis
 from scjax.scene import AgentType, Signal
-
-if TYPE_CHECKING:
-    from scjax.language.analysis.scene_analysis import Analysis
 
 EVENTS = (
     "wrong-way",

@@ -15,7 +15,6 @@ from scjax.language.analysis.ego_route import EgoRoute, RoutePositions, find_ego
 from scjax.language.analysis.lane_lines import LaneLines, lane_lines
 from scjax.language.analysis.layouts import has_dead_end, has_parking_rows, layout_names, road_shape
 from scjax.language.analysis.partings import Parting, find_partings
-from scjax.language.analysis.rare_events import find_rare_events
 from scjax.language.analysis.rings import Ring, find_ring
 from scjax.language.analysis.road_sections import RoadSection, approach_turns, ego_section
 from scjax.metrics.pooling import singles
@@ -138,11 +137,6 @@ class Analysis:
             has_overpass=bool(len(self.crossings.over().points)),
             is_dead_end=has_dead_end(self.lines, self.window),
         )
-
-    @functools.cached_property
-    def events(self) -> tuple[str, ...]:
-        """Rare events."""
-        return find_rare_events(self)
 
     def border_distance(self, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
         """Distance from places inside the window to its border [m]; negative outside."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from scjax.language.analysis.rare_events import EVENTS as EVENT_NAMES
+from scjax.language.analysis.rare_events import find_rare_events
 from scjax.language.attributes.base import Attribute
 
 EVENTS = (
@@ -10,7 +11,7 @@ EVENTS = (
         "event",
         "set",
         "Rare events that the scene shows.",
-        lambda scene: scene.events,
+        find_rare_events,
         EVENT_NAMES,
     ),
 )
