@@ -48,7 +48,7 @@ def plan_winding_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A four-way or T-junction, of narrow roads also a skew one, often with further junctions on its arms."""
-    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(6.5, 9.5))])
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals), corner=rng.uniform(5.0, 8.0))])
     main_street = draw_main_street(style, rng)
     cross_street = draw_main_street(style, rng) if rng.random() < 0.6 else draw_minor_street(style, rng)
     is_narrow = max(main_street.forward.lanes, cross_street.forward.lanes) == 1
@@ -65,7 +65,7 @@ def plan_intersection(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 def plan_y_junction(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """Three narrow roads that meet at about equal angles."""
     style = dataclasses.replace(style, lanes=(1.0,), one_way=0.0)
-    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals / 2), corner=rng.uniform(6.5, 9.5))])
+    plan = RoadPlan([PlanNode(np.zeros(2), bool(rng.random() < style.signals / 2), corner=rng.uniform(5.0, 8.0))])
     angles = np.arange(3) * 2 * np.pi / 3 + rng.normal(0, 0.12, 3)
     street = draw_minor_street(style, rng)
     add_arms(plan, 0, angles, [street] * 3, style, rng)
@@ -88,7 +88,7 @@ def plan_blocks(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     spacing = rng.uniform(62, 105, 2)
     corners = [np.array([x, y]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     has_signals = bool(rng.random() < style.signals)
-    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(6.5, 8.5)) for corner in corners])
+    plan = RoadPlan([PlanNode(spacing * corner, has_signals, corner=rng.uniform(5.0, 7.5)) for corner in corners])
     streets = [draw_main_street(style, rng) if rng.random() < 0.4 else draw_minor_street(style, rng) for _ in range(4)]
     for k, (profile, forward, backward) in enumerate(streets):
         # Streets 0 and 1 run along y at the two x, streets 2 and 3 along x at the two y.
@@ -120,7 +120,7 @@ def plan_roundabout(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
 
 def plan_dead_end(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """A residential street that starts on another one and ends within view."""
-    plan = RoadPlan([PlanNode(np.zeros(2), corner=8.0)])
+    plan = RoadPlan([PlanNode(np.zeros(2), corner=6.5)])
     profile, forward, backward = draw_minor_street(style, rng)
     profile = dataclasses.replace(profile, parking=True)
     side = 1 if backward.lanes else -1
