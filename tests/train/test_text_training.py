@@ -130,10 +130,9 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())
-    assert sound["the record itself"]["connection_gap_m"] < 1e-3
-    assert (
-        not sound["prompt, guidance 2, repaired"]["connection_gap_m"] > 1e-3
-    )  # an untrained model may link nothing at all
+    # Three records, and an untrained model too, may have no connections at all.
+    for row in ("the record itself", "prompt, guidance 2, repaired"):
+        assert not sound[row]["connection_gap_m"] > 1e-3
     assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
     assert "prompt, guidance 2, best of 2 repaired" in sound
     assert "nan" not in markdown(adherence, "Prompt adherence", "the command")
