@@ -216,15 +216,18 @@ def _save_row(folder: Path, kills: int, rng: random.Random) -> dict[str, Any]:
     """Saves of a model in a loop: loads beside them, and a load after every kill."""
     out, faults, loads, start = folder / "model", 0, 0, time.perf_counter()
     folder.mkdir(parents=True)
+    _run(["import scjax; scjax.load()"], check=True)
+    until_first_save, was_saved = time.perf_counter() - start, False
     for number in range(kills):
         beside = None
         if number % 10 == 0 and out.exists():
             beside = subprocess.Popen([sys.executable, "-c", _LOAD, str(out)])
-        faults += not _kill([_SAVE, str(out)], rng.uniform(3, 8))
+        faults += not _kill([_SAVE, str(out)], until_first_save + rng.uniform(0, 5))
         if beside is not None:
             loads += 20
             faults += beside.wait() != 0
-        if out.exists() or number > 3:
+        was_saved |= out.exists()
+        if was_saved:
             loads += 20
             faults += _run([_LOAD, str(out)]).returncode != 0
     _run(["import sys, scjax; scjax.save(scjax.load(), sys.argv[1])", str(out)], check=True)
