@@ -114,5 +114,5 @@ def _shown(leaves: Mapping[str, Any], name: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _short(digest: str | None) -> str:
-    return digest[:8] if digest else "none"
+def _short(digest: Any) -> str:
+    return str(digest)[:8] if digest else "none"  # a damaged checkpoint may hold any value
