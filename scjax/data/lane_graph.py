@@ -57,12 +57,12 @@ class LaneGraph:
         return arc_lengths(self.points, self.offsets)[self.offsets[1:] - 1]
 
 
-def build_graph(log: Log, join_options: JoinOptions | None = None, *, one_signal: bool = False) -> LaneGraph:
+def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_signals: bool = False) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
 
     Args:
       join_options: of sources without topology; by default those of the evaluation rule.
-      one_signal: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
+      split_at_signals: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
         evaluation rule merges them all and keeps the first signal.
 
     Raises:
@@ -82,7 +82,7 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, one_signal
     else:
         joins = inferred_joins(points, join_options or JoinOptions())
     warnings = dict(joins.warnings)
-    breaks = _signal_ends(log, [lane.id for lane in lanes], joins.pairs) if one_signal else frozenset()
+    breaks = _signal_ends(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])

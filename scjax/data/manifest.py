@@ -100,7 +100,7 @@ def load_manifest(folder: str | Path) -> dict[str, Any]:
         data = read_limited(path)
     except FileNotFoundError as error:
         cure = f"run `python -m scjax.data build SOURCE {folder}` to its end"
-        raise ValueError(f"{path}: not there, so no records were built here: {cure}") from error
+        raise ValueError(f"{path}: not there, so the records are not complete: {cure}") from error
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}): {_CURE}") from error
     version = parse_document(data, _Version, path, _CURE)

@@ -17,7 +17,7 @@ _APPROACH = 6.0  # m that people walk before and after a crosswalk
 _CURB = 2.6  # m from the centerline of the outermost lane to the curb where people wait
 _BEFORE_STOP_LINE = 1.8  # m
 _AWAY_TIME = (10.0, 60.0)  # s between two crossings of a person
-_PASSED = 2.5  # m behind the center of a connector, from which on a vehicle may drive there
+_PASSED = 2.5  # m that a person is past the place where a connector crosses, before a vehicle may enter it
 _PATIENCE = 4.0  # s at the curb, after which vehicles without signals let people cross
 _IDS = 4 * 10**9
 

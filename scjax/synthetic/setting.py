@@ -21,7 +21,7 @@ from scjax.synthetic.stage import Stage, moment_times
 from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
 
 VERSION = 5  # raise it with every change of what a seed gives
-_EVENT_WEIGHTS = {  # 1 of the others; few places allow double parking, and many scenes see one corridor
+_EVENT_WEIGHTS = {  # the others have 1; few places allow double parking, many scenes see one corridor
     "double parking": 4.0,
     "cut-in": 2.0,
     "wrong-way driver": 0.8,

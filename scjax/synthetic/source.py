@@ -70,7 +70,7 @@ class Worlds:
         seed, k = _numbers(item.file)
         world = make_world(seed, k, self.events)
         log = to_log(world)
-        graph = build_graph(log, one_signal=True)
+        graph = build_graph(log, split_at_signals=True)
         index = index_segments(graph)
         uniform = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
         labels = [label_scene(world, ego) for ego in world.egos]

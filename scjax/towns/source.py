@@ -87,7 +87,7 @@ class Towns:
             source_sha256=item.sha256,
         )
         log = cut_log(_load_map(run.map_file), _load_traffic(run.traffic_file), number, metadata)
-        graph = build_graph(log, one_signal=True)
+        graph = build_graph(log, split_at_signals=True)
         index = index_segments(graph)
         standard = find_poses(log, index, **dataclasses.asdict(options.poses))
         poses = standard

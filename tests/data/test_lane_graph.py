@@ -150,7 +150,7 @@ def test_merged_lanes_end_behind_the_junction_of_their_signal_on_request():
     log = example_log(
         lanes=lanes, signal_lane_ids=("b", "d"), signal_states=states, signal_positions=np.full((2, 3), np.nan)
     )
-    merged, apart = build_graph(log), build_graph(log, one_signal=True)
+    merged, apart = build_graph(log), build_graph(log, split_at_signals=True)
     assert merged.signals[:, 0].tolist() == [Signal.GO]  # the second signal is lost
     assert apart.signals[:, 0].tolist() == [Signal.GO, Signal.STOP, Signal.UNKNOWN]
     assert apart.successors.tolist() == [[0, 1], [1, 2]]

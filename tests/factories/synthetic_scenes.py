@@ -26,7 +26,7 @@ def example_worlds() -> tuple[World, ...]:
 def scenes_of(world: World) -> Iterator[tuple[Ego, Scene]]:
     """Every scene of a world with its ego."""
     log = to_log(world)
-    graph = build_graph(log, one_signal=True)
+    graph = build_graph(log, split_at_signals=True)
     index, lanes = index_segments(graph), simplify_graph(graph)
     for ego in world.egos:
         pose = pose_of(log, index, ego.moment, object_index(world, ego.moment, ego.agent))

@@ -36,7 +36,7 @@ def test_logs_hold_the_agents_of_the_moments(worlds):
             places = log.positions[log.valid[:, step], step, :2]
             distance = np.linalg.norm((moment.positions * flip)[:, None] - places[None], axis=-1).min(1)
             num_agents, num_found = num_agents + len(distance), num_found + int((distance < 1e-6).sum())
-    assert num_agents > 100 and num_found / num_agents > 0.85  # the others overlap something at another time
+    assert num_agents > 200 and num_found / num_agents > 0.85  # the others overlap something at another time
 
 
 def test_objects_move_as_fast_as_their_velocities_say(worlds):

@@ -43,7 +43,7 @@ from tests.factories.worlds import tiny_model
 def folder(tmp_path_factory):
     """Captioned and embedded records, and models of both stages before text."""
     folder = tmp_path_factory.mktemp("text")
-    build_records(Worlds(3, 14), folder / "records", BuildOptions(split_percent=30.0))
+    build_records(Worlds(2, 14), folder / "records", BuildOptions(split_percent=30.0))
     add_captions(folder / "records", paraphrases=1, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     config = configured("denoiser", folder)
@@ -130,9 +130,10 @@ def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
     asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
     assert len(asked) == 1 and asked != {()}
     assert all(hits == total for hits, total in table["the record itself"].values())
-    # Three records, and an untrained model too, may have no connections at all.
-    for row in ("the record itself", "prompt, guidance 2, repaired"):
-        assert not sound[row]["connection_gap_m"] > 1e-3
+    assert sound["the record itself"]["connection_gap_m"] < 1e-3
+    assert (
+        not sound["prompt, guidance 2, repaired"]["connection_gap_m"] > 1e-3
+    )  # an untrained model may link nothing at all
     assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2 and ceiling
     assert "prompt, guidance 2, best of 2 repaired" in sound
     assert "nan" not in markdown(adherence, "Prompt adherence", "the command")
