@@ -1,14 +1,16 @@
 """Token features of the captions of records: encoded once, then only read.
 
 ``text-<split>.bin`` holds the features of every different text (float16, text after text). ``text-<split>.npz`` holds
-where each text starts, which texts belong to a record, the hashes of the captions and of the features, and the name of
-the encoder.
+where each text starts, which texts belong to a record, the name of the encoder, and the hashes of the captions, of the
+features and of itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,12 +23,11 @@ from scjax.encoders.base import TextEncoder
 from scjax.scene.files import whole_file
 from scjax.scene.npz import read_npz
 
-FORMAT = 1
+FORMAT = 2
 _KINDS = {
     **{"format": "iu", "captions": "U", "encoder": "U", "width": "iu", "starts": "iu", "first": "iu", "texts": "iu"},
-    "features": "U",
+    **{"features": "U", "index": "U"},
 }
-_MAX_WIDTH = 1 << 16  # features of a token
 _BATCH_SIZE = 256  # texts
 _SLOT_STEP = 16  # tokens
 _ROWS = ("starts", "first", "texts")  # first token of each text, first text of each record, texts of records
@@ -47,15 +48,17 @@ class TextStore:
         remedy = f"run python -m scjax.data embed {folder}"
         if not index.is_file() or not data.is_file():
             raise ValueError(f"{index if data.is_file() else data} is not there: {remedy}")
-        arrays = read_npz(index, _KINDS, f"it is damaged: {remedy} again", optional=frozenset({"features"}))
-        if fault := _find_fault(arrays):
-            raise ValueError(f"{index} is damaged ({fault}): {remedy} again")
-        if int(arrays["format"]) != FORMAT or str(arrays["captions"]) != _digest(Path(folder), split, remedy):
-            raise ValueError(f"{index} belongs to other captions, or has another format: {remedy} again")
+        arrays = read_npz(index, _KINDS, f"it is damaged, or older than this version: {remedy} again")
+        if arrays["format"].tolist() != FORMAT:
+            raise ValueError(f"{index} has another format than {FORMAT}: {remedy} again")
+        if arrays["index"].tolist() != _hash_arrays(arrays):
+            raise ValueError(f"{index} is damaged (its arrays do not match their hash): {remedy} again")
+        if str(arrays["captions"]) != _hash_captions(Path(folder), split, remedy):
+            raise ValueError(f"{index} belongs to other captions: {remedy} again")
         self.encoder, self.width = str(arrays["encoder"]), int(arrays["width"])
         self._token_starts, self._text_starts, self._texts = (arrays[k].astype(np.int64) for k in _ROWS)
         self._longest = int(np.diff(self._token_starts).max(initial=1))
-        _compare(data, 2 * self.width * int(self._token_starts[-1]), arrays.get("features"), f"{remedy} again")
+        _compare(data, 2 * self.width * int(self._token_starts[-1]), str(arrays["features"]), f"{remedy} again")
         self._features_path = data
         self._tokens: np.ndarray | None = None
 
@@ -144,7 +147,7 @@ def _write(
         index.unlink(missing_ok=True)  # it describes the features that are replaced now
     arrays = {
         "format": FORMAT,
-        "captions": _digest(folder, split, "caption the records again"),
+        "captions": _hash_captions(folder, split, "caption the records again"),
         "encoder": encoder.name,
         "width": encoder.width,
         "starts": np.concatenate([[0], np.cumsum(lengths)]),
@@ -153,7 +156,7 @@ def _write(
         "features": stamp_file(data).sha256,
     }
     with whole_file(index) as file:
-        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+        np.savez(file, **arrays, index=_hash_arrays(arrays))  # pyright: ignore[reportArgumentType]
     return len(texts)
 
 
@@ -168,30 +171,23 @@ def _checked(features: np.ndarray, encoder: str, text: str) -> np.ndarray:
     return features
 
 
-def _find_fault(arrays: dict[str, np.ndarray]) -> str:
-    """What is wrong with the arrays of an index; empty if nothing is."""
-    for name in _KINDS:
-        if name in arrays and arrays[name].ndim != (name in _ROWS):
-            return f"{name} has the shape {arrays[name].shape}"
-    starts, first, texts = (arrays[name] for name in _ROWS)
-    if not 1 <= int(arrays["width"]) <= _MAX_WIDTH:
-        return f"width is {arrays['width']}"
-    if not (len(starts) and starts[0] == 0 and (starts[1:] >= starts[:-1]).all()):
-        return "starts does not rise from 0"
-    if not (len(first) and first[0] == 0 and (first[1:] > first[:-1]).all() and first[-1] == len(texts)):
-        return f"first does not rise from 0 to {len(texts)}"
-    if texts.size and not (0 <= texts.min() and texts.max() < len(starts) - 1):
-        return f"texts holds numbers outside of 0..{len(starts) - 2}"
-    return ""
+def _hash_arrays(arrays: Mapping[str, Any]) -> str:
+    """SHA-256 of all arrays of an index except its own hash: their names, types, shapes and values."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays.keys() - {"index"}):
+        array = np.asarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
-def _compare(data: Path, size: int, digest: np.ndarray | None, cure: str) -> None:
+def _compare(data: Path, size: int, sha256: str, cure: str) -> None:
     """Raises a ValueError if ``data`` is not the file of features that the index describes."""
     try:
         actual = data.stat().st_size
         if actual != size:
             raise ValueError(f"{data} has {actual} bytes, not the {size} of its index: {cure}")
-        if digest is not None and stamp_file(data).sha256 != str(digest):  # older indices have none
+        if stamp_file(data).sha256 != sha256:
             raise ValueError(f"{data} holds other bytes than were written: {cure}")
     except OSError as error:
         raise ValueError(f"{data} cannot be read ({error.strerror}): {cure}") from error
@@ -201,7 +197,7 @@ def _paths(folder: Path, split: str) -> tuple[Path, Path]:
     return folder / f"text-{split}.npz", folder / f"text-{split}.bin"
 
 
-def _digest(folder: Path, split: str, remedy: str) -> str:
+def _hash_captions(folder: Path, split: str, remedy: str) -> str:
     path = captions_path(folder, split)
     try:
         return stamp_file(path).sha256
