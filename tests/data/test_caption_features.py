@@ -140,7 +140,7 @@ def test_text_store_refuses_texts_of_other_records(copy):
         texts = index["texts"].copy()
     texts[[0, -1]] = texts[[-1, 0]]
     _rewrite(copy, texts=texts)
-    with pytest.raises(ValueError, match="text-val.npz is damaged"):
+    with pytest.raises(ValueError, match=r"text-val\.npz is damaged"):
         TextStore(copy, "val")
 
 
