@@ -22,7 +22,7 @@ from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
 
 VERSION = 6  # raise it with every change of what a seed gives
 _EVENT_WEIGHTS = {  # the others have 1; few places allow double parking, many scenes see one corridor
-    "double parking": 1.0,
+    "double parking": 1.9,
     "cut-in": 2.0,
     "wrong-way driver": 1.1,
     "work zone": 1.5,

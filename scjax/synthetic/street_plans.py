@@ -27,7 +27,7 @@ from scjax.synthetic.streets import (
     draw_winding_line,
 )
 
-_CHANGE_SHARE = 0.4  # of roads with a lane that starts or ends
+_CHANGE_SHARE = 0.45  # of roads with a lane that starts or ends
 _FOUR_ARMS_SHARE, _SKEW_SHARE = 0.55, 0.25
 _TWO_LANE_RING_SHARE = 0.35
 _TURNING_CIRCLE_SHARE, _TURNING_CIRCLES = 0.4, (7.0, 9.0)  # of dead ends; radii [m]
