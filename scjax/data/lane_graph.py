@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DROPPED_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")  # cars do not drive on them
 BEND_TURN, BEND_RADIUS = float(np.deg2rad(45.0)), 20.0  # rad and m, of sharp bends
-MAX_BEND_LENGTH = 42.0  # m of a merged lane with a sharp bend
+MAX_BEND_LENGTH = 55.0  # m of a merged lane with a sharp bend
 DUPLICATE_DISTANCE = 1e-6  # m between two points that are one
 
 

@@ -85,7 +85,7 @@ _CITY = StreetStyle(
     medians=(0.0, 1.0, 3.2, 3.2),
     one_way=0.16,
     parking=0.14,
-    signals=0.36,
+    signals=0.4,
     pockets=0.8,
     bends=0.2,
 )
@@ -96,7 +96,7 @@ _SUBURB = StreetStyle(
     medians=(0.0, 1.2, 3.4, 3.6, 4.5),
     parking=0.08,
     sidewalks=0.8,
-    signals=0.36,
+    signals=0.4,
     pockets=0.9,
     bends=0.35,
 )
@@ -145,7 +145,7 @@ DOMAINS = (
     ),
     Domain(
         name="motorway",
-        share=0.14,
+        share=0.16,
         networks={"motorway": 1.0},
         style=_SUBURB,
         traffic=TrafficDensity(1.6, 0.6),
