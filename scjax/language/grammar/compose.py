@@ -13,6 +13,7 @@ from scjax.language.grammar.noise import (
     add_typing_errors,
     capitalize,
     change_case,
+    drop_accents,
     drop_punctuation,
     drop_words,
 )
@@ -142,6 +143,8 @@ def _with_noise(text: str, book: Phrasebook, style: Style, plan: str, rng: np.ra
         text = change_case(text, rng)
     if rng.random() < style.noise:
         text = drop_punctuation(text)
+    if rng.random() < style.noise:
+        text = drop_accents(text)
     if rng.random() < style.noise:
         text = add_typing_errors(text, book, int(rng.integers(1, 4)), rng)
     return text

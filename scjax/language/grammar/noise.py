@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 
 import numpy as np
 
@@ -15,8 +16,9 @@ _NEIGHBORS = dict(
         strict=True,
     )
 )
-_WORD = re.compile(r"[a-zA-Z]+")
+_WORD = re.compile(r"(?<!\w)[a-zA-Z]+(?!\w)")
 _MIN_LETTERS = 5  # of a word with a typing error; a shorter one may become another word
+_LAST_LATIN = 0x36F  # the last accent of Latin letters
 _COMMA = re.compile(r"(?<!\d), (?!\d)")
 _CASE_SHARES = {"lower": 0.25, "upper": 0.02, "plain": 0.73}
 
@@ -27,7 +29,7 @@ def add_typing_errors(text: str, book: Phrasebook, number: int, rng: np.random.G
     places = [
         match
         for match in _WORD.finditer(text)
-        if len(match.group()) >= _MIN_LETTERS and match.group().lower() not in protected and text.isascii()
+        if len(match.group()) >= _MIN_LETTERS and match.group().lower() not in protected
     ]
     chosen = rng.permutation(len(places))[:number]
     for place in sorted(chosen, reverse=True):
@@ -69,6 +71,13 @@ def drop_words(text: str, words: list[str], kept: list[str], share: float, rng: 
 def drop_punctuation(text: str) -> str:
     """``text`` without commas and without a final full stop; commas between digits stay."""
     return _COMMA.sub(" ", text).rstrip(".")
+
+
+def drop_accents(text: str) -> str:
+    """Latin letters without accents, as typed on another keyboard; other scripts stay as they are."""
+    letters = unicodedata.normalize("NFD", text)
+    is_latin = not any(ord(letter) > _LAST_LATIN for letter in letters)
+    return "".join(letter for letter in letters if not unicodedata.combining(letter)) if is_latin else text
 
 
 def change_case(text: str, rng: np.random.Generator) -> str:

@@ -100,6 +100,6 @@ STYLES = {
     "spatial": Style(("keys", "spoken", "wish", "paragraph"), (1, 4), _relations),
     "rare": Style(("keys", "spoken", "wish", "paragraph", "test"), (1, 4), _events),
     "variants": Style(("slangy", "keys", "spoken"), (1, 5), _plain, 0.8),
-    "languages": Style(("keys", "spoken", "wish", "sections"), (1, 5), _plain),
+    "languages": Style(("keys", "spoken", "wish", "sections"), (1, 5), _plain, 0.15),
 }
 """Style -> how it is written. "languages" is that of all languages but English."""

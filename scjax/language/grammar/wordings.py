@@ -16,6 +16,7 @@ _SLOT = re.compile(r"\{(\w+)(?::(\w+))?(?: (\w+))?\}")
 _FORMS = re.compile(r"\[(?:(\w+):)?([^\[\]]*\|[^\[\]]*)\]")
 _DIGIT_SHARE = {"key": 0.7, "test": 0.75, "slang": 0.6, "noun": 0.35, "said": 0.3, "fact": 0.25}
 """Share of numbers written in digits, by register."""
+_SYMBOL_SHARE = 0.6
 _SYMBOL_REGISTERS = ("key", "test")  # those that write "min." and ">="
 _SPEEDS = {"slow": (4, 13), "middle": (20, 41), "quick": (60, 131)}  # km/h
 _MILE = 1.609  # km
@@ -134,12 +135,13 @@ def _quantity_words(
 ) -> str:
     """Words with "~" where the noun belongs."""
     kind = quantity.kind
-    is_plain = is_bare and kind == "exact"
-    special = f"exact {quantity.numbers[0]}" if kind == "exact" and not is_bare else ""
-    tables = book.words["quantities"]
+    tables, symbols = book.words["quantities"], book.words["symbols"]
+    takes_special = not is_bare or book.words["plural"] == "none"
+    special = f"{kind} {quantity.numbers[0]}" if quantity.numbers and takes_special else ""
     table = tables.get(special) or tables[kind]
-    if not is_plain and register in _SYMBOL_REGISTERS and kind in book.words["symbols"] and rng.random() < 0.6:
-        table = book.words["symbols"][kind]
+    takes_symbol = special not in tables and not (is_bare and kind == "exact")
+    if takes_symbol and register in _SYMBOL_REGISTERS and kind in symbols and rng.random() < _SYMBOL_SHARE:
+        table = symbols[kind]
     in_digits = rng.random() < _DIGIT_SHARE[register]
     text = pick(_by_gender(table, gender), rng)
     for number in quantity.numbers:
@@ -159,7 +161,10 @@ def _by_gender(table: Any, gender: str) -> Any:
 
 def number_text(book: Phrasebook, number: int, gender: str, in_digits: bool) -> str:
     """A number in words where the language file has one, else in digits."""
+    gendered = book.words.get("gendered", {}).get(str(number))
     words = book.words["numbers"]
+    if gendered is not None and not in_digits:
+        return _by_gender(gendered, gender)
     if not isinstance(next(iter(words.values())), str):
         words = _by_gender(words, gender)
     if in_digits or str(number) not in words:
@@ -170,8 +175,10 @@ def number_text(book: Phrasebook, number: int, gender: str, in_digits: bool) -> 
 def _distance(
     book: Phrasebook, quantity: StatedQuantity, rng: np.random.Generator, register: str, *, is_plain: bool
 ) -> str:
-    number = number_text(book, quantity.numbers[0], "", rng.random() < _DIGIT_SHARE[register] + 0.2)
-    measure = pick(book.words["units"][quantity.unit], rng).replace("#", number)
+    measure = pick(book.words["units"][quantity.unit], rng)
+    in_digits = rng.random() < _DIGIT_SHARE[register] + 0.2 or "#m" in measure
+    in_digits = in_digits or bool(book.words.get("units_in_digits"))
+    measure = measure.replace("#", number_text(book, quantity.numbers[0], "", in_digits))
     return measure if is_plain else pick(book.words["distances"][quantity.kind], rng).replace("#", measure)
 
 
