@@ -26,7 +26,7 @@ _EVENT_WEIGHTS = {  # the others have 1; few places allow double parking, many s
     "cut-in": 2.0,
     "wrong-way driver": 1.1,
     "work zone": 1.5,
-    "emergency corridor": 0.7,
+    "emergency corridor": 1.0,
 }
 _SIGNALS_RECORDED_SHARE = 0.9  # of the worlds with signals
 _FREIGHT_SHARE, _FREIGHT_FACTOR = 0.09, 9.0  # of worlds with many trucks and buses; times as many
