@@ -158,10 +158,10 @@ def test_merged_lanes_end_behind_the_junction_of_their_signal_on_request():
 
 
 def lanes_with_bend(radius: float) -> tuple[MapLane, ...]:
-    """A straight lane of 30 m, a quarter circle to the left, and another straight lane."""
+    """A straight lane of 60 m, a quarter circle to the left, and another straight lane."""
     angle = np.linspace(0, np.pi / 2, 30)
     bend = radius * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
-    lines = [[[-30.0, 0.0], [0.0, 0.0]], bend, [[radius, radius], [radius, radius + 30.0]]]
+    lines = [[[-60.0, 0.0], [0.0, 0.0]], bend, [[radius, radius], [radius, radius + 60.0]]]
     return tuple(
         MapLane(
             str(k),
