@@ -57,13 +57,23 @@ class LaneGraph:
         return arc_lengths(self.points, self.offsets)[self.offsets[1:] - 1]
 
 
-def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_signals: bool = False) -> LaneGraph:
+def build_graph(
+    log: Log,
+    join_options: JoinOptions | None = None,
+    *,
+    split_at_signals: bool = False,
+    signals_alone: bool = False,
+    max_turn: float = np.inf,
+) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
 
     Args:
       join_options: of sources without topology; by default those of the evaluation rule.
       split_at_signals: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
         evaluation rule merges them all and keeps the first signal.
+      signals_alone: end merged lanes also where a signal begins, so that no lane before a junction shows its signal.
+      max_turn: two lanes that turn by more than this together stay apart, since few points cannot show a long bend
+        [rad]. The evaluation rule knows no such limit.
 
     Raises:
       ValueError: if no lane with two distinct points is left.
@@ -83,6 +93,13 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_s
         joins = inferred_joins(points, join_options or JoinOptions())
     warnings = dict(joins.warnings)
     breaks = _signal_ends(log, [lane.id for lane in lanes], joins.pairs) if split_at_signals else frozenset()
+    if signals_alone:
+        with_signal = set(log.signal_lane_ids)
+        signaled = [lane.id in with_signal for lane in lanes]
+        breaks |= {(i, j) for i, j in joins.pairs if signaled[j] and not signaled[i]}
+    if np.isfinite(max_turn):
+        turns = [_total_turn(line) for line in points]
+        breaks |= {(i, j) for i, j in joins.pairs if turns[i] + turns[j] > max_turn}
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
@@ -97,6 +114,12 @@ def build_graph(log: Log, join_options: JoinOptions | None = None, *, split_at_s
         neighbors, overlap_spans = infer_neighbors(stacked, offsets)
     signals = _chain_signals(log, [[lanes[member].id for member in chain] for chain in chains])
     return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
+
+
+def _total_turn(line: np.ndarray) -> float:
+    """Sum of the changes of direction along a line [rad]."""
+    headings = np.unwrap(np.arctan2(*np.diff(line[:, :2], axis=0).T[::-1]))
+    return float(np.abs(np.diff(headings)).sum())
 
 
 def _signal_ends(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:

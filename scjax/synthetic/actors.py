@@ -113,10 +113,12 @@ def concatenate_actors(groups: list[Actors]) -> Actors:
     return Actors(**{name: np.concatenate([getattr(group, name) for group in groups]) for name in names})
 
 
-def draw_vehicle_sizes(count: int, rng: np.random.Generator, long: bool = True) -> Float64[np.ndarray, "n 3"]:
-    """Random sizes of ``count`` vehicles [m]; without ``long`` no trucks and buses."""
+def draw_vehicle_sizes(
+    count: int, rng: np.random.Generator, long: bool = True, long_factor: float = 1.0
+) -> Float64[np.ndarray, "n 3"]:
+    """Random sizes of ``count`` vehicles [m]; trucks ``long_factor`` times as often, without ``long`` none."""
     shares = np.array([body.share for body in _VEHICLES.values()])
-    shares = shares * np.array([long or name not in _LONG_VEHICLES for name in _VEHICLES])
+    shares = shares * np.array([long * long_factor if name in _LONG_VEHICLES else 1.0 for name in _VEHICLES])
     body = rng.choice(len(shares), count, p=shares / shares.sum())
     mean = np.array([body.mean for body in _VEHICLES.values()])[body]
     deviation = np.array([body.deviation for body in _VEHICLES.values()])[body]

@@ -16,6 +16,7 @@ from scjax.synthetic.traffic.right_of_way import RightOfWay
 from scjax.synthetic.walkers import LaneWalkers, draw_cyclists, draw_pedestrians
 
 _CROSSING_SHARE, _MAX_CROSSING = 0.6, 1.5  # people for each crosswalk, of the density on sidewalks
+_CROWD_SHARE, _CROWD = 0.12, (3.5, 7.0)  # of worlds with pedestrians; people for each crosswalk
 
 
 @dataclasses.dataclass
@@ -46,11 +47,14 @@ def draw_bystanders(
       pedestrian_density: mean groups of pedestrians per 100 m of sidewalk.
       cyclist_density: mean cyclists per 100 m of lane at the curb.
     """
+    num_crossing = min(_CROSSING_SHARE * pedestrian_density, _MAX_CROSSING)
+    if pedestrian_density > 0 and rng.random() < _CROWD_SHARE:
+        num_crossing = rng.uniform(*_CROWD)
     standing = draw_standing(net, lanes, pedestrian_density > 0, rng)
     standing.ids = 5 * 10**9 + np.arange(len(standing))
     return Bystanders(
         standing,
         draw_pedestrians(net, lanes, pedestrian_density, rng),
         draw_cyclists(net, lanes, cyclist_density, rng),
-        CrosswalkWalkers(find_crosswalks(net), min(_CROSSING_SHARE * pedestrian_density, _MAX_CROSSING), rng),
+        CrosswalkWalkers(find_crosswalks(net), num_crossing, rng),
     )

@@ -87,7 +87,7 @@ class CrosswalkWalkers:
         self.crosswalks = crosswalks
         self.crosswalk: Int[np.ndarray, " n"] = np.repeat(np.arange(len(counts)), counts)
         count = len(self.crosswalk)
-        self.speed = np.clip(rng.normal(1.35, 0.2, count), 0.6, 2.2)
+        self.speed = np.clip(rng.normal(1.2, 0.28, count), 0.5, 2.2)
         away = self.speed * rng.uniform(*_AWAY_TIME, count)
         self.cycle = crosswalks.length[self.crosswalk] + 2 * _APPROACH + away
         self.along: Float64[np.ndarray, " n"] = rng.uniform(-_APPROACH - away, self.cycle - _APPROACH - away)

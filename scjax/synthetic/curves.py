@@ -18,6 +18,7 @@ Line = Float64[np.ndarray, "_ 2"]
 _CUBIC_REACH = 0.39  # of the distance between the ends, to each control point; close to an arc for a turn of 90 degrees
 _MIN_CORNER_ANGLE_SINE = 0.35
 _MIN_CORNER_REACH = 2.0  # m
+STRAIGHT_END = 1.1  # m of a turn before its arc, and after it
 _MIN_POINT_SPACING = 0.25  # m between a cut and the next point of a line
 
 
@@ -39,6 +40,19 @@ def clothoid(lengths: Sequence[float | int], curvatures: Sequence[float | int], 
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
 
 
+def arcs(turns: Sequence[float], radius: float, spacing: float) -> Line:
+    """Arcs of ``radius`` [m], one after the other, from the origin along +x; ``turns`` in rad, positive to the left."""
+    points = [np.zeros((1, 2))]
+    heading = 0.0
+    for turn in turns:
+        angle = np.linspace(0, turn, max(3, round(abs(turn) * radius / spacing) + 1))[1:, None]
+        left = np.sign(turn) * np.array([-np.sin(heading), np.cos(heading)])
+        ahead = np.array([np.cos(heading), np.sin(heading)])
+        points.append(points[-1][-1] + radius * (np.sin(np.abs(angle)) * ahead + (1 - np.cos(angle)) * left))
+        heading += turn
+    return np.concatenate(points)
+
+
 def cubic_curve(
     start: np.ndarray, start_heading: float, end: np.ndarray, end_heading: float, spacing: float = ROAD_SPACING
 ) -> Line:
@@ -52,7 +66,7 @@ def cubic_curve(
 
 
 def turn_curve(before: Line, after: Line) -> Line:
-    """A line from the end of one lane to the start of another, tangent to both: straight, then an arc."""
+    """A line from the end of one lane to the start of another: straight, an arc tangent to both lanes, straight."""
     start, end = before[-1], after[0]
     start_direction, end_direction = _unit(before[-1] - before[-2]), _unit(after[1] - after[0])
     cross = start_direction[0] * end_direction[1] - start_direction[1] * end_direction[0]
@@ -61,7 +75,7 @@ def turn_curve(before: Line, after: Line) -> Line:
         # Distances from both ends to the corner, where the two directions meet.
         to_corner = (gap[0] * end_direction[1] - gap[1] * end_direction[0]) / cross
         from_corner = (start_direction[0] * gap[1] - start_direction[1] * gap[0]) / cross
-        reach = min(to_corner, from_corner)
+        reach = min(to_corner, from_corner) - STRAIGHT_END
         if reach > _MIN_CORNER_REACH:
             corner = start + to_corner * start_direction
             bend = _fillet(corner, start_direction, end_direction, reach)

@@ -16,7 +16,8 @@ from scjax.synthetic.network import Network
 from scjax.synthetic.streets import StreetStyle
 
 EVENT_SHARE = 0.6  # of worlds with a rare event, if they have a place for it
-_MAX_DENSITY = 0.09  # vehicles per meter
+_MAX_DENSITY = 0.1  # vehicles per meter
+_JAM_SHARE, _JAM_FACTOR = 0.05, 3.0  # of worlds with much more traffic; of the density there
 _LANE_SPREAD = 0.4  # standard deviation of the logarithm of the density among the lanes of a world
 
 
@@ -71,6 +72,7 @@ class Domain:
     def draw_densities(self, net: Network, lanes: LaneArrays, rng: np.random.Generator) -> np.ndarray:
         """Vehicles per meter of every lane [lanes]."""
         density = self.traffic.median / 100 * np.exp(self.traffic.spread * rng.normal())
+        density *= _JAM_FACTOR if rng.random() < _JAM_SHARE else 1.0
         variation = np.exp(_LANE_SPREAD * rng.normal(size=len(net.lanes)))
         headway_factor = np.clip(12.0 / lanes.speed, 0.5, 1.6)  # fast traffic keeps larger distances
         return np.minimum(density * variation * headway_factor, _MAX_DENSITY)
@@ -79,7 +81,7 @@ class Domain:
 _CITY = StreetStyle(
     limits=(25, 30, 30, 35, 40, 45),
     widths=(3.0, 3.5),
-    lanes=(0.3, 0.2, 0.28, 0.22),
+    lanes=(0.29, 0.19, 0.25, 0.2, 0.07),
     medians=(0.0, 1.0, 3.2, 3.2),
     one_way=0.16,
     parking=0.14,
@@ -90,7 +92,7 @@ _CITY = StreetStyle(
 _SUBURB = StreetStyle(
     limits=(30, 35, 40, 45, 50, 55),
     widths=(3.3, 3.75),
-    lanes=(0.25, 0.18, 0.3, 0.27),
+    lanes=(0.24, 0.17, 0.27, 0.23, 0.09),
     medians=(0.0, 1.2, 3.4, 3.6, 4.5),
     parking=0.08,
     sidewalks=0.8,
@@ -112,23 +114,23 @@ _TOWN_NETWORKS = {
     "crossing": 0.6,
     "blocks": 0.17,
     "side streets": 0.1,
-    "Y": 0.045,
-    "road": 0.08,
-    "dead end": 0.03,
+    "Y": 0.065,
+    "road": 0.1,
+    "dead end": 0.04,
     "winding road": 0.05,
     "roundabout": 0.035,
     "parking lot": 0.045,
 }
-_CITY_TRAFFIC = TrafficDensity(0.9, 0.7)
+_CITY_TRAFFIC = TrafficDensity(0.8, 0.7)
 _CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.6, 1.2), BystanderDensity(0.45, 0.4)
 DOMAINS = (
     Domain("city", 0.33, _TOWN_NETWORKS, _CITY, _CITY_TRAFFIC, _CITY_PEDESTRIANS, _CITY_CYCLISTS),
     Domain(
         name="suburb",
         share=0.34,
-        networks=_TOWN_NETWORKS | {"road": 0.1, "roundabout": 0.04},
+        networks=_TOWN_NETWORKS | {"road": 0.13, "roundabout": 0.04},
         style=_SUBURB,
-        traffic=TrafficDensity(0.95, 0.7),
+        traffic=TrafficDensity(0.85, 0.7),
         pedestrians=BystanderDensity(0.45, 0.9),
         cyclists=BystanderDensity(0.25, 0.3),
     ),

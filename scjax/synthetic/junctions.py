@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scjax.language.road import wrap_to_pi
-from scjax.synthetic.curves import turn_curve
+from scjax.synthetic.curves import STRAIGHT_END, turn_curve
 from scjax.synthetic.network import Arm, Junction, Lane, Network, Turn
 
 _MAX_STRAIGHT_ANGLE = np.deg2rad(38.0)
@@ -16,6 +16,8 @@ _MIN_STOP_DISTANCE, _MAX_STOP_DISTANCE = 5.0, 36.0  # m
 _MIN_CORNER_ROOM = 2.5  # m between a corner and the stop lines
 _TURN_RANK = {"through": 0, "right": 1, "left": 2}
 _LEFT_ONLY_SHARE, _RIGHT_ONLY_SHARE = 0.4, 0.2  # of junctions with lanes for one turn only
+_FAN_SHARE = 0.35  # of the arms whose turns end in any lane of an exit
+_MAX_FAN = 3  # lanes
 
 
 class InfeasiblePlan(Exception):
@@ -38,7 +40,7 @@ def stop_distances(angles: list[float], arriving: list[float], leaving: list[flo
             continue
         sin, cos = np.sin(gap), np.cos(gap)
         # From the corner, where the edges of the roads meet, to the ends of the arc between them.
-        room = max(radii[i], radii[j]) * np.tan((np.pi - gap) / 2)
+        room = max(radii[i], radii[j]) * np.tan((np.pi - gap) / 2) + STRAIGHT_END
         distances[i] = max(distances[i], (leaving[j] + arriving[i] * cos) / sin + max(room, _MIN_CORNER_ROOM))
         distances[j] = max(distances[j], (arriving[i] + leaving[j] * cos) / sin + max(room, _MIN_CORNER_ROOM))
     return [float(min(distance, _MAX_STOP_DISTANCE)) for distance in distances]
@@ -56,10 +58,14 @@ def add_connectors(net: Network, junction: Junction, rng: np.random.Generator) -
         exits = exits_by_turn(angles, has_exit, a)
         if arm.inbound and not any(exits.values()):
             raise InfeasiblePlan("an arm of a junction has no exit: turn a one-way road around")
-        for (lane, _), turns in zip(arm.inbound, _allowed_turns(arm, exits, rng), strict=True):
+        turns_of_lanes = _allowed_turns(arm, exits, rng)
+        fans_out = rng.random() < _FAN_SHARE
+        for (lane, _), turns in zip(arm.inbound, turns_of_lanes, strict=True):
             for turn in turns:
+                is_alone = sum(turn in others for others in turns_of_lanes) == 1
                 for exit_arm in exits[turn]:
-                    _add_connector(net, junction, number, a, lane, turn, junction.arms[exit_arm])
+                    fan = _MAX_FAN if fans_out and is_alone and turn != "through" else 1
+                    _add_connectors_to(net, junction, number, a, lane, turn, junction.arms[exit_arm], fan)
     for arm in junction.arms:
         _fill_exit(net, junction, number, arm)
 
@@ -127,13 +133,17 @@ def _share_turns(
         turns[lane].append(turn)
 
 
-def _add_connector(net: Network, junction: Junction, number: int, a: int, lane: int, turn: Turn, exit_arm: Arm) -> None:
-    """Connects inner lanes to inner lanes, and right turns to the outermost lane."""
+def _add_connectors_to(
+    net: Network, junction: Junction, number: int, a: int, lane: int, turn: Turn, exit_arm: Arm, fan: int
+) -> None:
+    """Connects inner lanes to inner lanes, right turns to the outermost lane, and turns to ``fan`` lanes in all."""
     arm = junction.arms[a]
     candidates = [k for k, pocket in arm.inbound if pocket is None or turn != "through"]
     outbound = exit_arm.outbound
-    exit_lane = outbound[-1] if turn == "right" else outbound[min(candidates.index(lane), len(outbound) - 1)]
-    _connect_lanes(net, junction, number, a, lane, turn, exit_lane)
+    first = len(outbound) - 1 if turn == "right" else min(candidates.index(lane), len(outbound) - 1)
+    last = max(first - fan, -1) if turn == "right" else min(first + fan, len(outbound))
+    for k in range(first, last, 1 if last > first else -1):
+        _connect_lanes(net, junction, number, a, lane, turn, outbound[k])
 
 
 def _fill_exit(net: Network, junction: Junction, number: int, arm: Arm) -> None:

@@ -11,7 +11,7 @@ from scjax.scene.polyline import cumulative_length
 from scjax.synthetic.network import Network
 
 _POINT_SPACING = 1.0  # m at most, between the points of a lane
-_CONFLICT_DISTANCE = 2.6  # m between the centerlines of connectors that exclude each other
+CONFLICT_DISTANCE = 2.6  # m between the centerlines of connectors that exclude each other
 LONG_VEHICLE = 9.0  # m
 _LONG_WEIGHTS = {"through": 50.0, "left": 1.0, "right": 1.0, None: 1.0}  # of long vehicles
 _TURN_WEIGHTS = {"through": 3.0, "left": 1.0, "right": 1.0, None: 1.0}  # of traffic
@@ -129,7 +129,7 @@ def _find_conflicts(net: Network, lines: list[np.ndarray]) -> np.ndarray:
         connector = np.repeat(np.arange(len(rows)), [len(part) for part in parts])
         points = np.concatenate(parts)
         offset = points[:, None] - points[None]
-        i, j = np.nonzero((offset[..., 0] ** 2 + offset[..., 1] ** 2) < _CONFLICT_DISTANCE**2)
+        i, j = np.nonzero((offset[..., 0] ** 2 + offset[..., 1] ** 2) < CONFLICT_DISTANCE**2)
         is_close = np.zeros((len(rows), len(rows)), bool)
         is_close[connector[i], connector[j]] = True
         entry = np.array([net.lanes[k].entry_lane for k in rows])

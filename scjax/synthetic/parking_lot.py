@@ -11,7 +11,7 @@ from scjax.synthetic.roads import Carriageway, RoadProfile
 from scjax.synthetic.streets import MAP_RADIUS, SIDE_STREET_RANK, StreetStyle
 
 _BAY_LENGTH = 5.2  # m
-_CORNER, _OUTER_CORNER = 2.5, 5.5  # m, radii of the curbs
+_CORNER, _OUTER_CORNER = 3.0, 4.2  # m, radii of the curbs
 _ROW_MARGIN = 12.0  # m of an aisle without bays
 _AISLE = RoadProfile(2.7, 2.8)
 _LANE = Carriageway(1)
@@ -24,7 +24,7 @@ def build_parking_lot(style: StreetStyle, rng: np.random.Generator) -> Network:
       InfeasiblePlan: if the junctions leave no room for a road between them.
     """
     aisles, depth = int(rng.integers(2, 5)), rng.uniform(34, 40)
-    pitch = 2 * (_AISLE.width + _BAY_LENGTH) + rng.uniform(2.2, 4.0)
+    pitch = 2 * (_AISLE.width + _BAY_LENGTH) + rng.uniform(3.0, 5.4)
     xs = (np.arange(aisles) - (aisles - 1) / 2) * pitch
     plan = RoadPlan(
         [

@@ -10,13 +10,13 @@ import numpy as np
 from scjax.synthetic.curves import Line, line_length, slice_line
 from scjax.synthetic.junctions import InfeasiblePlan, add_connectors, exits_by_turn, stop_distances
 from scjax.synthetic.network import Arm, Junction, JunctionType, Network
-from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, attach_to_arm
+from scjax.synthetic.roads import Carriageway, RoadProfile, add_road, add_turning_circle, attach_to_arm
 from scjax.synthetic.roundabouts import RING_CLEARANCE, add_roundabout, outer_ring_radius
 from scjax.synthetic.signals import plan_phases
 
 _DIRECTION_DISTANCE = 8.0  # m from a node where the direction of a road is measured
 _MIN_ROAD_LENGTH = 4.0  # m between two junctions
-_MAX_CORNER_VARIATION = 2.5  # m
+_MAX_CORNER_VARIATION = 1.5  # m
 _ROAD_CLEARANCE = 1.75  # m between the centerlines of lanes of different roads
 _MAX_CELLS = 10_000  # of a grid over the map, along one axis
 _MAX_Y_GAP = np.deg2rad(155)  # between the arms of a Y-junction
@@ -53,6 +53,7 @@ class PlanEdge:
       forward, backward: the carriageways along the line and against it.
       start_node, end_node: indices of nodes; None at the border of the map.
       rank: right of way without signals; lower goes first.
+      turning_circle: radius of a loop at the end, for traffic to turn back [m]; 0 for none.
     """
 
     line: Line
@@ -62,6 +63,7 @@ class PlanEdge:
     start_node: int | None = None
     end_node: int | None = None
     rank: int = 0
+    turning_circle: float = 0.0
 
 
 @dataclasses.dataclass
@@ -164,6 +166,8 @@ def _add_edge(net: Network, number: int, edge: PlanEdge, start_arm: Arm | None, 
         attach_to_arm(start_arm, backward, forward)
     if end_arm:
         attach_to_arm(end_arm, forward, backward)
+    elif edge.turning_circle:
+        add_turning_circle(net, forward.end[-1][0], backward.start[0], edge.turning_circle)
 
 
 def _ends_at(plan: RoadPlan, number: int) -> list[_EdgeEnd]:

@@ -8,12 +8,14 @@ import itertools
 import numpy as np
 
 from scjax.scene.polyline import cumulative_length, smoothstep
-from scjax.synthetic.curves import Line, offset_line
-from scjax.synthetic.network import Arm, Lane, Network, Turn
+from scjax.synthetic.curves import TURN_SPACING, Line, arcs, offset_line, transform_line
+from scjax.synthetic.network import Arm, Junction, Lane, Network, Turn
 
 _POCKET_TAPER = 18.0  # m over which a turn pocket leaves its lane
 _ENDING_TAPER = 30.0  # m over which an ending lane merges
 _MIN_ROAD_BEFORE_POCKET = 12.0  # m
+_MERGE_RADIUS = 10.0  # m
+_TURNING_SPEED = 4.0  # m/s on a turning circle
 _MIN_POINT_SPACING = 0.3  # m between a cut and the next point of a lane
 
 
@@ -82,6 +84,27 @@ def attach_to_arm(arm: Arm, arriving: CarriagewayEnds, leaving: CarriagewayEnds)
     arm.inbound, arm.outbound = arriving.end, leaving.start
 
 
+def add_turning_circle(net: Network, arriving: int, leaving: int, radius: float) -> None:
+    """Links lane ``arriving`` to lane ``leaving`` beside it by a loop to the left in two halves; ``radius`` in m."""
+    before, after = net.lanes[arriving].points, net.lanes[leaving].points
+    heading = float(np.arctan2(*(before[-1] - before[-2])[::-1]))
+    half_gap = float(np.hypot(*(after[0] - before[-1]))) / 2
+    # Arcs to the right, left and right again, which touch; all have ``radius``.
+    aside = float(np.arccos((half_gap + radius) / (2 * radius)))
+    half = arcs([-aside, np.pi / 2 + aside], radius, TURN_SPACING)
+    first = transform_line(half, before[-1], heading)
+    axis = np.array([np.cos(heading), np.sin(heading)])
+    middle = (before[-1] + after[0]) / 2
+    second = (2 * ((first - middle) @ axis)[:, None] * axis - (first - middle) + middle)[::-1]
+    loop = []
+    for points in (first, second):
+        lane = Lane(points, _TURNING_SPEED, net.lanes[arriving].width, at_curb=True)
+        loop.append(net.add_lane(lane))
+    net.lanes[loop[1]].points[[0, -1]] = first[-1], after[0]
+    for lane, successor in itertools.pairwise([arriving, *loop, leaving]):
+        net.link(lane, successor)
+
+
 class _CarriagewayBuilder:
     """Adds the lanes of one carriageway: sections between the changes of the number of lanes, then extra lanes."""
 
@@ -148,6 +171,7 @@ class _CarriagewayBuilder:
         net.lanes[lane].points[-1] = net.lanes[self.sections[1][-1]].points[0]
         net.set_neighbors(self.sections[0][-1], lane)
         net.link(lane, self.sections[1][-1])
+        net.junctions.append(Junction("merge", net.lanes[lane].points[-1], _MERGE_RADIUS, []))
         return lane
 
     def _add_left_pocket(self) -> int:

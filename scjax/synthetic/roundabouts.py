@@ -7,9 +7,10 @@ import numpy as np
 from scjax.synthetic.curves import TURN_SPACING, turn_curve
 from scjax.synthetic.network import Junction, Lane, Network
 
-RING_CLEARANCE = 9.0  # m from the outer ring to the end of the arms
+RING_CLEARANCE = 11.0  # m from the outer ring to the end of the arms
 _RING_SPACING = 4.2  # m between two rings
 _EXIT_DISTANCE = 8.0  # m along the ring, from the axis of an arm to its exit and to its entry
+_EXIT_DISTANCE_PER_RING = 3.5  # m more for every ring further out, whose lanes of the arms lie further out too
 _SPEED = 7.0  # m/s
 _ENTRY_RANK = 3  # the ring has the right of way
 
@@ -33,7 +34,7 @@ def add_roundabout(net: Network, junction: Junction, radius: float, lanes: int) 
 
 def _add_ring(net: Network, junction: Junction, number: int, position: int, radius: float, is_outermost: bool) -> None:
     """Adds the ring at ``position`` from the inside, with its entries and exits."""
-    exit_angle = _EXIT_DISTANCE / radius
+    exit_angle = (_EXIT_DISTANCE + position * _EXIT_DISTANCE_PER_RING) / radius
     # The exit, then the entry of every arm, counter-clockwise.
     angles = [arm.angle + sign * exit_angle for arm in junction.arms for sign in (-1, 1)]
     ring = []

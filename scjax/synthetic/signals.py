@@ -9,10 +9,11 @@ import numpy as np
 
 from scjax.language.road import wrap_to_pi
 from scjax.scene import Signal
+from scjax.synthetic.lane_arrays import CONFLICT_DISTANCE
 from scjax.synthetic.network import Junction, Network
 
 YELLOW_TIME, CLEARANCE_TIME = 3.0, 2.0  # s
-_YELLOW_SHARE = 0.35  # of the junctions that are drawn with a phase that is yellow at a moment
+_YELLOW_SHARE = 0.55  # of the junctions that are drawn with a phase that is yellow at a moment
 _MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 
@@ -50,16 +51,22 @@ def _of_arms(net: Network, junction: Junction, *arms: int) -> frozenset[int]:
 
 
 def _has_crossing(net: Network, connectors: frozenset[int]) -> bool:
-    """Whether connectors of different arms cross or join."""
+    """Whether connectors of different arms cross, join or come close to each other."""
     rows = sorted(connectors)
     return any(
         net.lanes[i].arm != net.lanes[j].arm
         and (
             bool(set(net.lanes[i].successors) & set(net.lanes[j].successors))
             or _cross(net.lanes[i].points, net.lanes[j].points)
+            or _min_distance(net.lanes[i].points, net.lanes[j].points) < CONFLICT_DISTANCE
         )
         for i, j in itertools.combinations(rows, 2)
     )
+
+
+def _min_distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Smallest distance between points of two polylines [m]."""
+    return float(np.sqrt(np.square(a[:, None] - b[None]).sum(-1).min()))
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> bool:

@@ -12,7 +12,7 @@ from scjax.synthetic.network import Network
 
 _BAY_WIDTH = 2.8  # m of a parking row per vehicle
 _PEOPLE_SHARE = 0.06  # of parked vehicles with somebody beside them
-_CONES_SHARE = 0.1  # of worlds with a cone or two at the edge of a road
+_CONES_SHARE = 0.35  # of worlds with a cone or barrier, or two, at the edge of a road
 
 
 def draw_standing(net: Network, lanes: LaneArrays, people: bool, rng: np.random.Generator) -> Actors:
@@ -38,7 +38,7 @@ def _people_beside(parked: Actors, rng: np.random.Generator) -> Actors:
 
 
 def _parked_along_lanes(net: Network, lanes: LaneArrays, rng: np.random.Generator) -> Actors:
-    lane_of, along, right = [], [], []
+    lane_of, along, edge = [], [], []
     for lane in net.parking_lanes:
         if lanes.length[lane] < 25 or rng.random() < 0.15:
             continue
@@ -47,14 +47,14 @@ def _parked_along_lanes(net: Network, lanes: LaneArrays, rng: np.random.Generato
             if rng.random() < occupancy:
                 lane_of.append(lane)
                 along.append(position)
-                right.append(0.5 * net.lanes[lane].width + rng.uniform(0.55, 1.2))
+                edge.append(0.5 * net.lanes[lane].width + rng.uniform(-0.4, 0.15))
             position += rng.uniform(6.2, 7.2)
     if not lane_of:
         return actors.no_actors()
     positions, headings = lanes.poses_at(np.array(lane_of), np.array(along))
-    positions = _shift_right(positions, headings, np.array(right))
-    headings = headings + rng.normal(0, 0.02, len(headings))
     sizes = actors.draw_vehicle_sizes(len(positions), rng, long=False)
+    positions = _shift_right(positions, headings, np.array(edge) + sizes[:, 1] / 2)
+    headings = headings + rng.normal(0, 0.02, len(headings))
     return actors.make_actors(AgentType.VEHICLE, positions, headings, 0.0, sizes)
 
 

@@ -7,18 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scjax.synthetic.curves import Line, clothoid, transform_line
+from scjax.synthetic.curves import Line, clothoid, straight_line, transform_line
 from scjax.synthetic.network import MPS_PER_MPH
 from scjax.synthetic.plan import PlanEdge, PlanNode, RoadPlan
 from scjax.synthetic.roads import Carriageway, RoadProfile
 
 MAP_RADIUS = 150.0  # m from the center to the border of the map
 SIDE_STREET_RANK = 3
+_RIGHT_ANGLE_SHARE, _SKEWS = 0.75, (0.015, 0.1)  # rad, standard deviations
 _MIN_ROAD_DISTANCE = 16.0  # m between the reference lines of roads that do not meet
 _MIN_POCKET_MEDIAN = 3.0  # m of median that a left-turn pocket needs
-_DRIVEWAY_SHARE = 0.2
+CORNERS = (3.2, 7.0)  # m, radii of the curbs
+_DRIVEWAY_CORNERS = (3.2, 4.5)  # m
+_DRIVEWAY_SHARE = 0.38
+_AISLE_SHARE = 0.4  # of driveways that end on an aisle
+_AISLE_LENGTHS = (14, 34)  # m, to each side
 _BOTH_SIDES_SHARE = 0.2  # of the places where streets end on a road from both sides
-_SIDE_STREET_SPACING = (30, 57)  # m
+SIDE_STREET_SPACING = (20, 55)  # m
 _BEND_TRANSITION = 10.0  # m from straight to the full curvature of a bend
 _MIN_BORDER_DISTANCE = 35  # m between a side street and the border of the map
 
@@ -34,7 +39,7 @@ class StreetStyle:
       medians: widths [m], drawn with equal probabilities.
       one_way, parking, sidewalks, signals, pockets: shares of roads or junctions with the feature.
       bends: share of roads with a bend.
-      branches: probabilities of 0, 1 and 2 side streets on an arm of a junction.
+      branches: probabilities of 0, 1, 2, ... side streets on an arm of a junction.
     """
 
     limits: tuple[int, ...]
@@ -47,7 +52,7 @@ class StreetStyle:
     signals: float = 0.6
     pockets: float = 0.5
     bends: float = 0.3
-    branches: tuple[float, float, float] = (0.25, 0.4, 0.35)
+    branches: tuple[float, ...] = (0.25, 0.31, 0.26, 0.12, 0.06)
 
 
 class Street(NamedTuple):
@@ -128,8 +133,8 @@ def add_arms(
         if k % 2:
             forward, backward = backward, forward
         backward = _add_pockets(backward, profile, style, rng)
-        count = int(rng.choice([0, 1, 2], p=style.branches))
-        positions = np.cumsum(rng.uniform(*_SIDE_STREET_SPACING, count)) + rng.uniform(8, 24)
+        count = int(rng.choice(len(style.branches), p=style.branches))
+        positions = np.cumsum(rng.uniform(*SIDE_STREET_SPACING, count)) + rng.uniform(12, 28)
         others = [line for j, line in enumerate(lines) if j != k]
         rank = 0 if k < 2 else SIDE_STREET_RANK
         road = PlanEdge(lines[k], profile, forward, backward, node, None, rank)
@@ -153,6 +158,7 @@ def add_road_with_side_streets(
     spacing = float(np.hypot(*(line[1] - line[0])))
     start_node, start, backward = road.start_node, 0, road.backward
     is_one_way = not (road.forward.lanes and road.backward.lanes)
+    half_width = max(side.half_width(road.profile, arriving=True) for side in (road.forward, road.backward))
     for position in positions:
         point = round(position / spacing)
         is_driveway = bool(rng.random() < _DRIVEWAY_SHARE)
@@ -162,18 +168,24 @@ def add_road_with_side_streets(
             sides = [-1.0 if road.forward.lanes else 1.0]
         side_streets = []
         for sign in sides:
-            angle = float(np.arctan2(tangent[1], tangent[0])) + sign * (np.pi / 2 + rng.normal(0, 0.07))
-            side_street = _draw_side_street(line[point], angle, is_driveway, len(plan.nodes), rng)
+            angle = float(np.arctan2(tangent[1], tangent[0])) + sign * (np.pi / 2 + draw_skew(rng))
+            side_street = _draw_side_street(line[point], angle, is_driveway, half_width, len(plan.nodes), rng)
             if _is_clear(side_street.line, others + side_lines):
                 side_streets.append(side_street)
         if not side_streets:
             continue
         number = len(plan.nodes)
-        plan.nodes.append(
-            PlanNode(line[point], corner=5.0 if is_driveway and not is_one_way else 8.0, is_driveway=is_driveway)
-        )
+        corner = rng.uniform(*(_DRIVEWAY_CORNERS if is_driveway else CORNERS))
+        plan.nodes.append(PlanNode(line[point], corner=corner, is_driveway=is_driveway))
         plan.edges += side_streets
-        side_lines += [side_street.line for side_street in side_streets]
+        for side_street in side_streets:
+            aisles = _draw_aisles(side_street, others + side_lines, rng) if is_driveway else []
+            side_lines.append(side_street.line)
+            if aisles:
+                side_street.end_node = len(plan.nodes)
+                plan.nodes.append(PlanNode(side_street.line[-1], corner=_DRIVEWAY_CORNERS[0], is_driveway=True))
+                plan.edges += [dataclasses.replace(aisle, start_node=side_street.end_node) for aisle in aisles]
+                side_lines += [aisle.line for aisle in aisles]
         stretch = line[start : point + 1]
         plan.edges.append(
             dataclasses.replace(road, line=stretch, backward=backward, start_node=start_node, end_node=number)
@@ -182,6 +194,11 @@ def add_road_with_side_streets(
         backward = dataclasses.replace(road.backward, left_pocket=0.0, right_pocket=0.0)
     plan.edges.append(dataclasses.replace(road, line=line[start:], backward=backward, start_node=start_node))
     return side_lines
+
+
+def draw_skew(rng: np.random.Generator) -> float:
+    """Deviation of a street from a right angle to the other one [rad]; most streets have nearly none."""
+    return float(rng.normal(0, _SKEWS[0] if rng.random() < _RIGHT_ANGLE_SHARE else _SKEWS[1]))
 
 
 def draw_bool(probability: float, rng: np.random.Generator) -> bool:
@@ -196,9 +213,10 @@ def _is_clear(line: Line, others: list[Line]) -> bool:
 
 
 def _draw_side_street(
-    start: np.ndarray, angle: float, is_driveway: bool, node: int, rng: np.random.Generator
+    start: np.ndarray, angle: float, is_driveway: bool, half_width: float, node: int, rng: np.random.Generator
 ) -> PlanEdge:
-    length = rng.uniform(22, 32) if is_driveway else rng.uniform(85, 125)
+    """A street or driveway that starts on a road whose edge is ``half_width`` [m] away."""
+    length = half_width + (rng.uniform(16, 36) if is_driveway else rng.uniform(75, 115))
     profile = RoadProfile(
         (10 if is_driveway else 25) * MPS_PER_MPH,
         3.0 if is_driveway else 3.3,
@@ -207,6 +225,20 @@ def _draw_side_street(
     )
     line = transform_line(clothoid([20, length - 20], [0, 0, rng.normal(0, 0.004)]), start, angle)
     return PlanEdge(line, profile, Carriageway(1), Carriageway(1), node, None, SIDE_STREET_RANK)
+
+
+def _draw_aisles(driveway: PlanEdge, others: list[Line], rng: np.random.Generator) -> list[PlanEdge]:
+    """Sometimes two aisles, to the left and to the right of the end of a driveway."""
+    if rng.random() > _AISLE_SHARE:
+        return []
+    ahead = driveway.line[-1] - driveway.line[-2]
+    heading = float(np.arctan2(ahead[1], ahead[0]))
+    lines = [
+        straight_line(driveway.line[-1], heading + side * np.pi / 2, rng.uniform(*_AISLE_LENGTHS)) for side in (-1, 1)
+    ]
+    if not all(_is_clear(line, others) for line in lines):
+        return []
+    return [dataclasses.replace(driveway, line=line, start_node=None) for line in lines]
 
 
 def _add_pockets(

@@ -13,6 +13,8 @@ from scjax.synthetic.actors import Actors
 from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.network import Network
 
+_RIDES, _RIDE_SPACING = 0.08, 3.6  # share of cyclists who lead a group; m between its members
+
 
 @dataclasses.dataclass(frozen=True)
 class LaneWalkers:
@@ -66,8 +68,10 @@ def draw_cyclists(net: Network, lanes: LaneArrays, density: float, rng: np.rando
         if not lane.at_curb or lane.subtype == "freeway" or lane.height != 0.0:
             continue
         for _ in range(rng.poisson(density * lanes.length[k] / 100)):
-            right = 0.5 * lane.width - rng.uniform(0.2, 0.6)
-            rows.append((k, rng.uniform(0, lanes.length[k]), rng.gamma(6.0, 0.7), right))
+            right, start = 0.5 * lane.width - rng.uniform(0.2, 0.6), rng.uniform(0, lanes.length[k])
+            speed = rng.gamma(6.0, 0.7)
+            group = int(rng.integers(2, 6)) if rng.random() < _RIDES else 1
+            rows += [(k, start + number * _RIDE_SPACING, speed, right) for number in range(group)]
     return _lane_walkers(AgentType.CYCLIST, rows, rng)
 
 
@@ -79,6 +83,6 @@ def _lane_walkers(agent_type: AgentType, rows: list[tuple], rng: np.random.Gener
 
 
 def _draw_walking_speed(rng: np.random.Generator) -> float:
-    """Speed of a pedestrian on a sidewalk [m/s]: a quarter stand, a fifth stroll, the others walk."""
+    """Speed of a pedestrian on a sidewalk [m/s]: a quarter stand, a quarter stroll, the others walk."""
     share = rng.random()
-    return rng.uniform(0, 0.2) if share < 0.25 else rng.uniform(0.2, 0.9) if share < 0.45 else rng.normal(1.25, 0.28)
+    return rng.uniform(0, 0.2) if share < 0.25 else rng.uniform(0.2, 0.9) if share < 0.5 else rng.normal(1.15, 0.28)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from scjax.data.readers.opendrive.map_lanes import road_map_log
 from scjax.data.readers.opendrive.road_map import RoadMap, build_road_map
-from scjax.scene import AgentType, Log, LogMetadata, Signal
-from scjax.towns.town_traffic import TownTraffic, collect_traffic
+from scjax.scene import AgentType, Log, LogMetadata, Signal, save_log
+from scjax.towns.source import TownRun, Towns
+from scjax.towns.town_traffic import TownTraffic, collect_traffic, save_traffic
 from scjax.towns.tracks import Track
 from tests.factories import opendrive_files as files
 
@@ -76,3 +80,12 @@ def fork_traffic(*tracks: Track, steps: int = 300) -> TownTraffic:
     """Tracks on the fork, with a signal on its straight way that turns from green to red half way."""
     states = np.where(np.arange(steps) < steps // 2, Signal.GO, Signal.STOP).astype(np.int8)[None]
     return collect_traffic(tracks or (straight_track(),), ["4.0.-1"], states)
+
+
+def write_fork_town(folder: Path, splits: Mapping[str, str] = MappingProxyType({"A": "train"})) -> Towns:
+    """Towns of one map, named with their splits; two logs each. Their files are written to ``folder``."""
+    save_log(fork_log(), folder / "map.npz")
+    traffic = fork_traffic(straight_track("ego"), straight_track("next", x=12.0))
+    save_traffic(dataclasses.replace(traffic, egos=np.array([[20, 0], [120, 0]])), folder / "traffic.npz")
+    paths = str(folder / "map.npz"), str(folder / "traffic.npz")
+    return Towns(tuple(TownRun(town, 0, *paths, town, 2, split) for town, split in splits.items()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.scene.polyline import cumulative_length
-from scjax.synthetic.curves import line_length, resample_line, turn_curve
+from scjax.synthetic.curves import STRAIGHT_END, line_length, resample_line, turn_curve
 from scjax.synthetic.domains import DOMAINS
 from scjax.synthetic.junctions import stop_distances
 from scjax.synthetic.network import Lane, Network
@@ -77,17 +77,19 @@ def test_lanes_near_the_center_continue_or_turn_back(network_type):
 
 
 @pytest.mark.parametrize("angle", np.deg2rad([-120.0, -90.0, -60.0, 60.0, 90.0, 120.0]))
-def test_turn_curve_is_an_arc_of_constant_curvature(angle):
+def test_turn_curve_is_an_arc_between_straight_ends(angle):
     radius = 9.0
-    reach = radius * np.tan(abs(angle) / 2)
+    reach = radius * np.tan(abs(angle) / 2) + STRAIGHT_END
     direction = np.array([np.cos(angle), np.sin(angle)])
     before = np.array([[-reach - 10.0, 0.0], [-reach, 0.0]])
     after = np.stack([reach * direction, (reach + 10.0) * direction])
     curve = turn_curve(before, after)
     np.testing.assert_allclose(curve[[0, -1]], [before[-1], after[0]], atol=1e-9)
-    assert line_length(curve) == pytest.approx(radius * abs(angle), rel=0.01)
-    center = np.array([-reach, np.sign(angle) * radius])
-    np.testing.assert_allclose(np.hypot(*(curve - center).T), radius, atol=0.05)
+    assert line_length(curve) == pytest.approx(radius * abs(angle) + 2 * STRAIGHT_END, rel=0.01)
+    center = np.array([STRAIGHT_END - reach, np.sign(angle) * radius])
+    arc = cumulative_length(curve)
+    on_arc = curve[(arc > STRAIGHT_END + 0.5) & (arc < arc[-1] - STRAIGHT_END - 0.5)]
+    np.testing.assert_allclose(np.hypot(*(on_arc - center).T), radius, atol=0.06)
     assert (np.diff(cumulative_length(curve)) > 0.5).all()
 
 
@@ -95,4 +97,4 @@ def test_stop_distances_leave_room_for_the_curb():
     half_width, radius = 3.5, 8.0
     angles = list(np.arange(4) * np.pi / 2)
     distances = stop_distances(angles, [half_width] * 4, [half_width] * 4, [radius] * 4)
-    np.testing.assert_allclose(distances, half_width + radius)
+    np.testing.assert_allclose(distances, half_width + radius + STRAIGHT_END)

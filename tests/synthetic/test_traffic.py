@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -79,7 +81,7 @@ def test_vehicle_moves_from_lane_to_lane():
 def intersection() -> tuple[Network, SignalTiming]:
     """A four-way intersection with signals, and their timing."""
     rng = np.random.default_rng(5)
-    style = DOMAINS[0].style
+    style = dataclasses.replace(DOMAINS[0].style, branches=(1.0,))
     while True:
         net = build_network(plan_intersection(style, rng), rng)
         if net.junctions[0].phases and len(net.junctions[0].arms) == 4:

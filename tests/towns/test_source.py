@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -7,22 +5,17 @@ from scjax.cli.data import main as data_main
 from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.records import open_records, read_record, sample_scene
-from scjax.scene import save_log, validate
+from scjax.scene import validate
 from scjax.towns import sumo
-from scjax.towns.source import TownRun, Towns, make_towns
+from scjax.towns.source import Towns, make_towns
 from scjax.towns.sumo import find_sumo
-from scjax.towns.town_traffic import save_traffic
 from tests.factories import opendrive_files as files
-from tests.factories.town_traffic import fork_log, fork_traffic, straight_track
+from tests.factories.town_traffic import write_fork_town
 
 
 def _towns(tmp_path) -> Towns:
     """Two towns of the same map, one held back."""
-    save_log(fork_log(), tmp_path / "map.npz")
-    traffic = fork_traffic(straight_track("ego"), straight_track("next", x=12.0))
-    save_traffic(dataclasses.replace(traffic, egos=np.array([[20, 0], [120, 0]])), tmp_path / "traffic.npz")
-    paths = str(tmp_path / "map.npz"), str(tmp_path / "traffic.npz")
-    return Towns(tuple(TownRun(town, 0, *paths, town, 2, split) for town, split in (("A", "train"), ("B", "val"))))
+    return write_fork_town(tmp_path, {"A": "train", "B": "val"})
 
 
 def test_logs_are_named_by_town_simulation_and_number(tmp_path):

@@ -53,7 +53,9 @@ class DoubleParking(StoppedVehicle):
 
     @classmethod
     def fits(cls, net: Network, lane: int) -> bool:
-        return lane in net.parking_lanes and net.lanes[lane].subtype != "freeway"
+        one = net.lanes[lane]
+        is_narrow = one.at_curb and one.left is None
+        return (is_narrow or lane in net.parking_lanes) and one.subtype != "freeway"
 
     def prepare_traffic(self, fleet: Fleet, rng: np.random.Generator) -> Fleet:
         lateral = -(0.5 * self.net.lanes[self.lane].width - _EDGE_DISTANCE)

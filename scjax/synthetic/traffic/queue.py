@@ -10,6 +10,8 @@ from scjax.synthetic.lane_arrays import LaneArrays
 from scjax.synthetic.traffic.fleet import Fleet
 
 _MERGE_DISTANCE = 60.0  # m before a merge, within which the vehicles of both lanes alternate
+_ALTERNATION_DISTANCE = 15.0  # m before a merge, from where on no vehicle is beside the one that it follows
+_FALL_BACK = 0.5  # m of gap at least for every meter before that
 _PARTING_DISTANCE = 4.0  # m after a fork, within which a vehicle in another branch is in the way
 _NONE = -1
 
@@ -89,7 +91,12 @@ class TrafficQueue:
         merging = merging[np.lexsort((remaining[merging], next_lane[merging]))]
         near, far = merging[:-1], merging[1:]
         same = next_lane[near] == next_lane[far]
-        consider(far[same], near[same], (remaining[far] - remaining[near])[same])
+        # Far from the merge there is time to fall back.
+        distance = np.maximum(
+            remaining[far] - remaining[near],
+            _FALL_BACK * (remaining[far] - _ALTERNATION_DISTANCE) + self.half_length[far] + self.half_length[near],
+        )
+        consider(far[same], near[same], distance[same])
         gap -= self.half_length + np.where(leader >= 0, self.half_length[leader], 0.0)
         return gap, leader
 

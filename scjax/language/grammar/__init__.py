@@ -1,0 +1,1 @@
+"""Captions as people write, composed from hand-written phrasings: ``compose.compose``."""
