@@ -3,7 +3,7 @@
     python -m experiments.studies.attribute_adherence --model=runs/base/denoiser/model --records=runs/base/records \\
         --out=docs/results/attribute_adherence --scenes=runs/asked
 
-Requests are drawn from held-out records, each of which fulfills its own. Rows: raw single samples at each guidance scale,
+Requests are drawn from held-out records, which fulfill them. Rows: raw single samples at each guidance scale,
 whose numbers of lanes and agents are those of the record; the same without the request; and the record itself. Nothing
 chooses among samples. They are judged by scjax.language, which also made the requests. With --scenes the scenes of the
 first scale are written as FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for a judge that is independent of scjax.
