@@ -2,8 +2,8 @@
 
 Looks at whole lanes, which scenes cut at their border, and at motion over time. Prints for each simulation: ways
 through junctions that cross while both are green and whose lanes begin at 55 to 125 degrees to each other (of all that
-cross); accelerations of vehicles; and logs and scenes a second. Needs SUMO (``benchmarks/sumo``, or the extra
-``traffic``).
+cross); ways straight on from one place that are red and green at once (of all such pairs); accelerations of vehicles
+[m/s²]; and logs and scenes a second. Needs SUMO (``benchmarks/sumo``, or the extra ``traffic``).
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from scjax.towns.town_traffic import TownTraffic, load_traffic
 
 _CROSSING = np.deg2rad(22.0)
 _SAME_LEVEL = 2.5  # m
+_STRAIGHT_ON = np.deg2rad(20.0)
+_ONE_PLACE = 5.0  # m
 
 
 def conflicting_greens(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple[int, int]:
@@ -40,8 +42,26 @@ def conflicting_greens(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple
     return conflicts, total
 
 
-def _heading(lane: MapLane) -> float:
-    step = lane.points[1] - lane.points[0]
+def split_signals(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple[int, int]:
+    """Pairs of ways straight on from one place that are red and green at once, and all pairs of such ways."""
+    ways = [lanes[name] for name in traffic.signal_lanes]
+    straight = [abs(wrap_to_pi(_heading(lane, -1) - _heading(lane))) < _STRAIGHT_ON for lane in ways]
+    split = total = 0
+    for i, first in enumerate(ways):
+        for j, second in enumerate(ways[:i]):
+            near = np.hypot(*(first.points[0] - second.points[0])[:2]) < _ONE_PLACE
+            along = abs(wrap_to_pi(_heading(first) - _heading(second))) < _STRAIGHT_ON
+            if near and along and straight[i] and straight[j]:
+                total += 1
+                states = traffic.signal_states[[i, j]]
+                red, green = states == Signal.STOP, states == Signal.GO
+                split += bool(((red[0] & green[1]) | (red[1] & green[0])).any())
+    return split, total
+
+
+def _heading(lane: MapLane, segment: int = 0) -> float:
+    """Direction of a segment of a lane [rad]."""
+    step = np.diff(lane.points, axis=0)[segment]
     return float(np.arctan2(step[1], step[0]))
 
 
@@ -95,18 +115,18 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     source = make_towns(args.maps, args.towns, runs=args.runs, seconds=args.seconds)
     print(
-        "| simulation | objects | logs | conflicting greens | accelerations, 99 %, 99.99 %, most | logs/s | scenes/s |"
+        "| simulation | objects | logs | conflicting greens | split signals | acceleration, 99 %, 99.99 %, most |"
+        " logs/s | scenes/s |"
     )
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for run in source.runs:
         traffic = load_traffic(Path(run.traffic_file))
-        conflicts, total = conflicting_greens({lane.id: lane for lane in load_log(run.map_file).lanes}, traffic)
+        lanes = {lane.id: lane for lane in load_log(run.map_file).lanes}
+        greens, splits = ("{} of {}".format(*count(lanes, traffic)) for count in (conflicting_greens, split_signals))
         values = ", ".join(f"{v:.1f}" for v in np.quantile(accelerations(traffic), (0.99, 0.9999, 1.0)))
         rates = "{:.0f} | {:.0f}".format(*speed(run, args.logs)) if run.count else "- | -"
         name = f"{run.town}/{run.number}"
-        print(
-            f"| {name} | {len(traffic.names)} | {run.count} | {conflicts} of {total} | {values} | {rates} |", flush=True
-        )
+        print(f"| {name} | {len(traffic.names)} | {run.count} | {greens} | {splits} | {values} | {rates} |", flush=True)
 
 
 if __name__ == "__main__":

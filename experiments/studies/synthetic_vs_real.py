@@ -4,7 +4,7 @@
         --out=docs/results/synthetic_vs_real
 
 The floor is the distance between two halves of the reference with different locations. SCENES and REFERENCE are sources
-as in scjax evaluate: records:FOLDER#SPLIT, npz:FOLDER, tiles:FILE#main.
+as in scjax evaluate: records:FOLDER#SPLIT, npz:FOLDER, tiles:FILE#main. Several SCENES count in equal parts.
 
 Writes OUT.md (a table), OUT.json and OUT.png (histograms).
 """
@@ -67,14 +67,17 @@ SHARES = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.studies.synthetic_vs_real", __doc__)
-    parser.add_argument("scenes", metavar="SCENES", help="source of the scenes to judge")
+    parser.add_argument("scenes", metavar="SCENES", nargs="+", help="sources of the scenes to judge, taken together")
     parser.add_argument("reference", metavar="REFERENCE", help="source of real scenes")
     add = parser.add_argument
     add("--out", type=Path, default=Path("synthetic_vs_real"), help="path without ending (default %(default)s)")
-    add("--limit", type=int, default=2000, metavar="N", help="scenes per source at most (default %(default)s)")
+    add("--limit", type=int, default=2000, metavar="N", help="scenes per side at most (default %(default)s)")
     args = parser.parse_args(arguments)
     try:
-        ours, reference = (cluster_sums_of(open_source(text), args.limit) for text in (args.scenes, args.reference))
+        ours, reference = (
+            cluster_sums_of([open_source(text) for text in side], args.limit)
+            for side in (args.scenes, [args.reference])
+        )
         comparison = compare(ours, reference)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.synthetic_vs_real: {error}")
@@ -90,13 +93,15 @@ class Comparison(NamedTuple):
     shares: dict[str, tuple[float, float]]
 
 
-def cluster_sums_of(source: SceneSource, limit: int) -> ClusterSums:
-    """Sums of at most ``limit`` evenly spaced scenes of a source."""
-    clusters = source.clusters
-    rows = np.unique(np.linspace(0, len(clusters) - 1, min(limit, len(clusters))).astype(int))
+def cluster_sums_of(sources: Sequence[SceneSource], limit: int) -> ClusterSums:
+    """Sums of at most ``limit`` evenly spaced scenes, as many of each source."""
     cluster_sums = ClusterSums()
-    for row in tqdm(rows, "scenes", disable=None):
-        cluster_sums.add(sums_of(source.read([int(row)])[0]), clusters[row])
+    for source in sources:
+        clusters = source.clusters
+        count = min(max(limit // len(sources), 1), len(clusters))
+        rows = np.unique(np.linspace(0, len(clusters) - 1, count).astype(int))
+        for row in tqdm(rows, "scenes", disable=None):
+            cluster_sums.add(sums_of(source.read([int(row)])[0]), clusters[row])
     return cluster_sums
 
 

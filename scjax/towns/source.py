@@ -6,9 +6,11 @@ import dataclasses
 import functools
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
 from scjax.data.build_options import BuildOptions
@@ -18,10 +20,11 @@ from scjax.data.readers.base import LogInfo
 from scjax.data.readers.opendrive import read_road_map
 from scjax.data.readers.opendrive.map_lanes import road_map_log
 from scjax.data.record_source import PosedLog
-from scjax.data.tiles import find_poses
+from scjax.data.tiles import Pose, find_poses
 from scjax.data.workers import WorkerPool
 from scjax.nn.startup import cache_folder
 from scjax.scene import Log, LogMetadata, load_log, save_log
+from scjax.towns.lane_overlaps import overlap_places
 from scjax.towns.simulate_town import TrafficOptions, simulate_town
 from scjax.towns.sumo import SUMO_VERSION, find_sumo
 from scjax.towns.town_log import DOMAIN, TownMap, cut_log
@@ -30,6 +33,9 @@ from scjax.towns.town_traffic import TRAFFIC_VERSION, load_traffic, save_traffic
 
 DENSITIES = ((7.0, 6.0), (14.0, 10.0), (3.0, 2.0), (22.0, 4.0), (0.8, 0.5))
 """Vehicles for each kilometer of lanes, people for each of sidewalks: of the first run of a town, the second, ..."""
+
+_SIGHT = 75.0  # m from a pose to the far corners of its windows
+_MERGED_TURN = math.radians(45.0)  # of lanes in a row that are one; 20 points cannot show a longer bend
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,12 +86,14 @@ class Towns:
           ValueError: its simulation is damaged; names the file.
         """
         log = self.log(item)
-        graph = build_graph(log, split_at_signals=True)
+        graph = build_graph(log, split_at_signals=True, signals_alone=True, max_turn=_MERGED_TURN)
         index = index_segments(graph)
-        standard = find_poses(log, index, **dataclasses.asdict(options.poses))
+        unsound = overlap_places(np.split(graph.points, graph.offsets[1:-1]))
+        standard = _sound_poses(find_poses(log, index, **dataclasses.asdict(options.poses)), unsound)
         poses = standard
         if dense:
             poses = find_poses(log, index, **dataclasses.asdict(options.train_poses), first=standard)
+            poses = _sound_poses(poses, unsound)
         return PosedLog(log, graph, index, poses, len(standard), warnings=graph.warnings, notes=graph.notes)
 
     def log(self, item: LogInfo) -> Log:
@@ -108,6 +116,11 @@ class Towns:
     def _find(self, name: str) -> tuple[TownRun, int]:
         town, run, number = name.rsplit("/", 2)
         return next(item for item in self.runs if (item.town, item.number) == (town, int(run))), int(number)
+
+
+def _sound_poses(poses: list[Pose], unsound: np.ndarray) -> list[Pose]:
+    """Those whose windows show none of the places [n, 2] where lanes lie on each other."""
+    return [pose for pose in poses if not len(unsound) or np.hypot(*(unsound - (pose.x, pose.y)).T).min() > _SIGHT]
 
 
 @functools.lru_cache(maxsize=2)

@@ -243,6 +243,7 @@ def test_faults_of_phrasing_files_are_named(tmp_path, monkeypatch, content, faul
         (tmp_path / "en" / name).write_bytes((source / name).read_bytes())
     (tmp_path / "en" / "road.toml").write_text(f"[[phrase]]\n{content}\n")
     monkeypatch.setattr(phrasebook_module, "FOLDER", tmp_path)
+    monkeypatch.setattr(phrasebook_module, "languages", lambda: ("en",))
     with pytest.raises(ValueError, match=fault):
         phrasebook.__wrapped__("en")
 

@@ -6,7 +6,7 @@ from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.records import open_records, read_record, sample_scene
 from scjax.scene import validate
-from scjax.towns import sumo
+from scjax.towns import source, sumo
 from scjax.towns.source import Towns, make_towns
 from scjax.towns.sumo import find_sumo
 from tests.factories import opendrive_files as files
@@ -32,7 +32,7 @@ def test_logs_are_named_by_town_simulation_and_number(tmp_path):
 def test_lanes_end_where_their_signal_does(tmp_path):
     towns = _towns(tmp_path)
     posed = towns.load(towns.scan("A/0/0001"), BuildOptions(), dense=False)
-    assert posed.graph.num_lanes == 4  # road 1, way 4 with its signal, road 2, way 5 with road 3
+    assert posed.graph.num_lanes == 5  # roads 1 to 3, way 4 with its signal, way 5 that turns
     assert (posed.graph.signals[:, 20] > 0).sum() == 1
 
 
@@ -43,6 +43,17 @@ def test_towns_are_held_back_whole(tmp_path):
     shards = open_records(tmp_path / "out", "val")
     scene = validate(sample_scene(read_record(shards, 0)))
     assert len(scene.agents) == 2 and scene.agents[0, 3] == pytest.approx(5.0, abs=0.02)
+
+
+def test_scenes_stay_away_from_lanes_on_each_other(tmp_path, monkeypatch):
+    towns = _towns(tmp_path)
+    info = towns.scan("A/0/0001")
+    free = towns.load(info, BuildOptions(), dense=True).poses
+    place = free[0].x, free[0].y
+    monkeypatch.setattr(source, "overlap_places", lambda lines: np.array([place]))
+    posed = towns.load(info, BuildOptions(), dense=True)
+    assert all(np.hypot(pose.x - place[0], pose.y - place[1]) > 75.0 for pose in posed.poses)
+    assert 0 <= posed.num_standard <= len(posed.poses) < len(free)
 
 
 @pytest.fixture

@@ -20,11 +20,11 @@ _NEEDS = {
     "jaywalker": {"pedestrians": 1, "pedestrians_on_road": 1},
     "stopped-in-lane": {"vehicles": 1, "stopped": 1},
     "double-parking": {"vehicles": 2, "stopped": 2},
-    "emergency-corridor": {"vehicles": 4},
-    "cut-in": {"vehicles": 2},
+    "emergency-corridor": {"vehicles": 3},
+    "cut-in": {"vehicles": 1},
     "work-zone": {"static": 3},
 }
-"""Event -> least numbers that it takes."""
+"""Event -> least numbers that it takes; the ego may be one of those who take part, and counts nowhere."""
 _JUNCTIONS = ("four-way", "T", "Y", "intersection", "multi-intersection")
 _QUEUE_SIZE = 3
 _TOGETHER = {

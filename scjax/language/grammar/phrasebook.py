@@ -87,6 +87,7 @@ class Phrasebook:
         return [text for entry in self.entries for texts in entry.texts.values() for text in texts]
 
 
+@functools.cache
 def languages() -> tuple[str, ...]:
     """Codes of all languages, English first."""
     codes = sorted(path.parent.name for path in FOLDER.glob("*/words.toml"))

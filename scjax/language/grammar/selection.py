@@ -97,8 +97,10 @@ def joint_request(statements: list[Statement]) -> dict[str, Any]:
     return request
 
 
+@functools.cache
 def _weight(topic: tuple[str, ...]) -> float:
-    return float(np.mean([_WEIGHTS.get(name, _PLAIN_WEIGHT) for name in topic])) * _JOINT_SHARE ** (len(topic) - 1)
+    weights = [_WEIGHTS.get(name, _PLAIN_WEIGHT) for name in topic]
+    return sum(weights) / len(weights) * _JOINT_SHARE ** (len(weights) - 1)
 
 
 @functools.cache
