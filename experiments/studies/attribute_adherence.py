@@ -27,7 +27,7 @@ from experiments.studies.page import command_line, script_parser, table_lines, w
 from experiments.studies.prompts import sample_in_calls
 from scjax.data import records
 from scjax.data.measurements import MeasuredRecords
-from scjax.language.attributes.draw import draw_request
+from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.table import GROUPS, score_attributes
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -55,20 +55,20 @@ def held_out_requests(folder: str, model: scjax.Model, number: int, seed: int) -
     for row in map(int, rng.permutation(len(measured))[:number]):
         request: dict[str, Any] = {}
         while not 1 <= len(request) <= _MOST_ASKED:
-            request = draw_request(measured[row], rng)
+            request = draw_attributes(measured[row], rng)
         found.append(Requested(request, model.codec.select(records.sample_scene(records.read_record(stored, row)))))
     return found
 
 
 def measure_shown(scenes: Sequence[Scene], requested: Sequence[Requested]) -> dict[str, Any]:
     """Attribute -> (scenes that show it as requested, scenes of which it is requested); "all": requests met in full."""
-    asked, shown, full = Counter(), Counter(), 0
+    requests, shown, full = Counter(), Counter(), 0
     for scene, (request, _) in zip(scenes, requested, strict=True):
         misses = score_attributes(scene, request).misses
-        asked.update(request)
+        requests.update(request)
         shown.update(request.keys() - misses.keys())
         full += not misses
-    return {"attributes": {name: (shown[name], asked[name]) for name in asked}, "all": (full, len(requested))}
+    return {"attributes": {name: (shown[name], requests[name]) for name in requests}, "all": (full, len(requested))}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -26,7 +26,7 @@ from scjax.data.caption_features import TextStore
 from scjax.data.loader_config import Bucket, LoaderConfig
 from scjax.data.measurements import MeasuredRecords
 from scjax.data.token_order import sort_tokens
-from scjax.language.attributes.draw import draw_request
+from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
@@ -261,7 +261,7 @@ class _Examples:
         if crop == Crop.FORWARD:
             return Drawn(scene)
         caption = None if self.texts is None else int(rng.choice(self.texts.texts_of(number)))
-        request = None if self.measurements is None else draw_request(self.measurements[number], rng)
+        request = None if self.measurements is None else draw_attributes(self.measurements[number], rng)
         return Drawn(scene, caption, request)
 
     def complete(self, index: int, drawn: Drawn) -> TrainingExample:

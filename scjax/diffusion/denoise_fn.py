@@ -94,10 +94,10 @@ def prepare_denoiser_inputs(
         elif guided and config.attend_padding:  # otherwise "no condition" needs no cache
             null_cache = network.apply(params, features, ~keep_condition, method="encode_condition")
     null_label = jnp.full_like(label, config.null_label)
-    asked_nothing = None if attributes is None else jnp.zeros_like(attributes)
+    no_request = None if attributes is None else jnp.zeros_like(attributes)
     rows = (label, masks, attributes)
     if guided:
-        rows = concat_branches(rows, (null_label, masks, asked_nothing))
+        rows = concat_branches(rows, (null_label, masks, no_request))
     table = _modulation_table(network, params, times, *rows, max_precomputed)
     scenes = len(label)
     return DenoiserInputs(
@@ -108,7 +108,7 @@ def prepare_denoiser_inputs(
         ),
         unconditional=Branch(
             label=null_label,
-            attributes=asked_nothing,
+            attributes=no_request,
             cache=null_cache,
             modulation=jax.tree.map(lambda x: x[scenes:], table),
         )

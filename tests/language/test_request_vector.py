@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scjax.language.attributes.draw import draw_request
+from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes, measure_attributes, score_attributes
 from scjax.language.attributes.vector import feature_names, readable, request_vector
 from scjax.synthetic.world import make_world
@@ -69,7 +69,7 @@ def test_scenes_fulfill_the_requests_that_are_drawn_from_them():
     for _, scene in itertools.islice(scenes_of(make_world(7, 0)), 6):
         measured = measure_attributes(scene)
         for _ in range(40):
-            request = draw_request(measured, rng)
+            request = draw_attributes(measured, rng)
             assert check_attributes(request) == request
             misses = {k: v for k, v in request.items() if not ATTRIBUTES[k].holds(v, measured[k])}
             assert not misses

@@ -15,7 +15,7 @@ _EXACT, _NEAR, _OPEN = 0.45, 0.15, 0.25  # shares of ranges; the rest have two l
 _LOOSE = 4  # how far a loose end lies from a count, at most, and by how many tenths of it from a length
 
 
-def draw_request(measured: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def draw_attributes(measured: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """A request in its normal form that a scene of these measurements fulfills.
 
     A tenth of the requests ask nothing and a twentieth ask for everything. The others ask for each attribute with a

@@ -10,7 +10,7 @@ import numpy as np
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, validation_scenes, with_caption, with_image
 from scjax.data.measurements import MeasuredRecords
-from scjax.language.attributes.draw import draw_request
+from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
 from scjax.scene import Crop, Scene
@@ -47,7 +47,7 @@ def validation_examples(
 def validation_requests(records: str) -> list[dict[str, Any]]:
     """A request for every held-back scene of ``records``, which the scene fulfills; the same at every call."""
     measured = MeasuredRecords(records, "val")
-    return [draw_request(measured[row], np.random.default_rng([_SEED, row])) for row in range(len(measured))]
+    return [draw_attributes(measured[row], np.random.default_rng([_SEED, row])) for row in range(len(measured))]
 
 
 def first_captions(records: str, scenes: Sequence[Scene], text_slots: int) -> list[TrainingExample]:
