@@ -30,8 +30,8 @@ from benchmarks.robustness.case import FAULTS, OUTCOMES, SOUND
 from benchmarks.robustness.pool import Worker, child
 
 _NAMES = (
-    "recorded,own-json,own-npz,logs,records,shards,descriptions,encoders,prompts,official,checkpoints,configs,commands,"
-    "models,requests"
+    "recorded,own-json,own-npz,logs,records,shards,descriptions,measurements,encoders,prompts,official,checkpoints,configs,"
+    "commands,models,requests"
 )
 _EXAMPLES = 3
 _LISTING = 300.0  # s that an area may take to list its inputs

@@ -40,6 +40,7 @@ AREAS: dict[str, Area] = {
     "records": Area(areas_records.records),
     "shards": Area(areas_records.shards),
     "descriptions": Area(areas_records.descriptions),
+    "measurements": Area(areas_records.measurements),
     "encoders": Area(areas_encoders.encoders),
     "prompts": Area(areas_encoders.prompts),
     "official": Area(areas_models.official, 60.0),

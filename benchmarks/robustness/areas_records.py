@@ -199,6 +199,36 @@ def _features(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         yield _folder_case(text, fixtures, "text-train.bin", changed, read, check)
 
 
+def measurements(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
+    """Measured attributes."""
+    measured = names.get("MeasuredRecords")
+    name = "attributes-train.jsonl.gz"
+    lines = gzip.decompress((fixtures / "records" / name).read_bytes()).splitlines()
+    before = json.loads(lines[1])
+
+    def read(folder: Path) -> Any:
+        found = measured(folder, "train")
+        return [found[record] for record in range(len(found))]
+
+    def check(found: list[dict[str, Any]]) -> str | None:
+        if len(found) != len(lines) - 1 or found[0].keys() != before.keys():
+            return "other records or attributes than were measured"
+        for key, value in found[0].items():
+            if isinstance(before[key], list) != isinstance(value, tuple):
+                return f"{key} is {value!r:.60}"
+            if isinstance(value, float | int) and not 0 <= value < 1e300:
+                return f"{key} is {value!r:.60}"
+        return None
+
+    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
+    for k in (0, 1):
+        for text, data in damage_json.documents(rng, json.loads(lines[k]), 60):
+            content = b"\n".join([*lines[:k], data, *lines[k + 1 :]]) + b"\n"
+            yield _folder_case(f"line {k}: {text}", fixtures, name, gzip.compress(content, 1, mtime=0), read, check)
+    for text, data in damage_bytes.gzips(rng, b"\n".join(lines) + b"\n", 40):
+        yield _folder_case(text, fixtures, name, data, read, check)
+
+
 def copy_fixture(source: Path, folder: Path) -> None:
     """Copies the files of a fixture into a folder."""
     shutil.copytree(source, folder, dirs_exist_ok=True)

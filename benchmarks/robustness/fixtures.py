@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import gzip
 import json
@@ -95,6 +96,8 @@ def _records(folder: Path) -> None:
     names.get("build_records")(names.get("Worlds")(3, 6), folder / "records", options)
     names.get("add_captions")(folder / "records", progress=False)
     names.get("embed_captions")(folder / "records", Words(), progress=False)
+    with contextlib.suppress(Unavailable):
+        names.get("measure_records")(folder / "records", progress=False)
 
 
 def _encoders(folder: Path) -> None:

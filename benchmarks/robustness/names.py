@@ -30,6 +30,8 @@ NAMES = {  # name -> places, "module:attribute", the newest first
     "read_captions": ("scjax.data.captions:read_captions", "scjax.data.captions.store:read_captions"),
     "embed_captions": ("scjax.data.caption_features:embed_captions", "scjax.data.captions.embeddings:embed_captions"),
     "TextStore": ("scjax.data.caption_features:TextStore", "scjax.data.captions.embeddings:TextStore"),
+    "measure_records": ("scjax.data.measurements:measure_records",),
+    "MeasuredRecords": ("scjax.data.measurements:MeasuredRecords",),
     "load_text_encoder": ("scjax.encoders.text:load_text_encoder",),
     "parse_prompt": ("scjax.language.prompt_parser:parse_prompt", "scjax.data.captions.reading:read_prompt"),
     "prompt_warnings": ("scjax.generate.best_of:prompt_warnings", "scjax.prompts:doubts"),

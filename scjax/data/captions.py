@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import gzip
 import json
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -21,6 +20,7 @@ from tqdm import tqdm
 
 from scjax.data import records
 from scjax.data.manifest import load_manifest
+from scjax.data.packed_lines import read_lines
 from scjax.data.ranges import check_number, check_seed, check_workers
 from scjax.data.record_folder import locked_records
 from scjax.data.workers import WorkerPool
@@ -28,11 +28,10 @@ from scjax.language.attributes.table import check_attributes, measure_attributes
 from scjax.language.facts import Facts, extract_facts
 from scjax.language.grammar.compose import Composition, compose
 from scjax.scene.document import parse_document
-from scjax.scene.files import MEGABYTE, whole_file
+from scjax.scene.files import whole_file
 
 FORMAT = 3
 _MAX_TEXTS = 1000
-_MAX_LINE = MEGABYTE  # bytes
 
 
 class Caption(NamedTuple):
@@ -147,43 +146,26 @@ def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
         raise ValueError(f"{path} is not there: {remedy}")
     manifest = load_manifest(folder)
     number = 0
-    with path.open("rb") as packed, gzip.GzipFile(fileobj=packed) as file:
-        for number, line in enumerate(_lines(file, path, remedy)):
-            name, cure = f"{path}, line {number + 1}", f"{remedy} again"
-            if not number:
-                head = parse_document(line, _Head, name, cure)
-                if head.format != FORMAT or head.records != manifest["hash"]:
-                    raise ValueError(f"{path} was written for other records or in another format: {cure}")
-                continue
-            content = parse_document(line, _Line, name, cure)
-            try:
-                facts = Facts.from_json(content.facts)
-                compositions = [
-                    Composition(item.text, check_attributes(item.request), item.style, item.language)
-                    for item in content.captions
-                ]
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}: {cure}") from error
-            yield Caption(facts, compositions)
+    for number, line in enumerate(read_lines(path, remedy)):
+        name, cure = f"{path}, line {number + 1}", f"{remedy} again"
+        if not number:
+            head = parse_document(line, _Head, name, cure)
+            if head.format != FORMAT or head.records != manifest["hash"]:
+                raise ValueError(f"{path} was written for other records or in another format: {cure}")
+            continue
+        content = parse_document(line, _Line, name, cure)
+        try:
+            facts = Facts.from_json(content.facts)
+            compositions = [
+                Composition(item.text, check_attributes(item.request), item.style, item.language)
+                for item in content.captions
+            ]
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}: {cure}") from error
+        yield Caption(facts, compositions)
     expected = manifest["splits"].get(split, {"records": 0})["records"]
     if number != expected:
         raise ValueError(f"{path} holds captions of {number} records, but there are {expected}: {remedy} again")
-
-
-def _lines(file: gzip.GzipFile, path: Path, remedy: str) -> Iterator[bytes]:
-    """The lines of a packed file of text; at least one, if it is empty an empty one."""
-    number = 1
-    while True:
-        try:
-            line = file.readline(_MAX_LINE)
-        except (OSError, EOFError, zlib.error) as error:
-            raise ValueError(f"{path}, line {number}: the file is damaged ({error}): {remedy} again") from error
-        if line and not line.endswith(b"\n"):
-            raise ValueError(f"{path}, line {number}: it is cut short, or longer than any caption: {remedy} again")
-        if not line and number > 1:
-            return
-        yield line
-        number += 1
 
 
 def read_official(folder: str | Path, split: str, name: str) -> str | None:

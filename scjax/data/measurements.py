@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 import gzip
-import json
-import zlib
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,15 @@ from tqdm import tqdm
 
 from scjax.data import records
 from scjax.data.manifest import load_manifest
+from scjax.data.packed_lines import read_lines
 from scjax.data.ranges import check_workers
 from scjax.data.record_folder import locked_records
 from scjax.data.workers import WorkerPool
 from scjax.language.attributes.table import ATTRIBUTES, check_measurements, measure_attributes
+from scjax.scene.document import parse_document
 from scjax.scene.files import whole_file
 
 FORMAT = 1
-_MAX_LINE = 1 << 16  # bytes
 
 
 class MeasuredRecords:
@@ -39,17 +39,14 @@ class MeasuredRecords:
         self._path, remedy = measurements_path(Path(folder), split), f"run scjax data attributes {folder}"
         if not self._path.is_file():
             raise ValueError(f"{self._path} is not there: {remedy}")
-        try:
-            with gzip.open(self._path) as file:
-                head, self._lines = json.loads(file.readline(_MAX_LINE)), file.read().splitlines()
-        except (OSError, EOFError, zlib.error, ValueError) as error:
-            raise ValueError(f"{self._path} is damaged ({error}): {remedy} again") from error
-        if head != _head(load_manifest(folder)):
-            raise ValueError(f"{self._path} was written for other records or attributes: {remedy} again")
-        expected = load_manifest(folder)["splits"].get(split, {"records": 0})["records"]
+        manifest, self._cure = load_manifest(folder), f"{remedy} again"
+        expected = manifest["splits"].get(split, {"records": 0})["records"]
+        head, *self._lines = itertools.islice(read_lines(self._path, remedy), expected + 2)
+        if parse_document(head, _Head, f"{self._path}, line 1", self._cure) != _head(manifest):
+            raise ValueError(f"{self._path} was written for other records or attributes: {self._cure}")
         if len(self._lines) != expected:
-            raise ValueError(f"{self._path} has {len(self._lines)} lines for {expected} records: {remedy} again")
-        self._remedy = remedy
+            more = "more" if len(self._lines) > expected else "fewer"
+            raise ValueError(f"{self._path} has {more} lines than there are records, {expected}: {self._cure}")
 
     def __len__(self) -> int:
         """Number of records."""
@@ -61,10 +58,12 @@ class MeasuredRecords:
         Raises:
           ValueError: the line is damaged.
         """
+        name = f"{self._path}, line {record + 2}"
+        values = parse_document(self._lines[record], dict[str, Any], name, self._cure)
         try:
-            return check_measurements(msgspec.json.decode(self._lines[record]))
-        except (ValueError, msgspec.DecodeError) as error:
-            raise ValueError(f"{self._path}, line {record + 2}: {error}: {self._remedy} again") from error
+            return check_measurements(values)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}: {self._cure}") from error
 
 
 def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = True) -> dict[str, int]:
@@ -93,7 +92,7 @@ def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = Tr
                 )
                 # Without name and time in the head, equal content is equal bytes.
                 with gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed:
-                    packed.write(json.dumps(_head(manifest)).encode() + b"\n")
+                    packed.write(msgspec.json.encode(_head(manifest)) + b"\n")
                     packed.writelines(lines)
             counts[split] = len(rows)
     return counts
@@ -104,8 +103,16 @@ def measurements_path(folder: Path, split: str) -> Path:
     return folder / f"attributes-{split}.jsonl.gz"
 
 
-def _head(manifest: dict[str, Any]) -> dict[str, Any]:
-    return {"format": FORMAT, "records": manifest["hash"], "attributes": list(ATTRIBUTES)}
+class _Head(msgspec.Struct):
+    """The first line: format, hash of the records, names of the attributes."""
+
+    format: Any = None
+    records: Any = None
+    attributes: Any = None
+
+
+def _head(manifest: dict[str, Any]) -> _Head:
+    return _Head(FORMAT, manifest["hash"], list(ATTRIBUTES))
 
 
 def _measured_line(folder: Path, split: str, records_hash: str, row: int) -> bytes:

@@ -167,8 +167,10 @@ def _compare(path: Path, stamp: dict[str, Any] | None) -> None:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}): {_cure(path)}") from error
     if not is_same:
-        fault = f"has {size} of {stamp['bytes']} bytes" if size != stamp["bytes"] else "holds other bytes"
-        raise ValueError(f"{path}: {fault}, so it was changed since it was built: {_cure(path)}")
+        fault = (
+            f"has {size} bytes, not the {stamp['bytes']}" if size != stamp["bytes"] else "holds other bytes than those"
+        )
+        raise ValueError(f"{path}: {fault} of manifest.json, so one of them was changed: {_cure(path)}")
 
 
 def _open_shard(path: Path) -> Any:

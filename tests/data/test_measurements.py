@@ -77,7 +77,7 @@ def test_batches_resume_with_the_same_requests(measured):
     [
         (lambda lines: [{**lines[0], "records": "x"}, *lines[1:]], "other records or attributes"),
         (lambda lines: [{**lines[0], "attributes": ["layout"]}, *lines[1:]], "other records or attributes"),
-        (lambda lines: lines[:-1], "lines for"),
+        (lambda lines: lines[:-1], "fewer lines than there are records"),
         (lambda lines: [lines[0], {**lines[1], "layout": ["X"]}, *lines[2:]], "line 2: layout cannot be measured as"),
         (lambda lines: [lines[0], {**lines[1], "vehicles": "many"}, *lines[2:]], "line 2: vehicles cannot be measured"),
         (lambda lines: [lines[0], {"layout": ["T"]}, *lines[2:]], "line 2: these are not the measurements of all"),

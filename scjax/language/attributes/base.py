@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -14,6 +13,8 @@ from scjax.language.analysis.scene_analysis import Analysis
 
 Kind = Literal["choice", "flag", "range", "set"]
 Bounds = tuple[int | float, int | float | None]
+
+_HUGE = 1e15  # no number of a request or scene is larger
 
 UNSPECIFIED = "unspecified"
 """A request that asks nothing, as does a missing key or None."""
@@ -93,8 +94,10 @@ class Attribute:
         """
         if self.kind == "flag" and isinstance(value, bool):
             return value
-        if self.kind == "range" and (value is None or _is_number(value)):
-            return value
+        is_count = self.kind == "range" and not self.unit
+        if self.kind == "range" and (value is None or (_is_number(value) and value >= 0)):
+            if value is None or not is_count or value == int(value):
+                return value
         if self.kind in ("choice", "set") and isinstance(value, list) and all(one in self.values for one in value):
             return tuple(value)
         raise ValueError(f"{self.name} cannot be measured as {_shown(value)}")
@@ -124,7 +127,7 @@ class Attribute:
 
 def _is_number(value: Any) -> bool:
     is_real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool | np.bool_)
-    return is_real and math.isfinite(value)
+    return is_real and bool(-_HUGE < value < _HUGE)
 
 
 def _shown(request: Any) -> str:
