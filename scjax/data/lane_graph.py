@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 DROPPED_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")  # cars do not drive on them
+BEND_TURN, BEND_RADIUS = float(np.deg2rad(45.0)), 20.0  # rad and m, of sharp bends
+MAX_BEND_LENGTH = 55.0  # m of a merged lane with a sharp bend
 DUPLICATE_DISTANCE = 1e-6  # m between two points that are one
 
 
@@ -63,7 +65,7 @@ def build_graph(
     *,
     split_at_signals: bool = False,
     signals_alone: bool = False,
-    max_turn: float = np.inf,
+    bends_alone: bool = False,
 ) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
 
@@ -72,8 +74,8 @@ def build_graph(
       split_at_signals: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
         evaluation rule merges them all and keeps the first signal.
       signals_alone: end merged lanes also where a signal begins, so that no lane before a junction shows its signal.
-      max_turn: two lanes that turn by more than this together stay apart, since few points cannot show a long bend
-        [rad]. The evaluation rule knows no such limit.
+      bends_alone: a sharp bend does not become part of a long lane, since few points could not show it. The evaluation
+        rule merges both.
 
     Raises:
       ValueError: if no lane with two distinct points is left.
@@ -97,9 +99,8 @@ def build_graph(
         with_signal = set(log.signal_lane_ids)
         signaled = [lane.id in with_signal for lane in lanes]
         breaks |= {(i, j) for i, j in joins.pairs if signaled[j] and not signaled[i]}
-    if np.isfinite(max_turn):
-        turns = [_total_turn(line) for line in points]
-        breaks |= {(i, j) for i, j in joins.pairs if turns[i] + turns[j] > max_turn}
+    if bends_alone:
+        breaks |= _bend_ends(points, joins.pairs)
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
@@ -116,10 +117,16 @@ def build_graph(
     return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
 
 
-def _total_turn(line: np.ndarray) -> float:
-    """Sum of the changes of direction along a line [rad]."""
-    headings = np.unwrap(np.arctan2(*np.diff(line[:, :2], axis=0).T[::-1]))
-    return float(np.abs(np.diff(headings)).sum())
+def _bend_ends(points: list[np.ndarray], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+    """Pairs of lanes that follow each other, long together, of which one is a sharp bend."""
+    steps = [np.diff(line[:, :2], axis=0) for line in points]
+    lengths = [float(np.hypot(*step.T).sum()) for step in steps]
+    headings = [np.unwrap(np.arctan2(step[:, 1], step[:, 0])) for step in steps]
+    turns = [float(np.abs(np.diff(heading)).sum()) for heading in headings]
+    is_bend = [turn > BEND_TURN and turn > length / BEND_RADIUS for turn, length in zip(turns, lengths, strict=True)]
+    return frozenset(
+        (i, j) for i, j in joins if (is_bend[i] or is_bend[j]) and lengths[i] + lengths[j] > MAX_BEND_LENGTH
+    )
 
 
 def _signal_ends(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:

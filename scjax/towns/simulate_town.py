@@ -19,11 +19,15 @@ from scjax.towns.lane_paths import LanePath, match_lanes
 from scjax.towns.simulation import STEP, Drive, run_simulation
 from scjax.towns.sumo import Sumo
 from scjax.towns.sumo_network import SumoNetwork, convert_map
+from scjax.towns.town_log import TownMap
 from scjax.towns.town_traffic import TownTraffic, collect_traffic
 from scjax.towns.tracks import Track, drive_track, walk_track
 
 WARM_UP = 60.0  # s before the recording
 _HISTORY = 30.0  # s before the recording that boxes follow
+_EGO_SIGHT = 32.0  # m
+_ASIDE, _MAX_ASIDE = 0.25, 0.3  # m from the middle of a lane: standard deviation and most
+_LANE_WIDTH = 3.3  # m that a box and its way from side to side fill at most
 _LETTERS = {
     **dict.fromkeys("Gg", Signal.GO),
     **dict.fromkeys("Yy", Signal.CAUTION),
@@ -79,9 +83,11 @@ def simulate_town(sumo: Sumo, opendrive: Path, road_map: RoadMap, log: Log, opti
         )
     steps = round(options.seconds / STEP)
     lanes, states = signal_states(network, paths, road_map, WARM_UP + STEP * np.arange(steps))
-    tracks = _make_tracks(drives, paths, vehicle_sizes(options.seed), _height_of(log), _keeps_right(road_map))
+    tracks = _make_tracks(
+        drives, paths, vehicle_sizes(options.seed), _height_of(log), _keeps_right(road_map), options.seed
+    )
     traffic = collect_traffic(tracks, lanes, states)
-    return dataclasses.replace(traffic, egos=choose_egos(traffic, options.egos, options.seed))
+    return dataclasses.replace(traffic, egos=choose_egos(traffic, options.egos, options.seed, _lanes_near(log)))
 
 
 def signal_states(
@@ -114,11 +120,15 @@ def _make_tracks(
     sizes: dict[str, tuple[float, float, float]],
     height_at: Callable[[np.ndarray], np.ndarray],
     side: float,
+    seed: int,
 ) -> list[Track]:
+    rng = np.random.default_rng([seed, 17])
     tracks: list[Track] = []
     for drive in drives:
         if drive.type:
-            tracks += drive_track(drive, paths, sizes[drive.type], WARM_UP, side)
+            most = np.clip((_LANE_WIDTH - sizes[drive.type][1]) / 3, 0.0, _MAX_ASIDE)
+            aside = float(np.clip(rng.normal(0.0, _ASIDE), -most, most))
+            tracks += drive_track(drive, paths, sizes[drive.type], WARM_UP, side, aside)
         elif (walk := walk_track(drive, height_at, WARM_UP)) is not None:
             tracks.append(walk)
     return tracks
@@ -127,6 +137,14 @@ def _make_tracks(
 def _height_of(log: Log) -> Callable[[np.ndarray], np.ndarray]:
     index = index_segments(build_graph(log), max_length=5.0)
     return lambda xy: nearest_lane(index, xy)[2]
+
+
+def _lanes_near(log: Log) -> Callable[[np.ndarray], np.ndarray]:
+    """How many lanes for cars there are around places [n, 2]."""
+    town = TownMap(
+        dataclasses.replace(log, lanes=tuple(la for la in log.lanes if la.lane_type not in DROPPED_LANE_TYPES))
+    )
+    return lambda places: np.array([len(town.lanes_near(place[None], _EGO_SIGHT)) for place in places])
 
 
 def _keeps_right(road_map: RoadMap) -> float:
