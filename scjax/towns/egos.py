@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Int
 
@@ -19,14 +17,8 @@ _LEAST_EGO_LENGTH = 3.0  # m
 _ALLOWED_DEPTH = 0.02  # m
 
 
-def choose_egos(
-    traffic: TownTraffic, most: int, seed: int, weights_at: Callable[[np.ndarray], np.ndarray] | None = None
-) -> Int[np.ndarray, "egos 2"]:
-    """Pairs (step, object), ``most`` for each moment at most.
-
-    Args:
-      weights_at: function of places [n, 2] that says how often a vehicle there is chosen; by default all as often.
-    """
+def choose_egos(traffic: TownTraffic, most: int, seed: int) -> Int[np.ndarray, "egos 2"]:
+    """Pairs (step, object), ``most`` for each moment at most."""
     rng = np.random.default_rng([seed, 11])
     vehicles = (traffic.types == AgentType.VEHICLE) & (traffic.sizes[:, 0] > _LEAST_EGO_LENGTH)
     chosen: list[tuple[int, int]] = []
@@ -35,7 +27,7 @@ def choose_egos(
         candidates = np.flatnonzero(vehicles & (traffic.starts <= first) & (traffic.ends > last))
         faults = [overlapping_places(traffic, k) for k in range(first, last + 1, _CHECK_EVERY)]
         places = np.zeros((0, 2))
-        for ego in map(int, _shuffled(candidates, traffic, step, rng, weights_at)):
+        for ego in map(int, rng.permutation(candidates)):
             if len(places) >= most:
                 break
             place = _place(traffic, ego, step)
@@ -49,21 +41,6 @@ def choose_egos(
             places = np.concatenate([places, place[None]])
             chosen.append((step, ego))
     return np.array(chosen, np.int64).reshape(-1, 2)
-
-
-def _shuffled(
-    candidates: np.ndarray,
-    traffic: TownTraffic,
-    step: int,
-    rng: np.random.Generator,
-    weights_at: Callable[[np.ndarray], np.ndarray] | None,
-) -> np.ndarray:
-    """Candidates drawn one after the other without replacement, by their weights."""
-    waits = rng.exponential(size=len(candidates))
-    if weights_at is not None and len(candidates):
-        places = np.stack([_place(traffic, ego, step) for ego in map(int, candidates)])
-        waits = waits / np.maximum(weights_at(places), 1e-9)
-    return candidates[np.argsort(waits)]
 
 
 def _place(traffic: TownTraffic, item: int, step: int) -> np.ndarray:

@@ -19,13 +19,11 @@ from scjax.towns.lane_paths import LanePath, match_lanes
 from scjax.towns.simulation import STEP, Drive, run_simulation
 from scjax.towns.sumo import Sumo
 from scjax.towns.sumo_network import SumoNetwork, convert_map
-from scjax.towns.town_log import TownMap
 from scjax.towns.town_traffic import TownTraffic, collect_traffic
 from scjax.towns.tracks import Track, drive_track, walk_track
 
 WARM_UP = 60.0  # s before the recording
 _HISTORY = 30.0  # s before the recording that boxes follow
-_EGO_SIGHT = 32.0  # m
 _ASIDE, _MAX_ASIDE = 0.25, 0.3  # m from the middle of a lane: standard deviation and most
 _LANE_WIDTH = 3.3  # m that a box and its way from side to side fill at most
 _LETTERS = {
@@ -87,7 +85,7 @@ def simulate_town(sumo: Sumo, opendrive: Path, road_map: RoadMap, log: Log, opti
         drives, paths, vehicle_sizes(options.seed), _height_of(log), _keeps_right(road_map), options.seed
     )
     traffic = collect_traffic(tracks, lanes, states)
-    return dataclasses.replace(traffic, egos=choose_egos(traffic, options.egos, options.seed, _lanes_near(log)))
+    return dataclasses.replace(traffic, egos=choose_egos(traffic, options.egos, options.seed))
 
 
 def signal_states(
@@ -137,14 +135,6 @@ def _make_tracks(
 def _height_of(log: Log) -> Callable[[np.ndarray], np.ndarray]:
     index = index_segments(build_graph(log), max_length=5.0)
     return lambda xy: nearest_lane(index, xy)[2]
-
-
-def _lanes_near(log: Log) -> Callable[[np.ndarray], np.ndarray]:
-    """How many lanes for cars there are around places [n, 2]."""
-    town = TownMap(
-        dataclasses.replace(log, lanes=tuple(la for la in log.lanes if la.lane_type not in DROPPED_LANE_TYPES))
-    )
-    return lambda places: np.array([len(town.lanes_near(place[None], _EGO_SIGHT)) for place in places])
 
 
 def _keeps_right(road_map: RoadMap) -> float:

@@ -57,10 +57,3 @@ def test_egos_keep_away_from_overlapping_boxes():
 def test_small_vehicles_are_no_egos():
     bike = straight_track("m", size=(2.1, 0.8, 1.5), speed=0.0)
     assert not len(choose_egos(fork_traffic(bike), 10, 0))
-
-
-def test_egos_are_chosen_by_their_weights():
-    traffic = fork_traffic(*(straight_track(str(k), x=200.0 * k, speed=0.0) for k in range(6)))
-    egos = choose_egos(traffic, 3, 0, lambda places: np.where(places[:, 0] > 500, 1.0, 0.0))
-    assert set(egos[:, 1]) <= {3, 4, 5}
-    assert len(egos) == 2 * 3
