@@ -23,7 +23,7 @@ RECORDS = {
     ),
     "events": (
         "scjax.data synthetic {folder} --worlds 4000 --seed 11 --ordinary 0.05 --split-percent 90",
-        "scjax.data caption {folder} --paraphrases 1",
+        "scjax.data caption {folder} --texts 3",
         "scjax.data embed {folder} --split val",
     ),
 }

@@ -125,7 +125,7 @@ def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
             ["data", "synthetic", "out", "--worlds", "1", "--workers", "0"],
             ["--seed", "--ordinary", "--events", "--worlds"],
         ),
-        (["data", "caption", "records", "--workers", "0"], ["--paraphrases", "--drop", "--seed"]),
+        (["data", "caption", "records", "--workers", "0"], ["--texts", "--seed"]),
         (["data", "caption", "PLACE"], ["PLACE"]),
         (["data", "embed", "PLACE", "--encoder", str(fixtures / "bert")], ["PLACE"]),
         (["data", "embed", "records", "--encoder", str(fixtures / "bert")], ["--encoder", "--split"]),

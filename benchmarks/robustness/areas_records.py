@@ -122,7 +122,7 @@ def _manifests(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         manifest = load_manifest(folder)
         for path in folder.glob("captions-*"):
             path.unlink()
-        add_captions(folder, paraphrases=1, progress=False)
+        add_captions(folder, progress=False)
         return manifest
 
     before = json.loads((fixtures / "records/manifest.json").read_text())
@@ -157,7 +157,7 @@ def _captions(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
         if len(captions) != len(lines) - 1:
             return f"{len(lines) - 1} captions became {len(captions)}"
         for caption in captions:
-            texts = [text for style in caption.texts.values() for text in style]
+            texts = caption.texts
             if not all(isinstance(text, str) for text in texts):
                 return "a text of a caption is no text"
             if fault := arrays_fault(caption.facts):

@@ -93,7 +93,7 @@ def _log(folder: Path) -> None:
 def _records(folder: Path) -> None:
     options = names.get("BuildOptions")(split_percent=40.0, files_per_shard=2)
     names.get("build_records")(names.get("Worlds")(3, 6), folder / "records", options)
-    names.get("add_captions")(folder / "records", paraphrases=1, progress=False)
+    names.get("add_captions")(folder / "records", progress=False)
     names.get("embed_captions")(folder / "records", Words(), progress=False)
 
 

@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 
 import scjax
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
-from experiments.studies.prompts import HeldOutPrompt, all_texts, held_out_prompts, sample_in_calls
+from experiments.studies.prompts import HeldOutPrompt, held_out_prompts, sample_in_calls
 from scjax.data.captions import read_captions
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
@@ -227,9 +227,7 @@ def draw(rows: dict[str, Scores]) -> Figure:
 
 def _nearest_training_facts(folder: str, prompts: Sequence[str]) -> list[Facts]:
     """Facts of the training record whose caption is most similar to each prompt (tf-idf, as retrieval baselines)."""
-    training = [
-        (text, caption.facts) for caption in read_captions(folder, "train") for text in all_texts(caption.texts)
-    ]
+    training = [(text, caption.facts) for caption in read_captions(folder, "train") for text in caption.texts]
     candidates, queries = tf_idf([text for text, _ in training], prompts)
     rows = [int((candidates @ queries[[row]].T).toarray()[:, 0].argmax()) for row in range(len(prompts))]
     return [training[row][1] for row in rows]

@@ -14,7 +14,6 @@ import scjax
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
-from scjax.language.captioner import STYLES
 from scjax.language.facts import Facts
 from scjax.language.prompt_parser import PromptSpec, parse_prompt
 from scjax.scene import Scene
@@ -45,16 +44,15 @@ def held_out_captions(folder: str, model: scjax.Model) -> tuple[list[Caption], T
 
 
 def draw_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:
-    """The first caption of a record in a random style, and its token features [tokens, width]."""
-    texts = all_texts(caption.texts)
-    number = int(rng.integers(len(STYLES))) * (len(texts) // len(STYLES))
-    return texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
+    """A random caption of a record, and its token features [tokens, width]."""
+    number = int(rng.integers(len(caption.texts)))
+    return caption.texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
 
 
 def held_out_prompts(
     folder: str, model: scjax.Model, samples: int, seed: int, per_event: int | None = None
 ) -> Iterator[HeldOutPrompt]:
-    """Held-out records in random order, each with a caption in a random style.
+    """Held-out records in random order, each with a random caption.
 
     Args:
       folder: captioned and embedded records.
@@ -94,8 +92,3 @@ def sample_in_calls(conditions: Sequence[scjax.Condition], title: str, seed: int
         key = jax.random.fold_in(jax.random.key(seed), start)
         scenes += scjax.sample(key, conditions[start : start + _PROMPTS_PER_CALL], **options)
     return scenes
-
-
-def all_texts(texts: dict[str, list[str]]) -> list[str]:
-    """Captions of all styles in one list."""
-    return [text for style in texts.values() for text in style]

@@ -125,8 +125,7 @@ def embed_captions(
             rows: list[list[int]] = []
             index_of: dict[str, int] = {}
             for caption in read_captions(folder, split):
-                texts = [text for style in caption.texts.values() for text in style]
-                rows.append([index_of.setdefault(text, len(index_of)) for text in texts])
+                rows.append([index_of.setdefault(text, len(index_of)) for text in caption.texts])
             counts[split] = _write(folder, split, list(index_of), rows, encoder, progress)
     return counts
 

@@ -1,7 +1,8 @@
 """Captions of records, and captions of the official release.
 
-``captions-<split>.jsonl.gz`` holds one line per record, in record order: its facts and some texts of each style. A file
-appears whole or not at all, and names the hash of the records that it belongs to.
+``captions-<split>.jsonl.gz`` holds one line per record, in record order: its facts, and texts in styles and languages,
+each with the request that its words make. A file appears whole or not at all, and names the hash of the records that
+it belongs to.
 """
 
 from __future__ import annotations
@@ -23,28 +24,33 @@ from scjax.data.manifest import load_manifest
 from scjax.data.ranges import check_number, check_seed, check_workers
 from scjax.data.record_folder import locked_records
 from scjax.data.workers import WorkerPool
-from scjax.language.captioner import STYLES, write_caption
+from scjax.language.attributes.table import check_attributes, measure_attributes
 from scjax.language.facts import Facts, extract_facts
+from scjax.language.grammar.compose import Composition, compose
 from scjax.scene.document import parse_document
 from scjax.scene.files import MEGABYTE, whole_file
 
-FORMAT = 2
-_MAX_PARAPHRASES = 1000
+FORMAT = 3
+_MAX_TEXTS = 1000
 _MAX_LINE = MEGABYTE  # bytes
 
 
 class Caption(NamedTuple):
-    """Facts of the centered crop of a record, and texts of every style."""
+    """Facts of the centered crop of a record, and what people could have typed for it."""
 
     facts: Facts
-    texts: dict[str, list[str]]
+    compositions: list[Composition]
+
+    @property
+    def texts(self) -> list[str]:
+        """The texts alone."""
+        return [composition.text for composition in self.compositions]
 
 
 def add_captions(
     folder: str | Path,
     *,
-    paraphrases: int = 2,
-    drop: float = 0.3,
+    texts: int = 6,
     seed: int = 0,
     workers: int = 0,
     progress: bool = True,
@@ -53,8 +59,7 @@ def add_captions(
 
     Args:
       folder: made by ``python -m scjax.data build``.
-      paraphrases: texts of each style per record.
-      drop: probability with which an optional fact is left out.
+      texts: number of texts per record, in styles and languages at random.
       seed: of the choice of words; the same seed gives the same texts.
       workers: processes that share the work; 0: this process does it.
       progress: whether to show a progress bar.
@@ -63,9 +68,7 @@ def add_captions(
       ValueError: the folder holds no records, is in use by another process, or an argument is out of its range.
       OSError: a file cannot be written; names it.
     """
-    most = _MAX_PARAPHRASES
-    check_number("paraphrases", paraphrases, 1, most, f"write at least one text of each style, {most} at most")
-    check_number("drop", drop, 0, 1, "give a probability, 0 to write all facts", whole=False)
+    check_number("texts", texts, 1, _MAX_TEXTS, f"write at least one text, {_MAX_TEXTS} at most")
     check_seed(seed)
     check_workers(workers)
     folder, counts = Path(folder), {}
@@ -75,8 +78,8 @@ def add_captions(
         for split, entry in manifest["splits"].items():
             if not entry["records"]:
                 continue
-            head = {"format": FORMAT, "records": manifest["hash"], "seed": seed, "drop": drop}
-            caption = functools.partial(_caption_line, folder, split, manifest["hash"], paraphrases, drop, seed)
+            head = {"format": FORMAT, "records": manifest["hash"], "seed": seed}
+            caption = functools.partial(_caption_line, folder, split, manifest["hash"], texts, seed)
             rows, label = range(entry["records"]), f"captions of {split}"
             with whole_file(captions_path(folder, split)) as file, WorkerPool(workers, chunk_size=32) as run:
                 lines = tqdm(run(caption, rows), label, total=len(rows), unit="record", disable=not progress)
@@ -88,18 +91,18 @@ def add_captions(
     return counts
 
 
-def _caption_line(
-    folder: Path, split: str, records_hash: str, paraphrases: int, drop: float, seed: int, row: int
-) -> str:
+def _caption_line(folder: Path, split: str, records_hash: str, texts: int, seed: int, row: int) -> str:
     """The line of one record in the captions file."""
     record = records.read_record(_open_records(folder, split, records_hash), row)
-    facts = extract_facts(records.sample_scene(record))
-    seeds = np.random.SeedSequence([seed, row]).generate_state(len(STYLES) * paraphrases)
-    texts = {
-        style: [write_caption(facts, int(seeds[k * paraphrases + n]), style, drop=drop) for n in range(paraphrases)]
-        for k, style in enumerate(STYLES)
-    }
-    return json.dumps({"facts": facts.to_json(), "texts": texts}, ensure_ascii=False) + "\n"
+    scene = records.sample_scene(record)
+    measured, rng = measure_attributes(scene), np.random.default_rng([seed, row])
+    compositions = [compose(measured, rng) for _ in range(texts)]
+    captions = [
+        {name: getattr(composition, name) for name in ("text", "request", "style", "language")}
+        for composition in compositions
+    ]
+    content = {"facts": extract_facts(scene).to_json(), "captions": captions}
+    return json.dumps(content, ensure_ascii=False) + "\n"
 
 
 @functools.lru_cache(1)
@@ -116,11 +119,20 @@ class _Head(Struct):
     records: Any = None
 
 
+class _Text(Struct):
+    """A text of a record."""
+
+    text: str
+    request: dict[str, Any]
+    style: str
+    language: str
+
+
 class _Line(Struct):
     """The line of a record."""
 
     facts: dict[str, Any]
-    texts: Annotated[dict[str, Annotated[list[str], Meta(min_length=1)]], Meta(min_length=1)]
+    captions: Annotated[list[_Text], Meta(min_length=1)]
 
 
 def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
@@ -146,9 +158,13 @@ def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
             content = parse_document(line, _Line, name, cure)
             try:
                 facts = Facts.from_json(content.facts)
+                compositions = [
+                    Composition(item.text, check_attributes(item.request), item.style, item.language)
+                    for item in content.captions
+                ]
             except ValueError as error:
                 raise ValueError(f"{name}: {error}: {cure}") from error
-            yield Caption(facts, content.texts)
+            yield Caption(facts, compositions)
     expected = manifest["splits"].get(split, {"records": 0})["records"]
     if number != expected:
         raise ValueError(f"{path} holds captions of {number} records, but there are {expected}: {remedy} again")

@@ -197,10 +197,8 @@ def test_synthetic_takes_several_events(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (("--paraphrases", "0"), "at least one text"),
-        (("--paraphrases", "99999999"), "1000 at most"),
-        (("--drop", "1.5"), "a probability"),
-        (("--drop", "nan"), "a probability"),
+        (("--texts", "0"), "at least one text"),
+        (("--texts", "99999999"), "1000 at most"),
         (("--seed", "-1"), "a whole number from 0"),
         (("--seed", str(2**63)), "a whole number from 0"),
         (("--workers", "-1"), "0 or more processes"),

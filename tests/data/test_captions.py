@@ -1,6 +1,7 @@
 """Captions beside records: every record has one, files are whole, other people's files are read."""
 
 import gzip
+import itertools
 import json
 import shutil
 
@@ -12,8 +13,10 @@ from scjax.cli.data import main
 from scjax.data import records
 from scjax.data.build import build_records
 from scjax.data.captions import add_captions, read_captions, read_official
-from scjax.language.captioner import STYLES
+from scjax.language.analysis.scene_analysis import analyze
+from scjax.language.attributes.table import score_attributes
 from scjax.language.facts import extract_facts
+from scjax.language.grammar.styles import STYLES
 from scjax.synthetic.source import Worlds
 from tests.factories.damage import damaged_bytes
 
@@ -22,7 +25,7 @@ from tests.factories.damage import damaged_bytes
 def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("captions")
     build_records(Worlds(2, 4), root / "records")
-    assert main(["caption", str(root / "records"), "--paraphrases", "3"]) == 0
+    assert main(["caption", str(root / "records"), "--texts", "9"]) == 0
     return root / "records"
 
 
@@ -32,7 +35,7 @@ def test_captions_cover_every_record(folder):
     assert len(captions) == len(tiles)
     for row in (0, len(tiles) // 2, len(tiles) - 1):
         assert captions[row].facts == extract_facts(records.sample_scene(records.decode_record(tiles[row])))
-        assert all(len(captions[row].texts[style]) == 3 for style in STYLES)
+        assert len(captions[row].texts) == 9
     assert not list(folder.glob(".captions*"))
 
 
@@ -40,23 +43,24 @@ def test_captions_do_not_depend_on_workers(folder):
     path = folder / "captions-train.jsonl.gz"
     original = path.read_bytes()
     try:
-        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
+        assert main(["caption", str(folder), "--texts", "9", "--workers", "0"]) == 0
         assert gzip.decompress(path.read_bytes()) == gzip.decompress(original)  # the fixture's are by two
     finally:
         path.write_bytes(original)
 
 
-def test_captions_without_drop_are_longer(folder):
-    path = folder / "captions-train.jsonl.gz"
-    original, some = path.read_bytes(), list(read_captions(folder, "train"))
-    try:
-        assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0", "--drop", "0"]) == 0
-        every = list(read_captions(folder, "train"))
-    finally:
-        path.write_bytes(original)
-    pairs = [(dropped.texts["long"], complete.texts["long"]) for dropped, complete in zip(some, every, strict=True)]
-    assert all(len(more) >= len(less) for texts in pairs for less, more in zip(*texts, strict=True))
-    assert sum(less != more for texts in pairs for less, more in zip(*texts, strict=True)) > len(pairs)
+def test_captions_ask_for_what_their_records_show(folder):
+    tiles = records.open_records(folder, "train")
+    for row, caption in enumerate(itertools.islice(read_captions(folder, "train"), 5)):
+        analysis = analyze(records.sample_scene(records.decode_record(tiles[row])))
+        for composition in caption.compositions:
+            assert composition.request and not score_attributes(analysis, composition.request).misses
+
+
+def test_captions_are_in_many_styles_and_languages(folder):
+    compositions = [item for caption in read_captions(folder, "train") for item in caption.compositions]
+    assert {item.style for item in compositions} == set(STYLES)
+    assert len({item.language for item in compositions}) > 5
 
 
 def test_captions_follow_rebuilt_records(tmp_path):
@@ -88,7 +92,7 @@ def test_captions_again_are_equal_bytes(folder):
     path = folder / "captions-train.jsonl.gz"
     original = path.read_bytes()
     assert original[:10] == b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x02\xff"  # no flags, no time
-    assert main(["caption", str(folder), "--paraphrases", "3", "--workers", "0"]) == 0
+    assert main(["caption", str(folder), "--texts", "9", "--workers", "0"]) == 0
     assert path.read_bytes() == original
 
 
@@ -107,6 +111,12 @@ def _rewrite(folder, change):
     path.write_bytes(gzip.compress("".join(f"{line}\n" for line in lines).encode()))
 
 
+def _edit_request(lines, **request):
+    content = json.loads(lines[3])
+    content["captions"][0]["request"] |= request
+    lines[3] = json.dumps(content)
+
+
 def _edit_facts(lines, **facts):
     content = json.loads(lines[3])
     content["facts"] |= facts
@@ -118,10 +128,12 @@ def _edit_facts(lines, **facts):
     [
         (lambda lines: lines.__setitem__(3, "{"), "line 4 is no JSON"),
         (
-            lambda lines: lines.__setitem__(3, '{"facts": {}, "texts": {}}'),
-            "line 4: texts: expected `object` of length",
+            lambda lines: lines.__setitem__(3, '{"facts": {}, "captions": []}'),
+            "line 4: captions: expected `array` of length",
         ),
-        (lambda lines: lines.__setitem__(3, '{"facts": {}, "texts": {"short": [3]}}'), "line 4: texts"),
+        (lambda lines: lines.__setitem__(3, '{"facts": {}, "captions": [{"text": 3}]}'), "line 4: captions"),
+        (lambda lines: _edit_request(lines, layout="moon"), "line 4: layout has no value 'moon'"),
+        (lambda lines: _edit_request(lines, moon=1), "line 4: there is no attribute 'moon'"),
         (lambda lines: lines.__setitem__(0, "[]"), "line 1: expected `object`"),
         (lambda lines: _edit_facts(lines, lanes_same="2"), "line 4: facts: lanes_same: expected `int`"),
         (lambda lines: _edit_facts(lines, layout="moon"), "line 4: facts: layout: invalid enum value"),

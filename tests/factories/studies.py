@@ -15,6 +15,6 @@ from tests.factories.words import Words
 def save_captioned_records(folder: Path, *, worlds: int = 16, split_percent: float = 40.0) -> Path:
     """A record folder of ``worlds`` worlds, with both splits; features of ``Words``."""
     build_records(Worlds(3, worlds), folder, BuildOptions(split_percent=split_percent))
-    add_captions(folder, paraphrases=1, progress=False)
+    add_captions(folder, texts=3, progress=False)
     embed_captions(folder, Words(), progress=False)
     return folder

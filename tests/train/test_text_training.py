@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     """Captioned and embedded records, and models of both stages before text."""
     folder = tmp_path_factory.mktemp("text")
     build_records(Worlds(2, 14), folder / "records", BuildOptions(split_percent=30.0))
-    add_captions(folder / "records", paraphrases=1, progress=False)
+    add_captions(folder / "records", texts=3, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
     config = configured("denoiser", folder)
     model = dataclasses.replace(tiny_model(), domains=("city", "suburb"))
