@@ -117,12 +117,17 @@ def build_graph(
     return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
 
 
+def _total_turn(line: np.ndarray) -> float:
+    """Sum of the changes of direction along a line [rad]."""
+    headings = np.unwrap(np.arctan2(*np.diff(line[:, :2], axis=0).T[::-1]))
+    return float(np.abs(np.diff(headings)).sum())
+
+
 def _bend_ends(points: list[np.ndarray], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
     """Pairs of lanes that follow each other, long together, of which one is a sharp bend."""
     steps = [np.diff(line[:, :2], axis=0) for line in points]
     lengths = [float(np.hypot(*step.T).sum()) for step in steps]
-    headings = [np.unwrap(np.arctan2(step[:, 1], step[:, 0])) for step in steps]
-    turns = [float(np.abs(np.diff(heading)).sum()) for heading in headings]
+    turns = [_total_turn(line) for line in points]
     is_bend = [turn > BEND_TURN and turn > length / BEND_RADIUS for turn, length in zip(turns, lengths, strict=True)]
     return frozenset(
         (i, j) for i, j in joins if (is_bend[i] or is_bend[j]) and lengths[i] + lengths[j] > MAX_BEND_LENGTH

@@ -24,7 +24,10 @@ from scjax.camera.raycast import CLASSES, GRID, SemanticDepth, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.loader_config import Bucket, LoaderConfig
+from scjax.data.measurements import MeasuredRecords
 from scjax.data.token_order import sort_tokens
+from scjax.language.attributes.draw import draw_attributes
+from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
 from scjax.scene import AnyArray, Crop, Scene, permute, stack
 from scjax.scene.pytree import Replaceable, pytree
@@ -40,6 +43,7 @@ class TrainingExample(Replaceable):
       scene: in the crop and token order of the stream.
       index: number of the example in the stream, from which training draws its noise; None outside of streams.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
+      attributes: features of a request that the scene fulfills, or None; zeros where nothing is asked.
       image, depth: semantic classes and depth as a camera sees them (``scjax.camera.raycast``), or None; zeros where
         ``has_image`` is False, i.e. in windows that are not ahead of the ego.
     """
@@ -48,16 +52,18 @@ class TrainingExample(Replaceable):
     index: Integer[AnyArray, "*b"] | None = None
     tokens: Float[AnyArray, "*b slots width"] | None = None
     token_mask: Bool[AnyArray, "*b slots"] | None = None
+    attributes: Float[AnyArray, "*b features"] | None = None
     image: Float[AnyArray, "*b classes rows columns"] | None = None
     depth: Float[AnyArray, "*b rows columns"] | None = None
     has_image: Bool[AnyArray, "*b"] | None = None
 
 
 class Drawn(NamedTuple):
-    """What decides an example: its unpadded scene, and the number of its caption in the text store, if it has one."""
+    """What decides an example: its unpadded scene, the number of its caption in the text store, and its request."""
 
     scene: Scene
     caption: int | None = None
+    request: dict[str, Any] | None = None
 
 
 class _PlannedBatch(NamedTuple):
@@ -162,7 +168,7 @@ def with_image(scene: Scene) -> TrainingExample:
 
 def batch_of(examples: Sequence[TrainingExample], bucket: Bucket) -> TrainingExample:
     """Examples, padded to ``bucket``, as one batch; all of them have a caption, or all an image, or none has."""
-    names = ("index", "tokens", "token_mask", "image", "depth", "has_image")
+    names = ("index", "tokens", "token_mask", "attributes", "image", "depth", "has_image")
     features = {
         name: np.stack([getattr(example, name) for example in examples])
         for name in names
@@ -192,6 +198,7 @@ def training_batches(
     config: LoaderConfig,
     *,
     texts: TextStore | None = None,
+    measurements: MeasuredRecords | None = None,
     images: bool = False,
     process: int = 0,
     processes: int = 1,
@@ -201,6 +208,8 @@ def training_batches(
     Args:
       texts: captions of that split, one of which goes with every example. They describe the centered window, so the
         forward window has none.
+      measurements: attributes of that split, from which a request is drawn for every example but those of the forward
+        window.
       images: whether examples carry what a camera sees from the jittered pose of their window.
       process, processes: number of this process, and of all; a process gets its rows of every batch.
 
@@ -218,7 +227,9 @@ def training_batches(
     source = records.open_records(folder, "train")
     if texts is not None and len(texts) != len(source):
         raise ValueError(f"{folder}: {len(texts)} captions for {len(source)} records: caption and embed them again")
-    examples = _Examples(codec, config, texts, images)
+    if measurements is not None and len(measurements) != len(source):
+        raise ValueError(f"{folder}: {len(measurements)} measured of {len(source)} records: measure them again")
+    examples = _Examples(codec, config, texts, measurements, images)
     stream = grain.MapDataset.source(_Numbered(source)).seed(config.seed).shuffle().repeat(None)
     drawn = stream.random_map(examples.draw)
     return BatchLoader(
@@ -233,10 +244,11 @@ class _Examples:
     codec: SceneCodec
     config: LoaderConfig
     texts: TextStore | None
+    measurements: MeasuredRecords | None
     images: bool
 
     def draw(self, item: tuple[int, records.SceneRecord], rng: np.random.Generator) -> Drawn:
-        """The augmented scene of a record and its number, and one of its captions."""
+        """The augmented scene of a record and its number, one of its captions, and a request."""
         number, record = item
         config = self.config
         frequencies = np.cumsum(config.crops) / np.sum(config.crops)
@@ -246,13 +258,18 @@ class _Examples:
         scene = records.sample_scene(record, crop, dx, dy, turn)
         scene = clip_counts(self.codec.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else sort_tokens(scene)[0]
-        if self.texts is None or crop == Crop.FORWARD:
+        if crop == Crop.FORWARD:
             return Drawn(scene)
-        return Drawn(scene, int(rng.choice(self.texts.texts_of(number))))
+        caption = None if self.texts is None else int(rng.choice(self.texts.texts_of(number)))
+        request = None if self.measurements is None else draw_attributes(self.measurements[number], rng)
+        return Drawn(scene, caption, request)
 
     def complete(self, index: int, drawn: Drawn) -> TrainingExample:
         """The example of a drawn scene, with its features."""
-        return self._with_features(drawn).replace(index=np.asarray(index, np.uint32))
+        example = self._with_features(drawn).replace(index=np.asarray(index, np.uint32))
+        if self.measurements is None:
+            return example
+        return example.replace(attributes=request_vector(drawn.request or {}, feature_names()))
 
     def _with_features(self, drawn: Drawn) -> TrainingExample:
         if self.images:

@@ -29,11 +29,13 @@ class Branch(Replaceable):
 
     Attributes:
       label: rows of the label table.
+      attributes: features of requests; None: nothing is asked.
       cache: of the condition (``Denoiser.encode_condition``); None: no condition.
       modulation: AdaLN chunks at all times of a sampler [B, S, ...]; None: the network computes them in every step.
     """
 
     label: Int[Array, " b"]
+    attributes: Float[Array, "b a"] | None
     cache: Any
     modulation: Any
 
@@ -64,6 +66,7 @@ def prepare_denoiser_inputs(
     times: Real[Array | np.ndarray, " s"],
     guided: bool,
     known: PerType | None = None,
+    attributes: Float[Array, "b a"] | None = None,
     features: ConditionFeatures | None = None,
     negative: TextFeatures | None = None,
     max_precomputed: int = MAX_PRECOMPUTED,
@@ -76,6 +79,7 @@ def prepare_denoiser_inputs(
       times: all times of the sampler [S], ascending.
       guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
+      attributes: features of requests [B, features]; None: nothing is asked.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
       max_precomputed: limit on precomputed modulation values; above it, every step computes its own modulation.
@@ -90,16 +94,24 @@ def prepare_denoiser_inputs(
         elif guided and config.attend_padding:  # otherwise "no condition" needs no cache
             null_cache = network.apply(params, features, ~keep_condition, method="encode_condition")
     null_label = jnp.full_like(label, config.null_label)
-    rows = (label, masks)
+    no_request = None if attributes is None else jnp.zeros_like(attributes)
+    rows = (label, masks, attributes)
     if guided:
-        rows = concat_branches(rows, (null_label, masks))
+        rows = concat_branches(rows, (null_label, masks, no_request))
     table = _modulation_table(network, params, times, *rows, max_precomputed)
     scenes = len(label)
     return DenoiserInputs(
         masks=masks,
         known=known,
-        conditional=Branch(label=label, cache=cache, modulation=jax.tree.map(lambda x: x[:scenes], table)),
-        unconditional=Branch(label=null_label, cache=null_cache, modulation=jax.tree.map(lambda x: x[scenes:], table))
+        conditional=Branch(
+            label=label, attributes=attributes, cache=cache, modulation=jax.tree.map(lambda x: x[:scenes], table)
+        ),
+        unconditional=Branch(
+            label=null_label,
+            attributes=no_request,
+            cache=null_cache,
+            modulation=jax.tree.map(lambda x: x[scenes:], table),
+        )
         if guided
         else None,
     )
@@ -124,7 +136,9 @@ def denoise_fn(
     """
 
     def evaluate(branch: Branch, masks: PerType, known: PerType | None, z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(params, z, t, branch.label, masks, known, branch.cache, branch.modulation)
+        return network.apply(
+            params, z, t, branch.label, masks, known, branch.cache, branch.modulation, branch.attributes
+        )
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
         return evaluate(_at_time(inputs.conditional, times, t), inputs.masks, inputs.known, z, t)
@@ -165,6 +179,7 @@ def _concat(conditional: Branch, unconditional: Branch) -> Branch:
         cache = concat_branches(cache, unconditional.cache)
     return Branch(
         label=concat_branches(conditional.label, unconditional.label),
+        attributes=concat_branches(conditional.attributes, unconditional.attributes),
         cache=cache,
         modulation=concat_branches(conditional.modulation, unconditional.modulation),
     )
@@ -176,6 +191,7 @@ def _modulation_table(
     times: Real[Array | np.ndarray, " s"],
     label: Int[Array, " b"],
     masks: PerType,
+    attributes: Float[Array, "b a"] | None,
     max_precomputed: int,
 ) -> Any:
     """The modulation of all ``times`` in one batch [B, S, ...]; None if it has more than ``max_precomputed`` values."""
@@ -183,7 +199,7 @@ def _modulation_table(
 
     def table(params: Params) -> dict:
         steps, scenes = len(times), len(label)
-        repeated = jax.tree.map(lambda x: jnp.tile(x, steps), (label, counts))
+        repeated = jax.tree.map(lambda x: jnp.tile(x, (steps, *[1] * (x.ndim - 1))), (label, counts, attributes))
         rows = network.apply(params, jnp.repeat(jnp.asarray(times), scenes), *repeated, method="modulation")
         return jax.tree.map(lambda x: x.reshape(steps, scenes, *x.shape[1:]).swapaxes(0, 1), rows)
 

@@ -35,6 +35,7 @@ class LatentBatch:
       masks: True at valid tokens [B, tokens] per type.
       known: True at known tokens, which stay clean (the first half of partitioned scenes) [B, tokens] per type.
       label: rows of the label table [B].
+      attributes: features of requests [B, features], or None.
       condition: features for ``encode_condition``, or None.
       has_condition: True for scenes with a condition [B]; None: all.
       agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
@@ -44,6 +45,7 @@ class LatentBatch:
     masks: PerType
     known: PerType
     label: Int[Array, " b"]
+    attributes: Float[Array, "b features"] | None = None
     condition: Any = None
     has_condition: Bool[Array, " b"] | None = None
     agent_weight: Float[Array, "b agents"] | None = None
@@ -127,7 +129,7 @@ def training_loss(
 
     Args:
       null_label: row of the label table that replaces dropped labels.
-      label_dropout, condition_dropout: share of scenes without their label and without their condition.
+      label_dropout, condition_dropout: share of scenes without their label, and without condition and attributes.
       prediction, count_known, penalty: as in ``diffusion_loss``.
 
     Returns:
@@ -141,9 +143,11 @@ def training_loss(
         lambda k, x: random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
     )
     label = jnp.where(random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
-    cache = None
+    cache, attributes = None, batch.attributes
+    dropped = random.bernoulli(key_condition, condition_dropout, scenes)
+    if attributes is not None:
+        attributes = jnp.where(dropped[:, None], 0, attributes)
     if batch.condition is not None:
-        dropped = random.bernoulli(key_condition, condition_dropout, scenes)
         if batch.has_condition is not None:
             dropped = dropped | ~batch.has_condition
         cache = network.apply(params, batch.condition, dropped, method="encode_condition")
@@ -151,7 +155,7 @@ def training_loss(
     aux: dict[str, AuxOutputs] = {}
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(params, z, t, label, batch.masks, batch.known, cache, aux=aux)
+        return network.apply(params, z, t, label, batch.masks, batch.known, cache, attributes=attributes, aux=aux)
 
     loss, terms = diffusion_loss(
         denoise,

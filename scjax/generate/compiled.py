@@ -101,10 +101,13 @@ def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> 
 
 @functools.lru_cache(maxsize=8)
 def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
-    """(parameters; loop inputs, crop, domain, features, negative features) -> the denoiser's inputs in all steps."""
+    """(parameters; loop inputs, crop, domain, attributes, features, negative features) -> the denoiser's inputs in all
+    steps."""
     times = sampling_loop(sampler, config, num_steps).schedule.levels.time
 
-    def prepare(params: Params, inputs: LoopInputs, crop: Array, domain: Array, features, negative) -> DenoiserInputs:
+    def prepare(
+        params: Params, inputs: LoopInputs, crop: Array, domain: Array, attributes: Array | None, features, negative
+    ) -> DenoiserInputs:
         return prepare_denoiser_inputs(
             denoiser(config),
             config,
@@ -114,6 +117,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
             times=times,
             guided=guided,
             known=inputs.known,
+            attributes=attributes,
             features=features,
             negative=negative,
         )

@@ -37,8 +37,10 @@ def encode_conditions(
     Raises:
       ValueError: the model cannot read a stream, or the encoder is not the model's.
     """
-    # A model without text leaves attributes to the choice among candidates.
-    by_condition = [condition.texts if model.text_encoder else condition.prompts for condition in conditions]
+    # Attributes become a text for a model that reads text alone. One that reads neither leaves them to the choice among
+    # candidates.
+    as_text = bool(model.text_encoder) and not model.denoiser.config.attributes
+    by_condition = [condition.texts if as_text else condition.prompts for condition in conditions]
     texts = dict.fromkeys(text for one in by_condition for text in one.values())
     features = _encode_texts(list(texts), model, encoder) if texts else {}
     streams: list[Streams] = [

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from scjax.diffusion.energy_guidance import Descent, EnergyGuidance, gradient_steps_per_level
 from scjax.diffusion.guidance import Guidance
@@ -20,7 +20,8 @@ from scjax.generate.batching import Bucket
 from scjax.generate.encode import NetworkInputs, network_inputs
 from scjax.generate.model import Model
 from scjax.generate.requests import Request
-from scjax.models.denoiser.config import ConditionConfig
+from scjax.language.attributes.vector import request_vector
+from scjax.models.denoiser.config import DenoiserConfig
 from scjax.scene import Scene, empty, pad, stack
 from scjax.scene.per_type import PerType
 
@@ -50,7 +51,8 @@ class Batch:
     Attributes:
       masks: True at valid tokens [B, tokens] per type.
       known_scenes: known elements in token order, padded; None: none.
-      features, negative: of the conditions and of the negative prompts (``network_inputs``).
+      attributes: features of the requests [B, features]; None: the network reads none.
+      features: of the conditions and of the negative prompts (``network_inputs``).
     """
 
     keys: Array
@@ -58,11 +60,12 @@ class Batch:
     crop: Int[np.ndarray, " b"]
     domain: Int[np.ndarray, " b"]
     known_scenes: Scene | None
+    attributes: Float[np.ndarray, "b features"] | None
     features: NetworkInputs
 
     @classmethod
-    def of_requests(cls, requests: Sequence[Request], bucket: Bucket, condition: ConditionConfig) -> Batch:
-        """The requests, padded to a bucket, for a network that reads ``condition``."""
+    def of_requests(cls, requests: Sequence[Request], bucket: Bucket, config: DenoiserConfig) -> Batch:
+        """The requests, padded to a bucket, for a network of these options."""
         crop = np.array([request.crop for request in requests], np.int32)
         known = None
         if any(request.known is not None for request in requests):
@@ -78,7 +81,10 @@ class Batch:
             crop=crop,
             domain=np.array([request.domain for request in requests], np.int32),
             known_scenes=known,
-            features=network_inputs([request.streams for request in requests], condition),
+            attributes=np.stack([request_vector(request.attributes, config.attributes) for request in requests])
+            if config.attributes
+            else None,
+            features=network_inputs([request.streams for request in requests], config.condition),
         )
 
 
@@ -95,7 +101,7 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
         known, known_latents = compiled.encode_program(*coder)(coder_params, *statistics, batch.known_scenes)
     inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
     prepare = compiled.prepare_program(*options, settings.guidance is not None)
-    denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *batch.features)
+    denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, batch.attributes, *batch.features)
     advance = compiled.advance_program(*options, settings.guidance)
 
     # Other decoders do not read known scenes, and would be compiled once more for them.

@@ -170,7 +170,7 @@ def _settings(
     num_steps = DEFAULT_STEPS[config.prediction][sampler.name] if num_steps is None else num_steps
     num_steps = whole_number(num_steps, "num_steps", 2, MAX_STEPS)
     if guidance is None:
-        guidance = DEFAULT_GUIDANCE_SCALE if config.condition is not None else 1.0
+        guidance = DEFAULT_GUIDANCE_SCALE if config.is_conditional else 1.0
     if not isinstance(guidance, Guidance):
         guidance = Guidance(finite_number(guidance, "guidance", -MAX_SCALE, MAX_SCALE))
     if energy_guidance is not None and not isinstance(energy_guidance, EnergyGuidance):
@@ -208,7 +208,7 @@ def _sample_latents_and_decode(
     scenes: dict[int, Scene] = {}
     sizes = [(request.num_agents, request.num_lanes) for request in requests]
     for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP, least):
-        batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config.condition)
+        batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config)
         sampled = sample_batch(model, settings, batch)
         scenes.update({index: requests[index].restore_known(sampled[row]) for row, index in enumerate(indices)})
     return [scenes[index] for index in range(len(requests))]

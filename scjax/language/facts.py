@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from scjax.language.analysis.rings import count_ring_roads
+from scjax.language.analysis.scene_analysis import analyze
 from scjax.language.ego_road import (
     Curve,
     RoadChange,
@@ -21,7 +23,6 @@ from scjax.language.ego_road import (
 from scjax.language.events import find_events
 from scjax.language.intersections import EgoSide, Intersection, IntersectionType, find_intersections
 from scjax.language.road import Road, road_from_scene, wrap_to_pi
-from scjax.language.roundabouts import has_roundabout
 from scjax.language.traffic import Traffic, count_traffic
 from scjax.language.turn_lanes import find_turn_lanes
 from scjax.metrics.pooling import singles
@@ -187,7 +188,7 @@ def _facts_on_road(scene: Scene, road: Road, has_ego: bool) -> Facts:
     intersection = _main_intersection(intersections)
     if _is_parking_area(road, scene):
         return Facts("parking area", **values)
-    if has_roundabout(road):
+    if _is_roundabout(scene):
         return Facts("roundabout", **values)
     if intersection is None:
         return Facts(_road_layout(changes, values.get("curve")), **values)
@@ -246,6 +247,12 @@ def _is_parking_area(road: Road, scene: Scene) -> bool:
         and road.length.max() < _PARKING_MAX_LANE_LENGTH
         and (speeds < _PARKING_MAX_SPEED).all()
     )
+
+
+def _is_roundabout(scene: Scene) -> bool:
+    """Whether lanes run round a ring to which two roads or more lead."""
+    analysis = analyze(scene)
+    return analysis.ring is not None and count_ring_roads(analysis.lines, analysis.ring) > 1
 
 
 def _intersection_layout(

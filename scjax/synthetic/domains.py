@@ -85,7 +85,7 @@ _CITY = StreetStyle(
     medians=(0.0, 1.0, 3.2, 3.2),
     one_way=0.16,
     parking=0.14,
-    signals=0.36,
+    signals=0.4,
     pockets=0.8,
     bends=0.2,
 )
@@ -96,7 +96,7 @@ _SUBURB = StreetStyle(
     medians=(0.0, 1.2, 3.4, 3.6, 4.5),
     parking=0.08,
     sidewalks=0.8,
-    signals=0.36,
+    signals=0.4,
     pockets=0.9,
     bends=0.35,
 )
@@ -111,15 +111,15 @@ _COUNTRY = StreetStyle(
     bends=0.8,
 )
 _TOWN_NETWORKS = {
-    "crossing": 0.6,
+    "crossing": 0.57,
     "blocks": 0.17,
     "side streets": 0.1,
     "Y": 0.065,
-    "road": 0.1,
-    "dead end": 0.04,
+    "road": 0.14,
+    "dead end": 0.03,
     "winding road": 0.05,
-    "roundabout": 0.035,
-    "parking lot": 0.045,
+    "roundabout": 0.055,
+    "parking lot": 0.06,
 }
 _CITY_TRAFFIC = TrafficDensity(0.8, 0.7)
 _CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.6, 1.2), BystanderDensity(0.45, 0.4)
@@ -128,7 +128,7 @@ DOMAINS = (
     Domain(
         name="suburb",
         share=0.34,
-        networks=_TOWN_NETWORKS | {"road": 0.13, "roundabout": 0.04},
+        networks=_TOWN_NETWORKS | {"road": 0.17, "roundabout": 0.06},
         style=_SUBURB,
         traffic=TrafficDensity(0.85, 0.7),
         pedestrians=BystanderDensity(0.45, 0.9),
@@ -145,7 +145,7 @@ DOMAINS = (
     ),
     Domain(
         name="motorway",
-        share=0.14,
+        share=0.16,
         networks={"motorway": 1.0},
         style=_SUBURB,
         traffic=TrafficDensity(1.6, 0.6),

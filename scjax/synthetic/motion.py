@@ -19,6 +19,7 @@ from scjax.synthetic.traffic import TIME_STEP
 SECONDS_BACK, SECONDS_AHEAD = 2.0, 8.0  # of a log, from its moment
 STEP = 0.1  # s between the steps of a log
 _EGO_RADIUS = 70.0  # m from the center of the map
+_MAX_TANGENT = 2.5  # of the distance between two snapshots; a vehicle that brakes hard must not turn back
 _SUBSTEPS = round(TIME_STEP / STEP)
 
 
@@ -122,16 +123,24 @@ def _interpolate(states: np.ndarray, whole: np.ndarray, after: np.ndarray, share
     """Positions between snapshots by cubic curves with the velocities there [agents, steps, 2]."""
     t = share[:, None]
     first, last = states[:, whole], states[:, after]
-    a, b, u, v = first[..., :2], last[..., :2], TIME_STEP * first[..., 3:5], TIME_STEP * last[..., 3:5]
+    a, b = first[..., :2], last[..., :2]
+    distance = np.linalg.norm(b - a, axis=-1, keepdims=True)
+    u, v = (_shorten(TIME_STEP * state[..., 3:5], _MAX_TANGENT * distance) for state in (first, last))
     ends = (2 * t**3 - 3 * t**2 + 1) * a + (3 * t**2 - 2 * t**3) * b
     return np.where(share[:, None] > 0, ends + (t**3 - 2 * t**2 + t) * u + (t**3 - t**2) * v, a)
 
 
+def _shorten(vectors: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """``vectors`` [..., 2], none longer than ``length`` [..., 1]."""
+    return vectors * np.minimum(1.0, length / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))
+
+
 def _choose_ego(table: Actors, seen: np.ndarray, positions: np.ndarray) -> int:
-    """The vehicle in traffic that is always there and drives furthest near the center of the map."""
+    """The vehicle in traffic that is always there and drives furthest, near the center of the map if there is one."""
     distance = np.hypot(*np.moveaxis(positions, -1, 0)).max(1)
     fits = seen.all(1) & (table.types == AgentType.VEHICLE) & (table.lane >= 0) & (table.level == 0)
-    rows = np.flatnonzero(fits & (distance < _EGO_RADIUS))
+    near = fits & (distance < _EGO_RADIUS)
+    rows = np.flatnonzero(near if near.any() else fits)
     if not len(rows):
         return NO_EGO
     return int(rows[np.hypot(*(positions[rows, -1] - positions[rows, 0]).T).argmax()])

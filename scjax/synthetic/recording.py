@@ -14,8 +14,6 @@ from scjax.synthetic.setting import VERSION
 from scjax.synthetic.stage import moment_times
 from scjax.synthetic.world import World
 
-MAX_TURN = float(np.deg2rad(200.0))  # of two lanes that become one
-
 
 def to_log(world: World) -> Log:
     """The log of a world; its steps are the moments. Every agent of every moment is an object of its own."""

@@ -13,7 +13,7 @@ from scjax.synthetic.lane_arrays import CONFLICT_DISTANCE
 from scjax.synthetic.network import Junction, Network
 
 YELLOW_TIME, CLEARANCE_TIME = 3.0, 2.0  # s
-_YELLOW_SHARE = 0.55  # of the junctions that are drawn with a phase that is yellow at a moment
+_YELLOW_SHARE = 0.95  # of the junctions that are drawn with a phase that is yellow at a moment
 _MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 

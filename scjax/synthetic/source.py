@@ -17,7 +17,7 @@ from scjax.data.tiles import pose_of
 from scjax.language.events import EVENTS
 from scjax.synthetic.domains import draw_domain
 from scjax.synthetic.labels import SceneLabel, label_scene
-from scjax.synthetic.recording import MAX_TURN, object_index, to_log
+from scjax.synthetic.recording import object_index, to_log
 from scjax.synthetic.setting import VERSION
 from scjax.synthetic.world import make_world
 
@@ -70,7 +70,7 @@ class Worlds:
         seed, k = _numbers(item.file)
         world = make_world(seed, k, self.events)
         log = to_log(world)
-        graph = build_graph(log, split_at_signals=True, signals_alone=True, max_turn=MAX_TURN)
+        graph = build_graph(log, split_at_signals=True, signals_alone=True, bends_alone=True)
         index = index_segments(graph)
         uniform = np.random.default_rng([VERSION, seed, k, 1]).random(len(world.egos))
         labels = [label_scene(world, ego) for ego in world.egos]

@@ -27,7 +27,7 @@ from scjax.synthetic.streets import (
     draw_winding_line,
 )
 
-_CHANGE_SHARE = 0.45  # of roads with a lane that starts or ends
+_CHANGE_SHARE = 0.7  # of roads with a lane that starts or ends
 _FOUR_ARMS_SHARE, _SKEW_SHARE = 0.55, 0.25
 _TWO_LANE_RING_SHARE = 0.35
 _TURNING_CIRCLE_SHARE, _TURNING_CIRCLES = 0.4, (7.0, 9.0)  # of dead ends; radii [m]
@@ -38,7 +38,7 @@ def plan_road(style: StreetStyle, rng: np.random.Generator) -> RoadPlan:
     """One road without junctions: straight, curved or winding; a lane may start or end on it."""
     profile, forward, backward = draw_main_street(style, rng)
     if rng.random() < _CHANGE_SHARE:
-        change = str(rng.choice(["right_pocket", "ending"], p=[0.3, 0.7]))
+        change = str(rng.choice(["right_pocket", "ending"], p=[0.2, 0.8]))
         forward = dataclasses.replace(forward, **{change: rng.uniform(110, 190)})
     line = draw_road_line(rng, has_bends=bool(rng.random() < style.bends + 0.25), speed=profile.speed)
     return RoadPlan(edges=[PlanEdge(line, profile, forward, backward)])

@@ -23,12 +23,12 @@ from scjax.synthetic.stage import play, without_overlaps
 
 MAX_SCENES = 15  # per world
 _EGOS = 2  # stream of random numbers for the choice of egos
-_EGO_DISTANCE = 14.0  # m between the egos of a world, over all moments
+_EGO_DISTANCE = 11.0  # m between the egos of a world, over all moments
 _EVENT_EGO_DISTANCE = _EGO_DISTANCE / 3  # m for egos that see an event
 _JUNCTION_DISTANCE = 30.0  # m, recordings dwell close to junctions
 _STANDING_SPEED = 0.5  # m/s
 _STANDING_SHARE = 0.4  # of the standing vehicles that may become egos
-_ELSEWHERE_SHARE = 0.12  # of the vehicles further from junctions that become egos
+_ELSEWHERE_SHARE = 0.3  # of the vehicles further from junctions that become egos
 _MAX_EGO_RADIUS = 78.0  # m from the center of the map
 _EVENT_ALONG, _EVENT_LATERAL = 21, 20  # m from an ego to an event that its scene shows
 _MAX_EVENT_EGOS = 4  # per moment

@@ -54,6 +54,7 @@ def train(config, workdir: Path) -> None:
             objective.codec,
             loader,
             texts=objective.texts,
+            measurements=objective.measurements,
             images=objective.images,
             process=jax.process_index(),
             processes=jax.process_count(),

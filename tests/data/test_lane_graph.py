@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from scjax.data.lane_graph import build_graph, index_segments, nearest_lane
 from scjax.data.readers.scene_json import read_log
-from scjax.scene import Signal
+from scjax.scene import MapLane, Signal
 from scjax.scene.lane_chains import merge_degree2_chains
 from tests.factories import scene_files
 from tests.factories.logs import example_log, straight_lane
@@ -155,3 +155,43 @@ def test_merged_lanes_end_behind_the_junction_of_their_signal_on_request():
     assert apart.signals[:, 0].tolist() == [Signal.GO, Signal.STOP, Signal.UNKNOWN]
     assert apart.successors.tolist() == [[0, 1], [1, 2]]
     np.testing.assert_allclose(apart.lane_lengths, [60, 60, 30])
+
+
+def lanes_with_bend(radius: float) -> tuple[MapLane, ...]:
+    """A straight lane of 60 m, a quarter circle to the left, and another straight lane."""
+    angle = np.linspace(0, np.pi / 2, 30)
+    bend = radius * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
+    lines = [[[-60.0, 0.0], [0.0, 0.0]], bend, [[radius, radius], [radius, radius + 60.0]]]
+    return tuple(
+        MapLane(
+            str(k),
+            "surface_street",
+            np.column_stack([line, np.zeros(len(line))]),
+            predecessors=(str(k - 1),) if k else (),
+            successors=(str(k + 1),) if k < 2 else (),
+        )
+        for k, line in enumerate(lines)
+    )
+
+
+@pytest.mark.parametrize(("radius", "num_apart"), [(6.0, 3), (60.0, 1)])
+def test_bends_alone_keeps_sharp_bends_only_apart(radius, num_apart):
+    log = example_log(
+        lanes=lanes_with_bend(radius),
+        signal_lane_ids=(),
+        signal_states=np.zeros((0, 10), int),
+        signal_positions=np.zeros((0, 3)),
+    )
+    assert build_graph(log).num_lanes == 1
+    assert build_graph(log, bends_alone=True).num_lanes == num_apart
+
+
+def test_signals_alone_ends_lanes_before_a_signal():
+    signal = {
+        "signal_lane_ids": ("1",),
+        "signal_states": np.full((1, 10), Signal.GO),
+        "signal_positions": np.full((1, 3), np.nan),
+    }
+    log = example_log(lanes=lanes_with_bend(60.0), **signal)
+    graph = build_graph(log, split_at_signals=True, signals_alone=True)
+    assert graph.signals[:, 0].tolist() == [Signal.UNKNOWN, Signal.GO, Signal.UNKNOWN]

@@ -42,6 +42,7 @@ def random_denoiser(prediction):
         cross_attention=CrossGlobalOptions(latent_tokens=2),
         condition=TextCondition(width=4),
         known_embedding=True,
+        attributes=("layout=T", "vehicles>=1"),
         prediction=prediction,
     )
     network = denoiser(config)
@@ -50,7 +51,9 @@ def random_denoiser(prediction):
     return network, config, params
 
 
-def make_denoise(network_config_params, times, max_precomputed, *, guidance, known=None, features=None):
+def make_denoise(
+    network_config_params, times, max_precomputed, *, guidance, known=None, features=None, attributes=None
+):
     network, config, params = network_config_params
     inputs = prepare_denoiser_inputs(
         network,
@@ -61,6 +64,7 @@ def make_denoise(network_config_params, times, max_precomputed, *, guidance, kno
         times=times,
         guided=guidance is not None,
         known=known,
+        attributes=attributes,
         features=features,
         max_precomputed=max_precomputed,
     )
@@ -91,6 +95,7 @@ def test_precomputed_modulation_leaves_samples_unchanged(sampler, prediction, gu
                 max_precomputed,
                 known=KNOWN,
                 features=features,
+                attributes=jnp.asarray([[1.0, 0.5], [0.0, 0.0]]),
                 guidance=guidance,
             )
             return sample_latents(
@@ -131,6 +136,27 @@ def test_one_evaluation_agrees_in_float32():
             precomputed(2**25, t),
             per_step(jnp.asarray(t)),
         )
+
+
+def test_guidance_leads_away_from_a_request_for_nothing():
+    """A scale of 0 is the unconditional branch: the request does not matter there, and without one neither does 1."""
+    network, config, params = random_denoiser("velocity")
+    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
+    rng = np.random.default_rng(3)
+    z = jax.tree.map(lambda m, w: jnp.asarray(rng.normal(size=(*m.shape, w)), jnp.float32), MASKS, LATENT_WIDTHS)
+    times = np.array([3, 40])
+
+    def evaluate(attributes, scale):
+        inputs = prepare_denoiser_inputs(
+            network, config, params, LABEL, MASKS, times=times, guided=True, attributes=attributes
+        )
+        denoise = denoise_fn(network, params, inputs, times=times, guidance=Guidance(), guidance_scale=scale)
+        return denoise(z, jnp.full(2, 40)).lanes
+
+    run = golden.jit(evaluate)
+    asked, nothing = jnp.asarray([[1.0, 0.0], [0.0, 0.7]]), jnp.zeros((2, 2))
+    np.testing.assert_array_equal(run(asked, 0.0), run(nothing, 0.0))
+    assert (np.abs(run(asked, 1.0) - run(nothing, 1.0)).max((1, 2)) > 1e-3).all()
 
 
 def test_modulation_above_the_limit_is_not_precomputed():

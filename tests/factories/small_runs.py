@@ -14,11 +14,11 @@ from tests.factories.worlds import AUTOENCODER, DENOISER
 def get_config(objective: str = "autoencoder"):
     """Nine steps, a checkpoint every third."""
     config = {"autoencoder": autoencoder, "denoiser": denoiser, "counts": counts}[objective].get_config("tiny")
-    sizes = {"autoencoder": AUTOENCODER, "denoiser": DENOISER}
     config.model = {"width": 8, "queries": 2, "heads": 2}
-    if objective in sizes:
-        config.model = {k: v for k, v in dataclasses.asdict(sizes[objective]).items() if k != "cross_attention"}
+    if objective == "autoencoder":
+        config.model = dataclasses.asdict(AUTOENCODER)
     if objective == "denoiser":
+        config.model = denoiser.size_fields(DENOISER)
         config.position_head_fit = {"batches": 4, "steps": 40}
     config.batch.batch_size = 2
     config.batch.buckets = ((52, 64),)

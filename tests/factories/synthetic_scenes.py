@@ -10,7 +10,7 @@ from scjax.data.local_map import simplify_graph
 from scjax.data.records import make_record, sample_scene
 from scjax.data.tiles import pose_of
 from scjax.scene import Scene
-from scjax.synthetic.recording import MAX_TURN, object_index, to_log
+from scjax.synthetic.recording import object_index, to_log
 from scjax.synthetic.world import Ego, World, make_world
 
 NUM_WORLDS = 30
@@ -26,7 +26,7 @@ def example_worlds() -> tuple[World, ...]:
 def scenes_of(world: World) -> Iterator[tuple[Ego, Scene]]:
     """Every scene of a world with its ego."""
     log = to_log(world)
-    graph = build_graph(log, split_at_signals=True, signals_alone=True, max_turn=MAX_TURN)
+    graph = build_graph(log, split_at_signals=True, signals_alone=True, bends_alone=True)
     index, lanes = index_segments(graph), simplify_graph(graph)
     for ego in world.egos:
         pose = pose_of(log, index, ego.moment, object_index(world, ego.moment, ego.agent))

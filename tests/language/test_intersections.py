@@ -7,18 +7,23 @@ import pytest
 
 from scjax.language.facts import extract_facts
 from scjax.language.intersections import find_intersections
-from scjax.language.road import Road, road_from_scene
-from scjax.language.roundabouts import has_roundabout
-from scjax.scene import empty
+from scjax.language.road import road_from_scene
+from scjax.scene import Scene, empty
 from tests.factories.hand_drawn_scene import SceneBuilder
 
 
-def ring_road(quarters: list[np.ndarray]) -> Road:
-    """A closed line in four lanes, each linked to the next."""
+def has_roundabout(scene: Scene) -> bool:
+    return extract_facts(scene).layout == "roundabout"
+
+
+def ring_road(quarters: list[np.ndarray]) -> Scene:
+    """A closed line in four lanes, each linked to the next, and two roads that lead there."""
     builder = SceneBuilder(speed=6.0)
+    builder.add_lane((0, 32), (0, 15))
+    builder.add_lane((0, -32), (0, -15))
     lanes = [builder.add_lane(*quarter) for quarter in quarters]
     builder.link(*[(lanes[k], lanes[(k + 1) % 4]) for k in range(4)])
-    return road_from_scene(builder.scene())
+    return builder.scene()
 
 
 @pytest.mark.parametrize("corners", [7, 20])
@@ -39,7 +44,7 @@ def test_has_roundabout_rejects_block_with_round_corners():
     assert not has_roundabout(ring_road(quarters))
 
 
-def circulation(*, rings=(14.0,), start=0.0, end=360.0, gap=0.0, arms=4, sense=1) -> Road:
+def circulation(*, rings=(14.0,), start=0.0, end=360.0, gap=0.0, arms=4, sense=1) -> Scene:
     """Quarters of rings, open by ``gap`` meters at their ends, with roads that lead there; links are absent."""
     builder = SceneBuilder(speed=6.0)
     for radius in rings:
@@ -50,7 +55,7 @@ def circulation(*, rings=(14.0,), start=0.0, end=360.0, gap=0.0, arms=4, sense=1
     for turn in np.deg2rad(np.linspace(start, end, arms, endpoint=False) + 20.0):
         direction = np.array([np.cos(turn), sense * np.sin(turn)])
         builder.add_lane(32 * direction, (max(rings) + 1) * direction)
-    return road_from_scene(builder.scene())
+    return builder.scene()
 
 
 @pytest.mark.parametrize("sense", [1, -1])

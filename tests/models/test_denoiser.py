@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from scjax.models.denoiser.attribute_embedding import AttributeEmbedding
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
 from scjax.nn.cross_attention import CrossGlobalOptions
-from scjax.nn.functional import count
+from scjax.nn.functional import count, functional
 from scjax.scene.per_type import PerType
 from tests.factories import golden
 
@@ -88,13 +89,11 @@ def _unconditional(params, z, t, label, masks, known):
     return _network(None).apply(params, z, t, label, masks, known)
 
 
-@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-10), (False, 1e-5)])
-def test_padding_and_batch_never_matter(x64, tolerance):
+def test_padding_and_batch_never_matter():
     """The first scene alone and unpadded, against in a batch whose padding and dropped conditions are garbage."""
-    with jax.enable_x64(x64):
-        dtype = jnp.float64 if x64 else jnp.float32
+    with jax.enable_x64(True):
         cast = lambda tree: jax.tree.map(  # noqa: E731
-            lambda x: jnp.asarray(x, dtype) if np.issubdtype(x.dtype, np.floating) else jnp.asarray(x), tree
+            lambda x: jnp.asarray(x, jnp.float64) if np.issubdtype(x.dtype, np.floating) else jnp.asarray(x), tree
         )
         z, t, label, masks, known, features = _scenes()
         params, (agents, lanes), read = cast(jax.device_get(_params())), SIZES[0], 3
@@ -116,12 +115,12 @@ def test_padding_and_batch_never_matter(x64, tolerance):
 
             def close(x, y):
                 scale = max(1.0, np.abs(y).max(initial=0))
-                np.testing.assert_allclose(x, y, rtol=tolerance, atol=tolerance * scale)
+                np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-10 * scale)
 
             jax.tree.map(close, cut(many), eps)
             jax.tree.map(close, cut(many_of_z), of_z)
             jax.tree.map(close, many_of_params, of_params)
-            assert all(leaf.dtype == dtype for leaf in jax.tree.leaves((many, many_of_params)))
+            assert all(leaf.dtype == jnp.float64 for leaf in jax.tree.leaves((many, many_of_params)))
             for leaf, mask in zip(jax.tree.leaves(many), jax.tree.leaves(masks), strict=True):
                 assert not np.any(np.asarray(leaf)[~mask])
             assert not any(np.any(np.asarray(leaf)[1:]) for leaf in jax.tree.leaves(many_of_z))
@@ -209,6 +208,30 @@ def test_known_embedding_marks_known_tokens():
     nothing = jax.tree.map(jnp.zeros_like, known)
     marked, unmarked = (_unconditional(_params(None), z, t, label, masks, flags) for flags in (known, nothing))
     assert all(np.abs(x - y).max() > 1e-3 for x, y in zip(*map(jax.tree.leaves, (marked, unmarked)), strict=True))
+
+
+def test_a_request_for_nothing_adds_nothing():
+    embedding = functional(lambda init: AttributeEmbedding(3, 8, init=init))
+    fresh = embedding.init(jax.random.key(0))
+    params = jax.tree.map(lambda leaf: leaf + 0.1, fresh)
+    asked = jnp.eye(3)
+    assert not embedding.apply(fresh, asked).any()
+    assert embedding.apply(params, asked).all() and not embedding.apply(params, 0 * asked).any()
+
+
+def test_requests_change_the_modulation():
+    network = denoiser(DenoiserConfig(attributes=("layout=T", "vehicles>=1"), **SMALLEST))
+    params = jax.tree.map(lambda leaf: leaf + 0.1, network.init(jax.random.key(0)))
+    _, t, label, masks, *_ = _cast(_scenes())
+    counts = jax.tree.map(lambda mask: mask.sum(-1), masks)
+
+    def lane_head(attributes):
+        return network.apply(params, t, label, counts, attributes, method="modulation")["heads"].lanes
+
+    nothing = jnp.zeros((len(label), 2))
+    np.testing.assert_array_equal(lane_head(nothing), lane_head(None))
+    changed = np.abs(lane_head(nothing.at[0, 1].set(1.0)) - lane_head(nothing)).max((1, 2))
+    assert changed[0] > 1e-3 and not changed[1:].any()
 
 
 def test_fresh_fourier_features_are_zero():

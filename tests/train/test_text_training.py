@@ -26,6 +26,9 @@ from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.data.loader import batch_of
+from scjax.data.measurements import measure_records
+from scjax.language.attributes.table import ATTRIBUTES
+from scjax.language.attributes.vector import readable
 from scjax.language.prompt_parser import PromptSpec
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
@@ -46,6 +49,7 @@ def folder(tmp_path_factory):
     build_records(Worlds(2, 14), folder / "records", BuildOptions(split_percent=30.0))
     add_captions(folder / "records", texts=3, progress=False)
     embed_captions(folder / "records", Words(), progress=False)
+    measure_records(folder / "records", progress=False)
     config = configured("denoiser", folder)
     model = dataclasses.replace(tiny_model(), domains=("city", "suburb"))
     scjax.save(model.without("denoiser"), folder / "autoencoder")
@@ -66,6 +70,7 @@ def configured(objective: str, folder):
 def text_model(folder):
     config = configured("denoiser", folder)
     config.condition, config.init_from, config.freeze = "text", str(folder / "base" / "model"), True
+    config.attributes = True
     config.loss.collision, config.loss.connections, config.loss.lateral_offsets = 0.1, 0.3, 0.1
     config.cross_attention, config.cross_attention_options.windowed.window = "windowed", 4
     train(config, folder / "text")
@@ -89,6 +94,23 @@ def test_freeze_keeps_the_base_parameters(folder, text_model):
     assert any("context" in path for path in text.keys() - base.keys())
     assert text_model.text_encoder == "words-1"
     assert text_model.denoiser.config.cross_attention == WindowedOptions(window=4)
+
+
+def test_a_model_reads_text_and_attributes_together(text_model):
+    """Three steps have hardly moved the new parameters, so that they are moved here."""
+    assert readable(text_model.denoiser.config.attributes) == frozenset(ATTRIBUTES)
+    params = dict(text_model.denoiser.params)
+    params["attributes"] = jax.tree.map(lambda leaf: leaf + 0.3, params["attributes"])
+    model = text_model.with_component("denoiser", text_model.denoiser.config, params)
+    text = {"text": scjax.Stream(Words()(["a straight road"])[0].features)}
+
+    def lanes(**request):
+        condition = scjax.Condition(num_lanes=6, num_agents=3, domain=0, streams=text, attributes=request)
+        return scjax.sample(0, condition, model=model, num_steps=2).lanes
+
+    plain, asked = lanes(), lanes(layout="T", vehicles=2)
+    np.testing.assert_array_equal(lanes(vehicles=(0, None)), plain)
+    assert np.abs(asked - plain).max() > 0.1
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import click
 
+from scjax.cli.data.attributes import data_attributes
 from scjax.cli.data.build import data_build
 from scjax.cli.data.caption import data_caption
 from scjax.cli.data.embed import data_embed
@@ -25,7 +26,8 @@ from scjax.cli.data.towns import data_towns
 def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
-    Training on text needs records (build or synthetic), then caption, then embed. scenes writes what records hold as
+    Training on text needs records (build or synthetic), then caption, then embed; training on attributes needs
+    attributes. scenes writes what records hold as
     files, logs the motion of synthetic worlds.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
@@ -33,7 +35,16 @@ def data() -> None:
     """
 
 
-for command in (data_build, data_synthetic, data_towns, data_caption, data_embed, data_scenes, data_logs):
+for command in (
+    data_build,
+    data_synthetic,
+    data_towns,
+    data_caption,
+    data_embed,
+    data_attributes,
+    data_scenes,
+    data_logs,
+):
     data.add_command(command)
 
 

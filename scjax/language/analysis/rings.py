@@ -19,6 +19,7 @@ _MIN_CURVATURE = 0.35  # of the circle's, of lanes along it
 _SECTORS = 48
 _MIN_SHARE = 0.72  # of the visible circle that lanes run along
 _MIN_VISIBLE = 0.4  # of the circle inside the window
+_ROAD_REACH, _ROAD_ANGLE = 6.0, np.deg2rad(35.0)  # m around a ring, rad between the roads that lead to it
 _EMPTY_SHARE = 0.6  # of the radius, inside of which no lane runs
 
 
@@ -44,6 +45,24 @@ def find_ring(lines: LaneLines, window: tuple[float, float, float, float]) -> Ri
         if share >= _MIN_SHARE and (best is None or share > best[0]):
             best = share, Ring(center, float(radius))
     return None if best is None else best[1]
+
+
+def count_ring_roads(lines: LaneLines, ring: Ring) -> int:
+    """Number of roads that lead to a ring; a turning circle at a dead end has one.
+
+    Lanes that come from outside to within 6 m of the ring are one road if less than 35 degrees lie between them, seen
+    from its middle.
+    """
+    offset = lines.points[..., :2] - ring.center
+    distance = np.where(lines.real, np.hypot(offset[..., 0], offset[..., 1]), np.inf)
+    outside = np.where(lines.real, distance, 0.0).max(1) > ring.radius + _ROAD_REACH + _BAND
+    leads = outside & (distance.min(1) < ring.radius + _ROAD_REACH)
+    nearest = offset[np.arange(len(lines)), distance.argmin(1)][leads]
+    bearing = np.sort(np.arctan2(nearest[:, 1], nearest[:, 0]))
+    if not len(bearing):
+        return 0
+    gaps = np.diff([*bearing, bearing[0] + 2 * np.pi])
+    return max(1, int((gaps > _ROAD_ANGLE).sum()))
 
 
 def _circles(lines: LaneLines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -85,6 +85,20 @@ class Attribute:
             return self.open_without and most is None
         return least <= measured and (most is None or measured <= most)
 
+    def check_measured(self, value: Any) -> Any:
+        """A measurement as ``measure`` gives it, from its JSON form.
+
+        Raises:
+          ValueError: it is none of this attribute.
+        """
+        if self.kind == "flag" and isinstance(value, bool):
+            return value
+        if self.kind == "range" and (value is None or _is_number(value)):
+            return value
+        if self.kind in ("choice", "set") and isinstance(value, list) and all(one in self.values for one in value):
+            return tuple(value)
+        raise ValueError(f"{self.name} cannot be measured as {_shown(value)}")
+
     def _value(self, request: Any) -> str:
         if isinstance(request, str) and request in self.values:
             return request

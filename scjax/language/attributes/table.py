@@ -48,6 +48,17 @@ def measure_attributes(scene: Scene | Analysis) -> dict[str, Any]:
     return {name: attribute.measure(analysis) for name, attribute in ATTRIBUTES.items()}
 
 
+def check_measurements(values: Any) -> dict[str, Any]:
+    """Measurements of a scene as ``measure_attributes`` gives them, from their JSON form.
+
+    Raises:
+      ValueError: names the attribute that is missing, unknown, or of another form.
+    """
+    if not isinstance(values, dict) or values.keys() != ATTRIBUTES.keys():
+        raise ValueError("these are not the measurements of all attributes")
+    return {name: attribute.check_measured(values[name]) for name, attribute in ATTRIBUTES.items()}
+
+
 def check_attributes(request: Any) -> dict[str, Any]:
     """A request in its normal form, without what it leaves unspecified.
 

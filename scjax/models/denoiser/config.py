@@ -83,6 +83,8 @@ class DenoiserConfig:
       domains, crops: the label table has one row per pair (``domains * crop + domain``), and the null row last.
       condition: the condition besides label and counts; None for the unconditional network.
       cross_attention: how scene tokens read the condition: options of a mechanism (``scjax.nn.cross_attention``).
+      attributes: names of the features of a request that are added to the label's embedding; () for none. Not in the
+        release.
       known_embedding: add a learned vector per type (zero at first) to known tokens. Not in the release.
       fourier_features: number of learned projections of a token's latents whose sines and cosines are added to its
         embedding; 0 for none (official).
@@ -112,6 +114,7 @@ class DenoiserConfig:
     crops: int = 3
     condition: ConditionConfig = None
     cross_attention: CrossAttentionOptions = _RELEASED
+    attributes: tuple[str, ...] = ()
     known_embedding: bool = False
     fourier_features: int = 0
     fourier_octaves: int = 6
@@ -163,6 +166,8 @@ class DenoiserConfig:
                 f'schedule "log_snr" needs a network that estimates the velocity, not the {self.prediction}: set '
                 'prediction="velocity", or schedule="cosine"'
             )
+        if len(set(self.attributes)) < len(self.attributes):
+            raise ValueError("DenoiserConfig.attributes names a feature twice: name each once")
         check_compute(self.compute)
 
     def to_json(self) -> dict[str, Any]:
@@ -178,7 +183,8 @@ class DenoiserConfig:
             condition = condition_type(
                 **{name: tuple(value) if isinstance(value, list) else value for name, value in condition.items()}
             )
-        return cls(**{**fields, "condition": condition, "cross_attention": from_name(**fields["cross_attention"])})
+        changes = {"condition": condition, "attributes": tuple(fields.get("attributes", ()))}
+        return cls(**{**fields, **changes, "cross_attention": from_name(**fields["cross_attention"])})
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> DenoiserConfig:
@@ -190,6 +196,11 @@ class DenoiserConfig:
         if name not in PRESETS:
             raise ValueError(f"there is no denoiser preset {name!r}: choose one of {', '.join(PRESETS)}")
         return cls(**{**PRESETS[name], **changes})
+
+    @property
+    def is_conditional(self) -> bool:
+        """Whether the network reads anything besides label, counts and known tokens."""
+        return self.condition is not None or bool(self.attributes)
 
     @property
     def null_label(self) -> int:

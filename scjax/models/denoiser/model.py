@@ -13,6 +13,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from scjax.models.denoiser.attribute_embedding import AttributeEmbedding
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
@@ -138,6 +139,7 @@ class Denoiser(nnx.Module):
         self.time_in = Linear(TIME_CODE, lane, init=init, compute=compute, std=_STD)
         self.time_out = Linear(lane, lane, init=init, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
+        self.attributes = AttributeEmbedding(len(config.attributes), lane, init=init) if config.attributes else None
         self.lane_counts = table(config.max_lanes + 1, lane)
         self.agent_counts = table(config.max_agents + 1, lane)
         self.narrow = Linear(lane, agent, init=init, compute=compute)
@@ -189,14 +191,22 @@ class Denoiser(nnx.Module):
         return [block.encode(context, mask) for block in self.blocks]
 
     def modulation(
-        self, t: Real[Array, " b"], label: Int[Array, " b"], counts: PerType, trace: dict | None = None
+        self,
+        t: Real[Array, " b"],
+        label: Int[Array, " b"],
+        counts: PerType,
+        attributes: Float[Array, "b a"] | None = None,
+        trace: dict | None = None,
     ) -> dict:
-        """All AdaLN chunks, one row per scene and type; ``counts`` are the numbers of valid tokens [B] per type.
+        """All AdaLN chunks, one row per scene and type.
 
-        They do not depend on the latents: a sampler of few scenes can precompute them for all steps at once.
+        ``counts`` are the numbers of valid tokens [B] per type, ``attributes`` the features of requests. The chunks do
+        not depend on the latents: a sampler of few scenes can precompute them for all steps at once.
         """
         time = self.time_out(jax.nn.silu(self.time_in(time_code(t, self.labels.dtype))))
         kind = self.labels[...][label]
+        if self.attributes is not None and attributes is not None:
+            kind = kind + self.attributes(attributes)
         number = PerType(agents=self.agent_counts[...][counts.agents], lanes=self.lane_counts[...][counts.lanes])
         wide = jax.tree.map(lambda n: time + kind + n, number)
         narrow = jax.tree.map(self.narrow, wide)
@@ -217,6 +227,7 @@ class Denoiser(nnx.Module):
         known: PerType | None = None,
         cache: list | None = None,
         modulation: dict | None = None,
+        attributes: Float[Array, "b a"] | None = None,
         trace: dict | None = None,
         aux: dict[str, AuxOutputs] | None = None,
     ) -> PerType:
@@ -232,7 +243,8 @@ class Denoiser(nnx.Module):
           cache: from ``encode_condition``; None leaves the condition out. A cache of fewer scenes than the batch
             belongs to the first scenes; the others count as dropped. (So the null branch of guidance needs no cache,
             unless ``attend_padding``.)
-          modulation: precomputed by ``modulation``; then ``t`` and ``label`` are ignored.
+          modulation: precomputed by ``modulation``; then ``t``, ``label`` and ``attributes`` are ignored.
+          attributes: features of requests, by the names of ``config.attributes``; None, as zeros, asks nothing.
           trace: receives intermediate arrays, named as in the golden vectors, if it is a dict.
           aux: receives losses and metrics of the conditioning, by block and stage, if it is a dict.
         """
@@ -258,7 +270,7 @@ class Denoiser(nnx.Module):
             )
         if modulation is None:
             counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
-            modulation = self.modulation(t, label, counts, trace)
+            modulation = self.modulation(t, label, counts, attributes, trace)
         if trace is not None:
             trace |= {"tok_lane": tokens.lanes, "tok_agent": tokens.agents}
             for i, chunks in enumerate(modulation["blocks"]):

@@ -30,8 +30,9 @@ VARIANTS = {
 
 
 def size_fields(model: DenoiserConfig) -> dict:
-    """All fields but ``cross_attention``, whose options depend on its name."""
-    return {name: value for name, value in dataclasses.asdict(model).items() if name != "cross_attention"}
+    """All fields but ``cross_attention``, whose options depend on its name, and ``attributes``."""
+    apart = ("cross_attention", "attributes")
+    return {name: value for name, value in dataclasses.asdict(model).items() if name not in apart}
 
 
 def cross_attention_options() -> dict[str, dict]:
@@ -53,6 +54,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
     config.condition = "none"
+    # Whether requests for attributes are read as well, drawn from what python -m scjax.data attributes has measured.
+    config.attributes = False
     # Model folder of a denoiser to start from, e.g. the unconditional base of a text model; "shipped": the package's.
     config.init_from = ""
     config.freeze = False  # whether the parameters that it gives stay as they are

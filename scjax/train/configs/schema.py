@@ -144,9 +144,10 @@ class _PositionHeadFit(_Fields):
 class _DenoiserRun(_Run, kw_only=True):
     autoencoder: str
     condition: Literal["none", "text", "image"]
+    attributes: bool
     init_from: str
     freeze: bool
-    model: _fields_of(DenoiserConfig, "cross_attention")  # pyright: ignore[reportInvalidTypeForm]
+    model: _fields_of(DenoiserConfig, "cross_attention", "attributes")  # pyright: ignore[reportInvalidTypeForm]
     cross_attention: str
     cross_attention_options: dict[str, dict[str, Any]]
     loss: _DenoiserLoss

@@ -60,6 +60,7 @@ class AutoencoderObjective:
     init_params: Params
 
     texts: ClassVar[None] = None
+    measurements: ClassVar[None] = None
     images: ClassVar[bool] = False
     frozen: ClassVar[frozenset[Path]] = frozenset()
 

@@ -15,6 +15,7 @@ from jaxtyping import Array
 
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, batch_of
+from scjax.data.measurements import MeasuredRecords
 from scjax.generate.model import Model
 from scjax.models.codec import SceneCodec
 from scjax.nn.functional import Params
@@ -39,6 +40,11 @@ class Objective(Protocol):
     @property
     def texts(self) -> TextStore | None:
         """Captions of the training split that batches carry, or None."""
+        ...
+
+    @property
+    def measurements(self) -> MeasuredRecords | None:
+        """Attributes of the training split, of which batches carry requests, or None."""
         ...
 
     @property

@@ -48,6 +48,7 @@ class CountObjective:
     batch_size: int
     bucket: Bucket
 
+    measurements: ClassVar[None] = None
     images: ClassVar[bool] = False
     frozen: ClassVar[frozenset[Path]] = frozenset()
 

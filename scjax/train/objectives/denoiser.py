@@ -16,6 +16,7 @@ from scjax.camera.raycast import CLASSES, GRID
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import LoaderConfig, TrainingExample, training_batches
+from scjax.data.measurements import MeasuredRecords
 from scjax.diffusion.log_snr_schedule import log_snr_schedule
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.noise_level import NoiseLevel
@@ -24,6 +25,7 @@ from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model, load_model
 from scjax.generate.sample import sample_scenes
+from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
@@ -39,7 +41,7 @@ from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
-from scjax.train.objectives.validation_examples import validation_examples
+from scjax.train.objectives.validation_examples import validation_examples, validation_requests
 from scjax.train.resume import captions_hash, model_hash, params_hash
 from scjax.train.warm_start import denoiser_base, load_init_model, warm_start
 from scjax.viz import grid
@@ -77,7 +79,7 @@ class DenoiserObjective:
       records: record folder; manifest: its description; validation: its held-back scenes.
       model: sizes of the network.
       loader: the training stream.
-      texts, images: what batches carry besides scenes.
+      texts, measurements, images: what batches carry besides scenes.
       init_params: parameters to begin with; freeze: whether these are frozen.
       options, penalties: of the loss.
       fit_options, seed: of the position heads.
@@ -90,6 +92,7 @@ class DenoiserObjective:
     model: DenoiserConfig
     loader: LoaderConfig
     texts: TextStore | None
+    measurements: MeasuredRecords | None
     images: bool
     init_params: Params
     freeze: bool
@@ -113,6 +116,7 @@ class DenoiserObjective:
             )
         base, manifest = load_model(config.autoencoder), load_manifest(config.records)
         texts = TextStore(config.records, "train") if config.condition == "text" else None
+        measurements = MeasuredRecords(config.records, "train") if config.attributes else None
         loader = LoaderConfig.from_json(config.batch.to_dict())
         model = _network_config(config, base, manifest, texts)
         init_params = {}
@@ -128,12 +132,14 @@ class DenoiserObjective:
                 config.records,
                 base.codec,
                 condition=config.condition,
+                attributes=config.attributes,
                 bucket=loader.buckets[-1],
                 text_slots=loader.text_slots,
             ),
             model=model,
             loader=loader,
             texts=texts,
+            measurements=measurements,
             images=config.condition == "image",
             init_params=init_params,
             freeze=config.freeze,
@@ -226,10 +232,14 @@ class DenoiserObjective:
         """Recorded scenes beside scenes sampled with their counts and condition."""
         examples = every_nth(self.validation, _PICTURES)
         conditions = [condition_of(example) for example in examples]
+        if self.model.attributes and not self.images:
+            requests = every_nth(validation_requests(self.records), _PICTURES)
+            pairs = zip(conditions, requests, strict=True)
+            conditions = [dataclasses.replace(condition, attributes=request) for condition, request in pairs]
         sampled = sample_scenes(jax.random.key(3), conditions, model=self._model(params))
         titles = [f"{name} {i}" for i in range(len(examples)) for name in ("recorded", "sampled")]
-        pairs = [scene for example, other in zip(examples, sampled, strict=True) for scene in (example.scene, other)]
-        grid(pairs, columns=4, titles=titles, path=path_of("samples"))
+        scenes = [scene for example, other in zip(examples, sampled, strict=True) for scene in (example.scene, other)]
+        grid(scenes, columns=4, titles=titles, path=path_of("samples"))
 
     def export(self, params: Params, notes: dict[str, Any]) -> Model:
         """The autoencoder's model with the trained denoiser."""
@@ -256,6 +266,7 @@ class DenoiserObjective:
             masks=PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask),
             known=PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | all_lanes),
             label=jnp.asarray(self.model.domains * tokens.crop + tokens.domain),
+            attributes=None if batch.attributes is None else jnp.asarray(batch.attributes),
             condition=condition_features(batch),
         )
 
@@ -322,6 +333,7 @@ def _network_config(config, base: Model, manifest: dict[str, Any], texts: TextSt
         condition = ImageCondition(len(CLASSES), GRID, patch=1)
     fields = config.model.to_dict() | {
         "condition": condition,
+        "attributes": feature_names() if config.attributes else (),
         "cross_attention": from_name(name, **(options[name].to_dict() if name in options else {})),
         "lane_latent": base.autoencoder.config.lane_latent,
         "agent_latent": base.autoencoder.config.agent_latent,

@@ -1,32 +1,53 @@
-"""Held-back scenes as examples, with a caption or an image where the objective reads them."""
+"""Held-back scenes as examples, with a caption, a request or an image where the objective reads them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, validation_scenes, with_caption, with_image
+from scjax.data.measurements import MeasuredRecords
+from scjax.language.attributes.draw import draw_attributes
+from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
 from scjax.scene import Crop, Scene
 
+_SEED = 5  # of the requests
+
 
 def validation_examples(
-    records: str, codec: SceneCodec, *, condition: str, bucket: Bucket, text_slots: int
+    records: str, codec: SceneCodec, *, condition: str, attributes: bool = False, bucket: Bucket, text_slots: int
 ) -> list[TrainingExample]:
     """Held-back scenes of ``records``, cut to ``bucket`` as training scenes are.
 
     Args:
       condition: "text": centered scenes with their first caption; "image": forward scenes with what a camera sees;
         "none": centered scenes.
+      attributes: whether examples carry a request as well, the same at every call; forward scenes carry none.
       text_slots: largest number of tokens of a caption.
     """
     crop = Crop.FORWARD if condition == "image" else Crop.CENTERED
     scenes = validation_scenes(records, codec, crop=crop, bucket=bucket)
     if condition == "text":
-        return first_captions(records, scenes, text_slots)
-    return _numbered([with_image(scene) if condition == "image" else TrainingExample(scene=scene) for scene in scenes])
+        examples = first_captions(records, scenes, text_slots)
+    else:
+        examples = [with_image(scene) if condition == "image" else TrainingExample(scene=scene) for scene in scenes]
+    if attributes:
+        requests = [{} if crop == Crop.FORWARD else request for request in validation_requests(records)]
+        examples = [
+            example.replace(attributes=request_vector(request, feature_names()))
+            for example, request in zip(examples, requests, strict=True)
+        ]
+    return _numbered(examples)
+
+
+def validation_requests(records: str) -> list[dict[str, Any]]:
+    """A request for every held-back scene of ``records``, which the scene fulfills; the same at every call."""
+    measured = MeasuredRecords(records, "val")
+    return [draw_attributes(measured[row], np.random.default_rng([_SEED, row])) for row in range(len(measured))]
 
 
 def first_captions(records: str, scenes: Sequence[Scene], text_slots: int) -> list[TrainingExample]:

@@ -1,0 +1,120 @@
+"""Measured attributes of records: worked out once, then read by the training on attributes.
+
+``attributes-<split>.jsonl.gz`` holds a head and one line per record, in record order: the attributes of its centered
+window.
+"""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import json
+import zlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from tqdm import tqdm
+
+from scjax.data import records
+from scjax.data.manifest import load_manifest
+from scjax.data.ranges import check_workers
+from scjax.data.record_folder import locked_records
+from scjax.data.workers import WorkerPool
+from scjax.language.attributes.table import ATTRIBUTES, check_measurements, measure_attributes
+from scjax.scene.files import whole_file
+
+FORMAT = 1
+_MAX_LINE = 1 << 16  # bytes
+
+
+class MeasuredRecords:
+    """The measured attributes of one split.
+
+    Raises:
+      ValueError: there are none, they belong to other records or another table of attributes, or the file is damaged.
+    """
+
+    def __init__(self, folder: str | Path, split: str):
+        self._path, remedy = measurements_path(Path(folder), split), f"run scjax data attributes {folder}"
+        if not self._path.is_file():
+            raise ValueError(f"{self._path} is not there: {remedy}")
+        try:
+            with gzip.open(self._path) as file:
+                head, self._lines = json.loads(file.readline(_MAX_LINE)), file.read().splitlines()
+        except (OSError, EOFError, zlib.error, ValueError) as error:
+            raise ValueError(f"{self._path} is damaged ({error}): {remedy} again") from error
+        if head != _head(load_manifest(folder)):
+            raise ValueError(f"{self._path} was written for other records or attributes: {remedy} again")
+        expected = load_manifest(folder)["splits"].get(split, {"records": 0})["records"]
+        if len(self._lines) != expected:
+            raise ValueError(f"{self._path} has {len(self._lines)} lines for {expected} records: {remedy} again")
+        self._remedy = remedy
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self._lines)
+
+    def __getitem__(self, record: int) -> dict[str, Any]:
+        """The measurements of a record, as ``measure_attributes`` gives them.
+
+        Raises:
+          ValueError: the line is damaged.
+        """
+        try:
+            return check_measurements(msgspec.json.decode(self._lines[record]))
+        except (ValueError, msgspec.DecodeError) as error:
+            raise ValueError(f"{self._path}, line {record + 2}: {error}: {self._remedy} again") from error
+
+
+def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = True) -> dict[str, int]:
+    """Measures the attributes of every record of a folder; returns the number of records of each split.
+
+    Args:
+      workers: processes that share the work; 0: this process does it.
+
+    Raises:
+      ValueError: the folder holds no records, is in use by another process, or an argument is out of its range.
+      OSError: a file cannot be written; names it.
+    """
+    check_workers(workers)
+    folder, counts = Path(folder), {}
+    load_manifest(folder)  # a folder without one stays untouched
+    with locked_records(folder):
+        manifest = load_manifest(folder)
+        for split, entry in manifest["splits"].items():
+            rows = range(entry["records"])
+            if not rows:
+                continue
+            measure = functools.partial(_measured_line, folder, split, manifest["hash"])
+            with whole_file(measurements_path(folder, split)) as file, WorkerPool(workers, chunk_size=32) as run:
+                lines = tqdm(
+                    run(measure, rows), f"attributes of {split}", len(rows), unit="record", disable=not progress
+                )
+                # Without name and time in the head, equal content is equal bytes.
+                with gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed:
+                    packed.write(json.dumps(_head(manifest)).encode() + b"\n")
+                    packed.writelines(lines)
+            counts[split] = len(rows)
+    return counts
+
+
+def measurements_path(folder: Path, split: str) -> Path:
+    """The file of a split's measurements."""
+    return folder / f"attributes-{split}.jsonl.gz"
+
+
+def _head(manifest: dict[str, Any]) -> dict[str, Any]:
+    return {"format": FORMAT, "records": manifest["hash"], "attributes": list(ATTRIBUTES)}
+
+
+def _measured_line(folder: Path, split: str, records_hash: str, row: int) -> bytes:
+    record = records.read_record(_open_records(folder, split, records_hash), row)
+    return msgspec.json.encode(measure_attributes(records.sample_scene(record))) + b"\n"
+
+
+@functools.lru_cache(1)
+def _open_records(folder: Path, split: str, records_hash: str):
+    """The records of a split, opened once per process; the hash distinguishes records that were built again."""
+    del records_hash
+    return records.open_records(folder, split)
