@@ -3,12 +3,12 @@
     python -m experiments.studies.prompt_adherence --model=runs/prompt/model --records=runs/synthetic \\
         --out=docs/results/prompt_adherence
 
-Prompts are captions of held-out records. What a prompt asks for and what a scene shows are extracted by rules
-(scjax.language). Rows: the model at each guidance scale; with true counts; with --best-of, the best of several repaired
-samples, selected by the same rules (no independent judgment of quality); without energy guidance, if the model has it;
-without prompts at true counts; the training scene with the nearest caption; and the record itself, the ceiling of the
-rules. A second table shows the realism of the scenes; single samples are judged as sampled and after scjax.repair.
-Where records have labels, the page also states how often the rules agree with them.
+Prompts are captions of held-out records. What a prompt asks for is the request that its caption states; what a scene
+shows is measured by attributes (scjax.language). Rows: the model at each guidance scale; with true counts; with
+--best-of, the best of several repaired samples; without energy guidance, if the model has it; without prompts at true
+counts; the training scene with the nearest caption; and the record itself, which shows all. A second table shows the
+realism of the scenes; single samples are judged as sampled and after scjax.repair. Where records have labels, the page
+also states how often the rules agree with them.
 
 Writes OUT.md, OUT.json and OUT.png.
 """
@@ -20,7 +20,7 @@ import gzip
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,14 +30,14 @@ from matplotlib.figure import Figure
 import scjax
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
 from experiments.studies.prompts import HeldOutPrompt, held_out_prompts, sample_in_calls
+from scjax.data import records
 from scjax.data.captions import read_captions
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.encoders.text import clean_text
 from scjax.evaluate.retrieval import tf_idf
 from scjax.language.agreement import label_agreement
-from scjax.language.facts import Facts, extract_facts
-from scjax.language.prompt_parser import PromptSpec, check
+from scjax.language.attributes.table import ATTRIBUTES, measure_attributes
 from scjax.metrics.realism import realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -115,12 +115,12 @@ def measure(
     """
     model = scjax.load(model_folder)
     prompts = list(held_out_prompts(folder, model, samples, seed, per_event))
-    specs = [prompt.spec for prompt in prompts]
+    requests = [prompt.request for prompt in prompts]
     rows: dict[str, Scores] = {}
     values: dict[str, dict[str, float]] = {}
 
     def add_row(title: str, scenes: Sequence[Scene]) -> None:
-        rows[title] = scores(zip(specs, map(extract_facts, scenes), strict=True))
+        rows[title] = scores(zip(requests, map(measure_attributes, scenes), strict=True))
         values[title] = realism(scenes)
 
     options: dict[str, Any] = {"model": model, "sampler": sampler, "num_steps": num_steps}
@@ -137,9 +137,9 @@ def measure(
             title,
             sample_in_calls(conditions, title, seed, **options, guidance=scales[0], best_of=best_of, repair=True),
         )
-    nearest = _nearest_training_facts(folder, [prompt.text for prompt in prompts])
-    rows["training scene with the nearest caption"] = scores(zip(specs, nearest, strict=True))
-    rows[RECORD] = scores((prompt.spec, prompt.facts) for prompt in prompts)
+    nearest = _nearest_training_scenes(folder, [prompt.text for prompt in prompts])
+    rows["training scene with the nearest caption"] = scores(zip(requests, nearest, strict=True))
+    rows[RECORD] = scores((prompt.request, prompt.measured) for prompt in prompts)
     values[RECORD] = realism([prompt.scene for prompt in prompts])
     return Adherence(rows, values, record_label_agreement(folder))
 
@@ -162,12 +162,12 @@ def _runs(
     return runs
 
 
-def scores(pairs: Iterable[tuple[PromptSpec, Facts]]) -> Scores:
-    """Scores of scenes by their facts."""
+def scores(pairs: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Scores:
+    """Scores of scenes by the attributes that their prompts request, from pairs of request and measurements."""
     hits, total = Counter(), Counter()
-    for spec, facts in pairs:
-        for name, shown in check(spec, facts).items():
-            hits[name] += shown
+    for request, measured in pairs:
+        for name, value in request.items():
+            hits[name] += ATTRIBUTES[name].holds(value, measured[name])
             total[name] += 1
     return {name: (hits[name], total[name]) for name in sorted(total)}
 
@@ -225,12 +225,14 @@ def draw(rows: dict[str, Scores]) -> Figure:
     return figure
 
 
-def _nearest_training_facts(folder: str, prompts: Sequence[str]) -> list[Facts]:
-    """Facts of the training record whose caption is most similar to each prompt (tf-idf, as retrieval baselines)."""
-    training = [(text, caption.facts) for caption in read_captions(folder, "train") for text in caption.texts]
+def _nearest_training_scenes(folder: str, prompts: Sequence[str]) -> list[dict[str, Any]]:
+    """Attributes of the training record whose caption is most similar to each prompt (tf-idf, as in retrieval)."""
+    training = [(text, row) for row, caption in enumerate(read_captions(folder, "train")) for text in caption.texts]
     candidates, queries = tf_idf([text for text, _ in training], prompts)
-    rows = [int((candidates @ queries[[row]].T).toarray()[:, 0].argmax()) for row in range(len(prompts))]
-    return [training[row][1] for row in rows]
+    nearest = [int((candidates @ queries[[k]].T).toarray()[:, 0].argmax()) for k in range(len(prompts))]
+    tiles = records.open_records(folder, "train")
+    scenes = (records.sample_scene(records.decode_record(tiles[training[k][1]])) for k in nearest)
+    return list(map(measure_attributes, scenes))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import scjax
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
-from scjax.language.facts import Facts
+from scjax.language.attributes.table import measure_attributes
 from scjax.language.prompt_parser import PromptSpec, parse_prompt
 from scjax.scene import Scene
 
@@ -22,13 +22,20 @@ _PROMPTS_PER_CALL = 32
 
 
 class HeldOutPrompt(NamedTuple):
-    """A held-out record: a caption, what it asks for, its condition; the scene and its facts."""
+    """A held-out record: a caption, what it asks for, its condition; the scene and its attributes.
+
+    Attributes:
+      spec: what rules read from the text.
+      request: that the words make, as the captions say.
+      measured: attributes of the whole record; ``scene`` has the types of the model only.
+    """
 
     text: str
     spec: PromptSpec
+    request: dict[str, Any]
     condition: scjax.Condition
     scene: Scene
-    facts: Facts
+    measured: dict[str, Any]
 
 
 def held_out_captions(folder: str, model: scjax.Model) -> tuple[list[Caption], TextStore]:
@@ -76,9 +83,11 @@ def held_out_prompts(
             continue
         events.update(spec.events)
         count += 1
-        scene = model.codec.select(records.sample_scene(records.decode_record(tiles[row])))
+        scene = records.sample_scene(records.decode_record(tiles[row]))
         condition = scjax.Condition(streams={"text": scjax.Stream(tokens)})
-        yield HeldOutPrompt(text, spec, condition, scene, captions[row].facts)
+        request = next(item.request for item in captions[row].compositions if item.text == text)
+        measured = measure_attributes(scene)
+        yield HeldOutPrompt(text, spec, request, condition, model.codec.select(scene), measured)
     if per_event is not None and not events:
         raise ValueError(
             f"--per-event: no held-out caption of {folder} names a rare event: make records with --ordinary 0.1"

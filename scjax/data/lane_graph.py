@@ -65,7 +65,6 @@ def build_graph(
     *,
     split_at_signals: bool = False,
     signals_alone: bool = False,
-    max_turn: float = np.inf,
     bends_alone: bool = False,
 ) -> LaneGraph:
     """The lane graph of a log (evaluation rule, steps 1-3).
@@ -75,7 +74,6 @@ def build_graph(
       split_at_signals: end merged lanes behind each signal, so that none is lost or reaches beyond its junction. The
         evaluation rule merges them all and keeps the first signal.
       signals_alone: end merged lanes also where a signal begins, so that no lane before a junction shows its signal.
-      max_turn: two lanes that turn by more than this together stay apart [rad].
       bends_alone: a sharp bend does not become part of a long lane, since few points could not show it. The evaluation
         rule merges both.
 
@@ -101,9 +99,6 @@ def build_graph(
         with_signal = set(log.signal_lane_ids)
         signaled = [lane.id in with_signal for lane in lanes]
         breaks |= {(i, j) for i, j in joins.pairs if signaled[j] and not signaled[i]}
-    if np.isfinite(max_turn):
-        turns = [_total_turn(line) for line in points]
-        breaks |= {(i, j) for i, j in joins.pairs if turns[i] + turns[j] > max_turn}
     if bends_alone:
         breaks |= _bend_ends(points, joins.pairs)
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)

@@ -19,7 +19,10 @@ _MAX_WALK = 300.0  # m
 
 
 class _Kind(NamedTuple):
-    """A kind of vehicle: share of all, size [m] and its standard deviation, acceleration [m/s²], what drives it."""
+    """A kind of vehicle: share of all, size [m] and its standard deviation, acceleration [m/s²], what drives it.
+
+    Widths are those of annotated boxes, which hold the mirrors.
+    """
 
     share: float
     size: tuple[float, float, float]
@@ -31,12 +34,13 @@ class _Kind(NamedTuple):
 
 
 KINDS: dict[str, _Kind] = {
-    "car": _Kind(0.585, (4.62, 1.85, 1.52), (0.20, 0.06, 0.06), 2.6, 50.0, "passenger"),
-    "suv": _Kind(0.20, (4.90, 1.96, 1.78), (0.16, 0.06, 0.08), 2.5, 50.0, "passenger"),
-    "van": _Kind(0.07, (5.80, 2.05, 2.30), (0.30, 0.07, 0.20), 2.2, 45.0, "delivery"),
-    "truck": _Kind(0.045, (8.20, 2.45, 3.20), (1.00, 0.06, 0.25), 1.3, 28.0, "truck"),
-    "trailer": _Kind(0.02, (16.20, 2.50, 3.90), (0.50, 0.03, 0.10), 1.1, 25.0, "trailer"),
-    "bus": _Kind(0.02, (11.90, 2.52, 3.10), (0.50, 0.03, 0.10), 1.2, 24.0, "bus"),
+    "car": _Kind(0.49, (4.65, 2.06, 1.52), (0.17, 0.06, 0.06), 2.6, 50.0, "passenger"),
+    "suv": _Kind(0.18, (4.95, 2.17, 1.78), (0.13, 0.06, 0.08), 2.5, 50.0, "passenger"),
+    "pickup": _Kind(0.13, (5.55, 2.32, 1.92), (0.18, 0.06, 0.08), 2.4, 50.0, "passenger"),
+    "van": _Kind(0.06, (5.80, 2.40, 2.40), (0.25, 0.06, 0.20), 2.2, 45.0, "delivery"),
+    "truck": _Kind(0.04, (8.20, 2.75, 3.20), (1.00, 0.10, 0.25), 1.3, 28.0, "truck"),
+    "trailer": _Kind(0.02, (16.20, 2.85, 3.90), (0.50, 0.06, 0.10), 1.1, 25.0, "trailer"),
+    "bus": _Kind(0.02, (11.90, 2.95, 3.10), (0.50, 0.06, 0.10), 1.2, 24.0, "bus"),
     "motorcycle": _Kind(0.03, (2.15, 0.85, 1.55), (0.12, 0.05, 0.08), 3.5, 50.0, "motorcycle"),
     "bicycle": _Kind(0.03, (1.80, 0.70, 1.75), (0.08, 0.05, 0.08), 1.1, 6.0, "bicycle", AgentType.CYCLIST),
 }

@@ -24,6 +24,8 @@ from scjax.towns.tracks import Track, drive_track, walk_track
 
 WARM_UP = 60.0  # s before the recording
 _HISTORY = 30.0  # s before the recording that boxes follow
+_ASIDE, _MAX_ASIDE = 0.25, 0.3  # m from the middle of a lane: standard deviation and most
+_LANE_WIDTH = 3.3  # m that a box and its way from side to side fill at most
 _LETTERS = {
     **dict.fromkeys("Gg", Signal.GO),
     **dict.fromkeys("Yy", Signal.CAUTION),
@@ -79,7 +81,9 @@ def simulate_town(sumo: Sumo, opendrive: Path, road_map: RoadMap, log: Log, opti
         )
     steps = round(options.seconds / STEP)
     lanes, states = signal_states(network, paths, road_map, WARM_UP + STEP * np.arange(steps))
-    tracks = _make_tracks(drives, paths, vehicle_sizes(options.seed), _height_of(log), _keeps_right(road_map))
+    tracks = _make_tracks(
+        drives, paths, vehicle_sizes(options.seed), _height_of(log), _keeps_right(road_map), options.seed
+    )
     traffic = collect_traffic(tracks, lanes, states)
     return dataclasses.replace(traffic, egos=choose_egos(traffic, options.egos, options.seed))
 
@@ -114,11 +118,15 @@ def _make_tracks(
     sizes: dict[str, tuple[float, float, float]],
     height_at: Callable[[np.ndarray], np.ndarray],
     side: float,
+    seed: int,
 ) -> list[Track]:
+    rng = np.random.default_rng([seed, 17])
     tracks: list[Track] = []
     for drive in drives:
         if drive.type:
-            tracks += drive_track(drive, paths, sizes[drive.type], WARM_UP, side)
+            most = np.clip((_LANE_WIDTH - sizes[drive.type][1]) / 3, 0.0, _MAX_ASIDE)
+            aside = float(np.clip(rng.normal(0.0, _ASIDE), -most, most))
+            tracks += drive_track(drive, paths, sizes[drive.type], WARM_UP, side, aside)
         elif (walk := walk_track(drive, height_at, WARM_UP)) is not None:
             tracks.append(walk)
     return tracks

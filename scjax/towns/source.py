@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import hashlib
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,7 +34,6 @@ DENSITIES = ((7.0, 6.0), (14.0, 10.0), (3.0, 2.0), (22.0, 4.0), (0.8, 0.5))
 """Vehicles for each kilometer of lanes, people for each of sidewalks: of the first run of a town, the second, ..."""
 
 _SIGHT = 75.0  # m from a pose to the far corners of its windows
-_MERGED_TURN = math.radians(45.0)  # of lanes in a row that are one; 20 points cannot show a longer bend
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Towns:
           ValueError: its simulation is damaged; names the file.
         """
         log = self.log(item)
-        graph = build_graph(log, split_at_signals=True, signals_alone=True, max_turn=_MERGED_TURN)
+        graph = build_graph(log, split_at_signals=True, signals_alone=True, bends_alone=True)
         index = index_segments(graph)
         unsound = overlap_places(np.split(graph.points, graph.offsets[1:-1]))
         standard = _sound_poses(find_poses(log, index, **dataclasses.asdict(options.poses)), unsound)

@@ -17,6 +17,7 @@ from scjax.towns.simulation import STEP, Drive
 
 _SMOOTHING = 7  # steps of the mean that evens out speeds where SUMO's lanes are shorter or longer than ours
 _BICYCLE_MARGIN = 0.9  # m from the middle of a lane to the right that cyclists keep
+_SWAY = 70.0  # m along a lane in which a car sways once
 _HALF_CHANGE, _HALF_CHANGE_WAY = 15, 9.0  # steps and m of half a change between lanes, at least
 _LEAST_STEPS = 10
 _MOST_ACCELERATION = 35.0  # m/s²
@@ -49,7 +50,12 @@ class Track:
 
 
 def drive_track(
-    drive: Drive, paths: dict[str, LanePath], size: tuple[float, float, float], begin: float, side: float
+    drive: Drive,
+    paths: dict[str, LanePath],
+    size: tuple[float, float, float],
+    begin: float,
+    side: float,
+    aside: float = 0.0,
 ) -> list[Track]:
     """The track of a vehicle. It breaks where SUMO's lane lies on none of ours.
 
@@ -59,12 +65,13 @@ def drive_track(
       size: length, width, height [m].
       begin: start of the recording [s].
       side: 1 if traffic keeps right, -1 if left.
+      aside: mean distance of a car from the middle of its lanes, to the left [m]; it sways by half of that.
     """
     known = np.array([lane in paths for lane in drive.lanes])
     tracks = []
     for part in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known.astype(int))) + 1):
         if len(part) >= _LEAST_STEPS and known[part[0]]:
-            tracks += _without_jumps(_track_of(drive, part, paths, size, begin, side))
+            tracks += _without_jumps(_track_of(drive, part, paths, size, begin, side, aside))
     return tracks
 
 
@@ -97,14 +104,16 @@ def _track_of(
     size: tuple[float, float, float],
     begin: float,
     side: float,
+    aside: float,
 ) -> Track:
     kind = KINDS[drive.type.partition(".")[0]]
     lanes = [drive.lanes[row] for row in rows]
     values = drive.values[rows]
     front = front_poses(lanes, values[:, 4], paths)
+    offset = aside * (1 + 0.5 * np.sin(2 * np.pi * cumulative_length(front) / _SWAY))
     if kind.agent_type == AgentType.CYCLIST:
-        front[:, 0] += side * _BICYCLE_MARGIN * np.sin(front[:, 3])
-        front[:, 1] -= side * _BICYCLE_MARGIN * np.cos(front[:, 3])
+        offset = np.full(len(front), -side * _BICYCLE_MARGIN)
+    front[:, :2] += offset[:, None] * np.stack([-np.sin(front[:, 3]), np.cos(front[:, 3])], -1)
     behind = _way_behind(paths[lanes[0]], values[0, 4], size[0], front[0])
     line = np.concatenate([behind, front[:, :3]])
     travelled = cumulative_length(line)

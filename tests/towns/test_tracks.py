@@ -77,6 +77,15 @@ def test_drive_gives_a_track_on_the_lane():
     np.testing.assert_allclose(np.hypot(*track.velocities[10:-10].T), 10.0, atol=0.01)
 
 
+def test_cars_sway_around_their_place_aside():
+    drive = _drive(["e_0"] * 280, np.linspace(20, 300, 280))
+    (track,) = drive_track(drive, PATHS, (4.0, 1.8, 1.5), 60.0, 1.0, -0.2)
+    aside = track.positions[:, 1]
+    assert (aside > -0.31).all() and (aside < -0.09).all()
+    assert aside.mean() == pytest.approx(-0.2, abs=0.01) and np.ptp(aside) > 0.15
+    assert np.abs(track.headings).max() < 0.03
+
+
 @pytest.mark.parametrize(("side", "y"), [(1.0, -0.9), (-1.0, 0.9)])
 def test_cyclists_keep_to_the_side(side, y):
     drive = _drive(["e_0"] * 50, np.linspace(50, 70, 50), "bicycle.1")
