@@ -20,6 +20,7 @@ from scjax.data.manifest import load_manifest
 from scjax.data.packed_lines import read_lines
 from scjax.data.ranges import check_workers
 from scjax.data.record_folder import locked_records
+from scjax.data.shards import stamp_file
 from scjax.data.workers import WorkerPool
 from scjax.language.attributes.table import ATTRIBUTES, check_measurements, measure_attributes
 from scjax.scene.document import parse_document
@@ -30,6 +31,9 @@ FORMAT = 1
 
 class MeasuredRecords:
     """The measured attributes of one split.
+
+    Attributes:
+      sha256: of the file.
 
     Raises:
       ValueError: there are none, they belong to other records or another table of attributes, or the file is damaged.
@@ -47,6 +51,7 @@ class MeasuredRecords:
         if len(self._lines) != expected:
             more = "more" if len(self._lines) > expected else "fewer"
             raise ValueError(f"{self._path} has {more} lines than there are records, {expected}: {self._cure}")
+        self.sha256 = stamp_file(self._path).sha256
 
     def __len__(self) -> int:
         """Number of records."""

@@ -174,11 +174,12 @@ class DenoiserObjective:
 
     @property
     def inputs(self) -> dict[str, str]:
-        """Hashes of the records, their captions, the frozen autoencoder, and the parameters to begin with."""
+        """Hashes of the records, captions, attributes, the frozen autoencoder, and the parameters to begin with."""
         captions = {} if self.texts is None else {"captions": captions_hash(self.records, self.texts.encoder)}
+        measured = {} if self.measurements is None else {"attributes": self.measurements.sha256}
         start = {"init_from": params_hash(self.init_params)} if self.init_params else {}
         base = model_hash(self.base, "autoencoder")
-        return {"records": self.manifest["hash"], "autoencoder": base, **captions, **start}
+        return {"records": self.manifest["hash"], "autoencoder": base, **captions, **measured, **start}
 
     def init(self, key: Array) -> Params:
         """Fresh parameters, and those of ``config.init_from`` where it has any."""
