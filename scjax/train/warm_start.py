@@ -15,8 +15,24 @@ SHIPPED = "shipped"
 
 
 def load_init_model(init_from: str) -> Model:
-    """The model that ``config.init_from`` names: ``SHIPPED``, or a model folder."""
-    return load_model() if init_from == SHIPPED else load_model(init_from)
+    """The model that ``config.init_from`` names: ``SHIPPED``, or a model folder.
+
+    Raises:
+      ValueError: as ``load_config_model``.
+    """
+    return load_model() if init_from == SHIPPED else load_config_model("init_from", init_from)
+
+
+def load_config_model(field: str, folder: str) -> Model:
+    """The model in a folder that a field of the config names.
+
+    Raises:
+      ValueError: it is no model folder, or a damaged one; names the field.
+    """
+    try:
+        return load_model(folder)
+    except ValueError as error:
+        raise ValueError(f"config.{field}: {error}") from error
 
 
 def warm_start(params: Params, base: Params) -> Params:

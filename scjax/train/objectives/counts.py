@@ -13,8 +13,8 @@ from jaxtyping import Array
 
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
-from scjax.data.loader import Bucket, TrainingExample, validation_scenes
-from scjax.generate.model import Model, load_model
+from scjax.data.loader import Bucket, LoaderConfig, TrainingExample, validation_scenes
+from scjax.generate.model import Model
 from scjax.models.codec import SceneCodec
 from scjax.models.counts.predictor import CountPredictorConfig, count_loss, count_predictor
 from scjax.models.denoiser.context import TextFeatures
@@ -23,6 +23,7 @@ from scjax.nn.functional import Functional, Params, Path
 from scjax.train.objectives.base import PicturePath, Terms, mean_terms
 from scjax.train.objectives.validation_examples import first_captions
 from scjax.train.resume import captions_hash, model_hash
+from scjax.train.warm_start import load_config_model
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,21 +60,22 @@ class CountObjective:
         Raises:
           ValueError: that model reads other texts than the records have.
         """
-        base = load_model(config.denoiser)
+        base = load_config_model("denoiser", config.denoiser)
         texts = TextStore(config.records, "train")
         if base.text_encoder != texts.encoder:
             raise ValueError(
                 f"config.denoiser: {config.denoiser} was trained on {base.text_encoder or 'no text'}, the captions of "
                 f"{config.records} are embedded by {texts.encoder}: give the text-conditioned model of these records"
             )
-        bucket = tuple(config.batch.buckets[-1])
+        loader = LoaderConfig.from_json(config.batch.to_dict())
+        bucket = loader.buckets[-1]
         scenes = validation_scenes(config.records, base.codec, bucket=bucket)
         return cls(
             base=base,
             records=config.records,
             records_hash=load_manifest(config.records)["hash"],
             texts=texts,
-            validation=first_captions(config.records, scenes, config.batch.text_slots),
+            validation=first_captions(config.records, scenes, loader.text_slots),
             model=CountPredictorConfig(text_width=texts.width, domains=len(base.domains), **config.model.to_dict()),
             domain_dropout=config.domain_dropout,
             batch_size=config.batch.batch_size,

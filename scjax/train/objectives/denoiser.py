@@ -23,7 +23,7 @@ from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.conditions import Condition, Stream
-from scjax.generate.model import Model, load_model
+from scjax.generate.model import Model
 from scjax.generate.sample import sample_scenes
 from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
@@ -43,7 +43,7 @@ from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_term
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
 from scjax.train.resume import captions_hash, model_hash, params_hash
-from scjax.train.warm_start import denoiser_base, load_init_model, warm_start
+from scjax.train.warm_start import denoiser_base, load_config_model, load_init_model, warm_start
 from scjax.viz import grid
 
 CONDITIONS = ("none", "text", "image")
@@ -114,7 +114,7 @@ class DenoiserObjective:
             raise ValueError(
                 "config.freeze freezes the parameters of a base model: name its folder in config.init_from"
             )
-        base, manifest = load_model(config.autoencoder), load_manifest(config.records)
+        base, manifest = load_config_model("autoencoder", config.autoencoder), load_manifest(config.records)
         texts = TextStore(config.records, "train") if config.condition == "text" else None
         measurements = MeasuredRecords(config.records, "train") if config.attributes else None
         loader = LoaderConfig.from_json(config.batch.to_dict())
