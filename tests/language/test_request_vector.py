@@ -1,13 +1,21 @@
 import itertools
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from scjax.language.attributes.draw import draw_attributes
-from scjax.language.attributes.table import ATTRIBUTES, check_attributes, measure_attributes, score_attributes
+from scjax.language.attributes.table import (
+    ATTRIBUTES,
+    check_attributes,
+    check_measurements,
+    measure_attributes,
+    score_attributes,
+)
 from scjax.language.attributes.vector import feature_names, readable, request_vector
+from scjax.scene.scene import empty
 from scjax.synthetic.world import make_world
 from tests.factories.synthetic_scenes import scenes_of
 
@@ -61,6 +69,13 @@ def test_features_that_a_model_does_not_have_are_left_out():
 def test_an_unknown_value_is_refused():
     with pytest.raises(ValueError, match="layout has no value 'X'"):
         _vector(layout="X")
+
+
+def test_measurements_of_a_scene_without_lanes_are_read_and_nothing_is_asked_of_its_road():
+    measured = measure_attributes(empty(1, 0))
+    assert check_measurements(msgspec.json.decode(msgspec.json.encode(measured))) == measured
+    rng = np.random.default_rng(0)
+    assert not any("one_way" in draw_attributes(measured, rng) for _ in range(100))
 
 
 def test_scenes_fulfill_the_requests_that_are_drawn_from_them():

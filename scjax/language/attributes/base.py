@@ -92,7 +92,7 @@ class Attribute:
         Raises:
           ValueError: it is none of this attribute.
         """
-        if self.kind == "flag" and isinstance(value, bool):
+        if self.kind == "flag" and (value is None or isinstance(value, bool)):  # None: nothing to measure
             return value
         is_count = self.kind == "range" and not self.unit
         if self.kind == "range" and (value is None or (_is_number(value) and value >= 0)):
