@@ -164,12 +164,25 @@ def _captions(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
                 return f"facts: {fault}"
         return None
 
+    yield from _lines(rng, fixtures, name, lines, (50, 50), read, check)
+
+
+def _lines(
+    rng: np.random.Generator,
+    fixtures: Path,
+    name: str,
+    lines: list[bytes],
+    numbers: tuple[int, int],
+    read: Callable[[Path], Any],
+    check: Callable[[Any], str | None],
+) -> Iterator[Case]:
+    """A file of packed lines, damaged in its first two lines and as a whole; ``numbers`` of inputs for each."""
     yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
     for k in (0, 1):
-        for text, data in damage_json.documents(rng, json.loads(lines[k]), 50):
+        for text, data in damage_json.documents(rng, json.loads(lines[k]), numbers[0]):
             content = b"\n".join([*lines[:k], data, *lines[k + 1 :]]) + b"\n"
             yield _folder_case(f"line {k}: {text}", fixtures, name, gzip.compress(content, 1, mtime=0), read, check)
-    for text, data in damage_bytes.gzips(rng, b"\n".join(lines) + b"\n", 50):
+    for text, data in damage_bytes.gzips(rng, b"\n".join(lines) + b"\n", numbers[1]):
         yield _folder_case(text, fixtures, name, data, read, check)
 
 
@@ -220,13 +233,7 @@ def measurements(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
                 return f"{key} is {value!r:.60}"
         return None
 
-    yield _folder_case(SOUND, fixtures, "extra.txt", b"", read, check)
-    for k in (0, 1):
-        for text, data in damage_json.documents(rng, json.loads(lines[k]), 60):
-            content = b"\n".join([*lines[:k], data, *lines[k + 1 :]]) + b"\n"
-            yield _folder_case(f"line {k}: {text}", fixtures, name, gzip.compress(content, 1, mtime=0), read, check)
-    for text, data in damage_bytes.gzips(rng, b"\n".join(lines) + b"\n", 40):
-        yield _folder_case(text, fixtures, name, data, read, check)
+    yield from _lines(rng, fixtures, name, lines, (60, 40), read, check)
 
 
 def copy_fixture(source: Path, folder: Path) -> None:

@@ -1,12 +1,13 @@
 """Do scenes show the attributes that are requested? One row per source of scenes, one column per kind of attribute.
 
     python -m experiments.studies.attribute_adherence --model=runs/base/denoiser/model --records=runs/base/records \\
-        --out=docs/results/attribute_adherence --scenes=runs/asked
+        --out=docs/results/attribute_adherence --scenes=runs/adherence
 
 Requests are drawn from held-out records, which fulfill them. Rows: raw single samples at each guidance scale,
 whose numbers of lanes and agents are those of the record; the same without the request; and the record itself. Nothing
 chooses among samples. They are judged by scjax.language, which also made the requests. With --scenes the scenes of the
-first scale are written as FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for a judge that is independent of scjax.
+first scale are written as FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for the judge of the shared prompts, which is
+independent of scjax. It knows fewer attributes; the others are left out of that file.
 
 Writes OUT.md and OUT.json.
 """
@@ -34,7 +35,8 @@ from scjax.scene import Scene
 from scjax.scene.files import write_text
 from scjax.scene.io import save_npz
 
-_MOST_ASKED = 8  # attributes of a request
+_NOT_JUDGED = ("not_layout", "ego_manoeuvre", "ego_lane", "ego_lane_index", "where", "compare")
+_MOST_REQUESTED = 8  # attributes of a request
 
 
 class Requested(NamedTuple):
@@ -54,7 +56,7 @@ def held_out_requests(folder: str, model: scjax.Model, number: int, seed: int) -
     rng, found = np.random.default_rng(seed), []
     for row in map(int, rng.permutation(len(measured))[:number]):
         request: dict[str, Any] = {}
-        while not 1 <= len(request) <= _MOST_ASKED:
+        while not 1 <= len(request) <= _MOST_REQUESTED:
             request = draw_attributes(measured[row], rng)
         found.append(Requested(request, model.codec.select(records.sample_scene(records.read_record(stored, row)))))
     return found
@@ -65,7 +67,7 @@ def measure_shown(scenes: Sequence[Scene], requested: Sequence[Requested]) -> di
     requests, shown, full = Counter(), Counter(), 0
     for scene, (request, _) in zip(scenes, requested, strict=True):
         misses = score_attributes(scene, request).misses
-        requests.update(request)
+        requests.update(request.keys())
         shown.update(request.keys() - misses.keys())
         full += not misses
     return {"attributes": {name: (shown[name], requests[name]) for name in requests}, "all": (full, len(requested))}
@@ -114,8 +116,9 @@ def _write_for_judge(folder: Path, scenes: Sequence[Scene], requested: Sequence[
     for number, (scene, one) in enumerate(zip(scenes, requested, strict=True)):
         name = f"r{number:04d}"
         (folder / name).mkdir(parents=True, exist_ok=True)
-        save_npz(folder / name / "0.npz", scene)
-        lines.append(json.dumps({"id": name, "style": "attributes", "prompt": "", "asks": one.request}) + "\n")
+        save_npz(scene, folder / name / "0.npz")
+        request = {key: value for key, value in one.request.items() if key not in _NOT_JUDGED}
+        lines.append(json.dumps({"id": name, "style": "attributes", "prompt": "", "asks": request}) + "\n")
     write_text(folder / "requests.jsonl", "".join(lines))
 
 

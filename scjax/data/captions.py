@@ -8,7 +8,6 @@ it belongs to.
 from __future__ import annotations
 
 import functools
-import gzip
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,19 +15,15 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from msgspec import Meta, Struct
-from tqdm import tqdm
 
-from scjax.data import records
 from scjax.data.manifest import load_manifest
-from scjax.data.packed_lines import read_lines
+from scjax.data.packed_lines import read_lines, write_lines
 from scjax.data.ranges import check_number, check_seed, check_workers
-from scjax.data.record_folder import locked_records
-from scjax.data.workers import WorkerPool
+from scjax.data.records import SceneRecord, sample_scene
 from scjax.language.attributes.table import check_attributes, measure_attributes
 from scjax.language.facts import Facts, extract_facts
 from scjax.language.grammar.compose import Composition, compose
 from scjax.scene.document import parse_document
-from scjax.scene.files import whole_file
 
 FORMAT = 3
 _MAX_TEXTS = 1000
@@ -70,30 +65,19 @@ def add_captions(
     check_number("texts", texts, 1, _MAX_TEXTS, f"write at least one text, {_MAX_TEXTS} at most")
     check_seed(seed)
     check_workers(workers)
-    folder, counts = Path(folder), {}
-    load_manifest(folder)  # a folder without one stays untouched
-    with locked_records(folder):
-        manifest = load_manifest(folder)
-        for split, entry in manifest["splits"].items():
-            if not entry["records"]:
-                continue
-            head = {"format": FORMAT, "records": manifest["hash"], "seed": seed}
-            caption = functools.partial(_caption_line, folder, split, manifest["hash"], texts, seed)
-            rows, label = range(entry["records"]), f"captions of {split}"
-            with whole_file(captions_path(folder, split)) as file, WorkerPool(workers, chunk_size=32) as run:
-                lines = tqdm(run(caption, rows), label, total=len(rows), unit="record", disable=not progress)
-                # Without name and time in the head, equal captions are equal bytes.
-                with gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed:
-                    packed.write(f"{json.dumps(head)}\n".encode())
-                    packed.writelines(line.encode() for line in lines)
-            counts[split] = len(rows)
-    return counts
+
+    def head_of(manifest: dict[str, Any]) -> bytes:
+        return json.dumps({"format": FORMAT, "records": manifest["hash"], "seed": seed}).encode()
+
+    caption = functools.partial(_caption_line, texts, seed)
+    return write_lines(
+        Path(folder), captions_path, head_of, caption, label="captions", workers=workers, progress=progress
+    )
 
 
-def _caption_line(folder: Path, split: str, records_hash: str, texts: int, seed: int, row: int) -> str:
+def _caption_line(texts: int, seed: int, record: SceneRecord, row: int) -> bytes:
     """The line of one record in the captions file."""
-    record = records.read_record(_open_records(folder, split, records_hash), row)
-    scene = records.sample_scene(record)
+    scene = sample_scene(record)
     measured, rng = measure_attributes(scene), np.random.default_rng([seed, row])
     compositions = [compose(measured, rng) for _ in range(texts)]
     captions = [
@@ -101,14 +85,7 @@ def _caption_line(folder: Path, split: str, records_hash: str, texts: int, seed:
         for composition in compositions
     ]
     content = {"facts": extract_facts(scene).to_json(), "captions": captions}
-    return json.dumps(content, ensure_ascii=False) + "\n"
-
-
-@functools.lru_cache(1)
-def _open_records(folder: Path, split: str, records_hash: str):
-    """The records of a split, opened once per process; the hash distinguishes records that were built again."""
-    del records_hash
-    return records.open_records(folder, split)
+    return json.dumps(content, ensure_ascii=False).encode()
 
 
 class _Head(Struct):

@@ -43,7 +43,7 @@ class TrainingExample(Replaceable):
       scene: in the crop and token order of the stream.
       index: number of the example in the stream, from which training draws its noise; None outside of streams.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
-      attributes: features of a request that the scene fulfills, or None; zeros where nothing is asked.
+      attributes: features of a request that the scene fulfills, or None; zeros where nothing is requested.
       image, depth: semantic classes and depth as a camera sees them (``scjax.camera.raycast``), or None; zeros where
         ``has_image`` is False, i.e. in windows that are not ahead of the ego.
     """

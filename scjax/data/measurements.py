@@ -6,25 +6,19 @@ window.
 
 from __future__ import annotations
 
-import functools
-import gzip
 import itertools
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from tqdm import tqdm
 
-from scjax.data import records
 from scjax.data.manifest import load_manifest
-from scjax.data.packed_lines import read_lines
+from scjax.data.packed_lines import read_lines, write_lines
 from scjax.data.ranges import check_workers
-from scjax.data.record_folder import locked_records
+from scjax.data.records import SceneRecord, sample_scene
 from scjax.data.shards import stamp_file
-from scjax.data.workers import WorkerPool
 from scjax.language.attributes.table import ATTRIBUTES, check_measurements, measure_attributes
 from scjax.scene.document import parse_document
-from scjax.scene.files import whole_file
 
 FORMAT = 1
 
@@ -82,25 +76,15 @@ def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = Tr
       OSError: a file cannot be written; names it.
     """
     check_workers(workers)
-    folder, counts = Path(folder), {}
-    load_manifest(folder)  # a folder without one stays untouched
-    with locked_records(folder):
-        manifest = load_manifest(folder)
-        for split, entry in manifest["splits"].items():
-            rows = range(entry["records"])
-            if not rows:
-                continue
-            measure = functools.partial(_measured_line, folder, split, manifest["hash"])
-            with whole_file(measurements_path(folder, split)) as file, WorkerPool(workers, chunk_size=32) as run:
-                lines = tqdm(
-                    run(measure, rows), f"attributes of {split}", len(rows), unit="record", disable=not progress
-                )
-                # Without name and time in the head, equal content is equal bytes.
-                with gzip.GzipFile("", "wb", fileobj=file, mtime=0) as packed:
-                    packed.write(msgspec.json.encode(_head(manifest)) + b"\n")
-                    packed.writelines(lines)
-            counts[split] = len(rows)
-    return counts
+    return write_lines(
+        Path(folder),
+        measurements_path,
+        lambda manifest: msgspec.json.encode(_head(manifest)),
+        _measured_line,
+        label="attributes",
+        workers=workers,
+        progress=progress,
+    )
 
 
 def measurements_path(folder: Path, split: str) -> Path:
@@ -120,13 +104,6 @@ def _head(manifest: dict[str, Any]) -> _Head:
     return _Head(FORMAT, manifest["hash"], list(ATTRIBUTES))
 
 
-def _measured_line(folder: Path, split: str, records_hash: str, row: int) -> bytes:
-    record = records.read_record(_open_records(folder, split, records_hash), row)
-    return msgspec.json.encode(measure_attributes(records.sample_scene(record))) + b"\n"
-
-
-@functools.lru_cache(1)
-def _open_records(folder: Path, split: str, records_hash: str):
-    """The records of a split, opened once per process; the hash distinguishes records that were built again."""
-    del records_hash
-    return records.open_records(folder, split)
+def _measured_line(record: SceneRecord, row: int) -> bytes:
+    del row
+    return msgspec.json.encode(measure_attributes(sample_scene(record)))

@@ -29,7 +29,7 @@ class Branch(Replaceable):
 
     Attributes:
       label: rows of the label table.
-      attributes: features of requests; None: nothing is asked.
+      attributes: features of requests; None: nothing is requested.
       cache: of the condition (``Denoiser.encode_condition``); None: no condition.
       modulation: AdaLN chunks at all times of a sampler [B, S, ...]; None: the network computes them in every step.
     """
@@ -79,7 +79,7 @@ def prepare_denoiser_inputs(
       times: all times of the sampler [S], ascending.
       guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
-      attributes: features of requests [B, features]; None: nothing is asked.
+      attributes: features of requests [B, features]; None: nothing is requested.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
       max_precomputed: limit on precomputed modulation values; above it, every step computes its own modulation.

@@ -50,15 +50,15 @@ def test_batches_carry_requests_except_for_forward_windows(measured):
     config = LoaderConfig(batch_size=4, buckets=((61, 100),), crops=(1.0, 0.0, 1.0))
     read = MeasuredRecords(measured, "train")
     batches = training_batches(measured, scjax(), config, measurements=read)
-    asked, forward = [], []
+    requested, forward = [], []
     for _ in range(5):
         batch = next(batches)
         assert batch.attributes.shape == (4, len(feature_names())) and batch.attributes.dtype == np.float32
-        asked.append(batch.attributes.any(1))
+        requested.append(batch.attributes.any(1))
         forward.append(np.asarray(batch.scene.crop) == Crop.FORWARD)
-    asked, forward = np.concatenate(asked), np.concatenate(forward)
-    assert forward.any() and not asked[forward].any()
-    assert asked[~forward].mean() > 0.5
+    requested, forward = np.concatenate(requested), np.concatenate(forward)
+    assert forward.any() and not requested[forward].any()
+    assert requested[~forward].mean() > 0.5
 
 
 def test_batches_resume_with_the_same_requests(measured):

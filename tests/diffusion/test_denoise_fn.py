@@ -154,9 +154,9 @@ def test_guidance_leads_away_from_a_request_for_nothing():
         return denoise(z, jnp.full(2, 40)).lanes
 
     run = golden.jit(evaluate)
-    asked, nothing = jnp.asarray([[1.0, 0.0], [0.0, 0.7]]), jnp.zeros((2, 2))
-    np.testing.assert_array_equal(run(asked, 0.0), run(nothing, 0.0))
-    assert (np.abs(run(asked, 1.0) - run(nothing, 1.0)).max((1, 2)) > 1e-3).all()
+    requests, nothing = jnp.asarray([[1.0, 0.0], [0.0, 0.7]]), jnp.zeros((2, 2))
+    np.testing.assert_array_equal(run(requests, 0.0), run(nothing, 0.0))
+    assert (np.abs(run(requests, 1.0) - run(nothing, 1.0)).max((1, 2)) > 1e-3).all()
 
 
 def test_modulation_above_the_limit_is_not_precomputed():

@@ -79,7 +79,7 @@ def test_losses_depend_on_scene_and_seed(image_requests):
 def test_losses_depend_on_the_condition(image_requests):
     model = tiny_model(condition=ImageCondition(len(CLASSES), GRID, patch=1))
     own, shuffled = (
-        denoising_losses(model, image_requests.references, conditions, 3)
+        denoising_losses(model, image_requests.references, conditions, 5)
         for conditions in (image_requests.own, image_requests.shuffled)
     )
-    assert (own != shuffled).mean() > 0.5  # of an untrained model; the effect may be below the rounding
+    assert (own != shuffled).all()

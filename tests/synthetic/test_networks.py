@@ -89,7 +89,7 @@ def test_turn_curve_is_an_arc_between_straight_ends(angle):
     center = np.array([STRAIGHT_END - reach, np.sign(angle) * radius])
     arc = cumulative_length(curve)
     on_arc = curve[(arc > STRAIGHT_END + 0.5) & (arc < arc[-1] - STRAIGHT_END - 0.5)]
-    np.testing.assert_allclose(np.hypot(*(on_arc - center).T), radius, atol=0.06)
+    np.testing.assert_allclose(np.hypot(*(on_arc - center).T), radius, atol=0.05)
     assert (np.diff(cumulative_length(curve)) > 0.5).all()
 
 

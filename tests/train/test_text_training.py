@@ -27,8 +27,7 @@ from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
 from scjax.data.loader import batch_of
 from scjax.data.measurements import measure_records
-from scjax.language.attributes.table import ATTRIBUTES
-from scjax.language.attributes.vector import readable
+from scjax.language.attributes.vector import feature_names
 from scjax.language.prompt_parser import PromptSpec
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
@@ -98,7 +97,7 @@ def test_freeze_keeps_the_base_parameters(folder, text_model):
 
 def test_a_model_reads_text_and_attributes_together(text_model):
     """Three steps have hardly moved the new parameters, so that they are moved here."""
-    assert readable(text_model.denoiser.config.attributes) == frozenset(ATTRIBUTES)
+    assert text_model.denoiser.config.attributes == feature_names()
     params = dict(text_model.denoiser.params)
     params["attributes"] = jax.tree.map(lambda leaf: leaf + 0.3, params["attributes"])
     model = text_model.with_component("denoiser", text_model.denoiser.config, params)
@@ -108,9 +107,9 @@ def test_a_model_reads_text_and_attributes_together(text_model):
         condition = scjax.Condition(num_lanes=6, num_agents=3, domain=0, streams=text, attributes=request)
         return scjax.sample(0, condition, model=model, num_steps=2).lanes
 
-    plain, asked = lanes(), lanes(layout="T", vehicles=2)
+    plain, requested = lanes(), lanes(layout="T", vehicles=2)
     np.testing.assert_array_equal(lanes(vehicles=(0, None)), plain)
-    assert np.abs(asked - plain).max() > 0.1
+    assert np.abs(requested - plain).max() > 0.1
 
 
 @pytest.fixture(scope="module")

@@ -26,9 +26,8 @@ from scjax.cli.data.towns import data_towns
 def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
-    Training on text needs records (build or synthetic), then caption, then embed; training on attributes needs
-    attributes. scenes writes what records hold as
-    files, logs the motion of synthetic worlds.
+    All trainings need records: build, synthetic or towns. One on text also needs caption, then embed; one on attributes
+    needs attributes. scenes writes what records hold as files, logs the motion of synthetic worlds and towns.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
     were skipped (listed on stderr and in manifest.json); 130 interrupted.

@@ -53,7 +53,7 @@ def _draw_value(attribute: Attribute, measured: Any, rng: np.random.Generator) -
 def _draw_bounds(attribute: Attribute, measured: int | float | None, rng: np.random.Generator) -> Bounds | None:
     low, high = attribute.limits
     if measured is None:
-        return (int(rng.integers(low, 40)), None) if attribute.open_without else None
+        return (int(rng.integers(low + 1, 40)), None) if attribute.open_without else None
     kind, is_count = rng.random(), not attribute.unit
     if not low <= measured <= high:
         return None
@@ -65,5 +65,5 @@ def _draw_bounds(attribute: Attribute, measured: int | float | None, rng: np.ran
         below = above = 1.0 if is_count else loose / 4
     least, most = max(low, int(np.floor(measured - below))), min(high, int(np.ceil(measured + above)))
     if kind < _EXACT + _NEAR + _OPEN:
-        return (least, None) if rng.random() < 0.6 else (low, most)
-    return least, most
+        least, most = (least, None) if rng.random() < 0.6 else (low, most)
+    return None if least == low and most in (None, high) else (least, most)  # that would request nothing

@@ -1,7 +1,7 @@
-"""Requests as vectors of numbers in 0..1, one number for each named feature; what is not asked for is all zeros.
+"""Requests as vectors of numbers in 0..1, one number for each named feature; what is not requested is all zeros.
 
 A value of a choice, flag or set is one feature. A range is a thermometer: ``vehicles>=3`` is 1 where at least three or
-more are asked for, ``vehicles<=3`` where three or fewer are; between two levels the number grows in a straight line. So
+more are requested, ``vehicles<=3`` where three or fewer are; between two levels the number grows in a straight line. So
 an open end and no request are both zero, and equal requests are equal vectors.
 """
 
@@ -27,7 +27,7 @@ def feature_names() -> tuple[str, ...]:
 
 
 def request_vector(request: Mapping[str, Any], names: Sequence[str]) -> Float[np.ndarray, " names"]:
-    """A request as float32 values of the features ``names``; what it asks beyond them is left out.
+    """A request as float32 values of the features ``names``; what it requests beyond them is left out.
 
     Raises:
       ValueError: as ``check_attributes``.
@@ -36,12 +36,6 @@ def request_vector(request: Mapping[str, Any], names: Sequence[str]) -> Float[np
     for name, value in check_attributes(request).items():
         features |= _features(ATTRIBUTES[name], value)
     return np.array([features.get(name, 0.0) for name in names], np.float32)
-
-
-def readable(names: Sequence[str]) -> frozenset[str]:
-    """The attributes all of whose features are among ``names``."""
-    given = frozenset(names)
-    return frozenset(name for name, attribute in ATTRIBUTES.items() if given.issuperset(_names(attribute)))
 
 
 @functools.cache
