@@ -165,7 +165,8 @@ def _case(fixtures: Path, arguments: list[str], flag: str, value: str) -> Case:
     if flag == "PLACE" and not value:
         shown += [".", "is empty"]  # an empty path is the current folder, or is called empty
     named = (flag.strip("-"), flag.strip("-").replace("-", "_"), *shown, *words)
-    named += ("prompt", "workdir", "config") if value == "" or flag == "PLACE" else ()  # what is missing may be named
+    if value == "" or flag == "PLACE":
+        named += ("prompt", "workdir", "config", "records")  # what is missing may be named
     text = " ".join(ascii(word) if len(word) < 60 else f"...{word[-30:]!a}" for word in arguments)
 
     def write(folder: Path) -> None:

@@ -139,9 +139,14 @@ def upgrade(index: dict[str, Any], arrays: dict[str, np.ndarray]) -> tuple[dict[
     Args:
       index: the content of ``model.json``.
       arrays: dotted parameter path -> array.
+
+    Raises:
+      ValueError: a part has another form than its format says.
     """
     if index.get("format", 0) >= FORMAT:
         return index, arrays
+    if "components" in index:
+        raise ValueError(f"format is {index.get('format')!r:.80}, but a model with components has {FORMAT}")
     index = {_PARTS.get(name, name): value for name, value in index.items()}
     for name in (*_COMPONENTS_OF_FORMAT_1, "energy_guidance"):
         if not isinstance(index.get(name), dict | None):

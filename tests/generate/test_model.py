@@ -70,6 +70,10 @@ def test_damage_is_named(tmp_path):
     (folder / "model.json").write_text(json.dumps({**description, "format": 99}))
     with pytest.raises(ValueError, match="format 99"):
         load_model(folder)
+    del description["format"]
+    (folder / "model.json").write_text(json.dumps(description))
+    with pytest.raises(ValueError, match=r"model\.json: format is None, but a model with components has 2"):
+        load_model(folder)
 
 
 def test_the_model_that_ships_is_read_once_and_missed_plainly(tmp_path, monkeypatch):
