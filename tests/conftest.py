@@ -5,12 +5,15 @@ from __future__ import annotations
 import gc
 import json
 import os
+import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import pytest
 from absl import flags
+from filelock import FileLock
 
 flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -101,6 +104,35 @@ def data_dir() -> Path:
 def cases_dir() -> Path:
     """Inputs that failed when the project was tried as a user would."""
     return _folder("SCJAX_CASES_DIR", "cases")
+
+
+def _build_once(tmp_path_factory: pytest.TempPathFactory, name: str, build: Callable[[Path], object]) -> Path:
+    """A folder that the first worker to ask for it builds; all tests of this session read it, and none writes to it."""
+    root = tmp_path_factory.getbasetemp()
+    folder = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / name
+    complete = folder.with_name(f"{name}.complete")
+    with FileLock(f"{folder}.lock"):
+        if not complete.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            build(folder)
+            complete.touch()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def world_records(tmp_path_factory) -> Path:
+    """Records of four synthetic worlds, with both splits; not to be written to."""
+    from tests.factories.worlds import make_records
+
+    return _build_once(tmp_path_factory, "worlds", make_records)
+
+
+@pytest.fixture(scope="session")
+def captioned_records(tmp_path_factory) -> Path:
+    """Captioned, embedded (``Words``) and measured records with both splits; not to be written to."""
+    from tests.factories.studies import save_captioned_records
+
+    return _build_once(tmp_path_factory, "captioned", save_captioned_records)
 
 
 @pytest.fixture

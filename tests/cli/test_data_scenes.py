@@ -13,12 +13,11 @@ from scjax.cli.output import slug
 from scjax.data.build import load_manifest
 from scjax.data.records import decode_record, open_records, read_record, sample_scene
 from scjax.scene.io import load_json, load_npz
-from tests.factories.worlds import make_records
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
-    return make_records(tmp_path_factory.mktemp("world"), worlds=4)
+def records(world_records):
+    return world_records
 
 
 @pytest.fixture

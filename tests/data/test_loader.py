@@ -10,14 +10,13 @@ from scjax.data.token_order import sort_tokens
 from scjax.models.codec import official_nuplan, scjax
 from scjax.scene import AgentType, Crop, Scene, unpadded, validate
 from tests.factories.examples import example_scene
-from tests.factories.worlds import make_records
 
 CONFIG = LoaderConfig(batch_size=4, buckets=((8, 8), (20, 24), (61, 100)), seed=3)
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
-    return make_records(tmp_path_factory.mktemp("world"))
+def records(world_records):
+    return world_records
 
 
 def equal(first: Scene, second: Scene) -> bool:

@@ -18,8 +18,8 @@ ELSEWHERE = [(1, "text", "full"), (0, "image", "full")]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return save_inputs(tmp_path_factory.mktemp("ablation"))
+def folder(tmp_path_factory, captioned_records):
+    return save_inputs(tmp_path_factory.mktemp("ablation"), captioned_records)
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,12 @@ from experiments.studies.ablation.requests import make_requests, pad_texts
 from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Crop
-from tests.factories.studies import save_captioned_records
 from tests.factories.worlds import tiny_model
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
-    return str(save_captioned_records(tmp_path_factory.mktemp("requests") / "records"))
+def records(captioned_records):
+    return str(captioned_records)
 
 
 def text_requests(records, lanes):

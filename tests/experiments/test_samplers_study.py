@@ -12,16 +12,15 @@ from experiments.studies import samplers
 from experiments.studies.samplers import Setting
 from experiments.studies.samplers_report import METRICS
 from scjax.models.denoiser.config import TextCondition
-from tests.factories.studies import save_captioned_records
 from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, captioned_records):
     """Captioned records, and a model that reads their words."""
     folder = tmp_path_factory.mktemp("samplers")
-    save_captioned_records(folder / "records", split_percent=50.0)
+    (folder / "records").symlink_to(captioned_records)
     model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)
     scjax.save(model, folder / "model")
     return folder

@@ -9,13 +9,12 @@ from ml_collections import ConfigDict
 
 import scjax
 from experiments.studies.ablation.config import get_config
-from tests.factories.studies import save_captioned_records
 from tests.factories.worlds import AUTOENCODER, DENOISER, tiny_model
 
 
-def save_inputs(folder: Path) -> Path:
-    """Captioned records with two held-out locations or more, and an autoencoder."""
-    save_captioned_records(folder / "records")
+def save_inputs(folder: Path, records: Path) -> Path:
+    """Captioned records, of two held-out locations or more, and an autoencoder."""
+    (folder / "records").symlink_to(records)
     assert AUTOENCODER.lane_latent == DENOISER.lane_latent
     scjax.save(tiny_model().without("denoiser"), folder / "autoencoder")
     return folder

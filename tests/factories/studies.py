@@ -8,13 +8,14 @@ from scjax.data.build import build_records
 from scjax.data.build_options import BuildOptions
 from scjax.data.caption_features import embed_captions
 from scjax.data.captions import add_captions
+from scjax.data.measurements import measure_records
 from scjax.synthetic.source import Worlds
 from tests.factories.words import Words
 
 
-def save_captioned_records(folder: Path, *, worlds: int = 16, split_percent: float = 40.0) -> Path:
-    """A record folder of ``worlds`` worlds, with both splits; features of ``Words``."""
-    build_records(Worlds(3, worlds), folder, BuildOptions(split_percent=split_percent))
+def save_captioned_records(folder: Path) -> None:
+    """A record folder of eight worlds, with both splits: captions, features of ``Words``, measured attributes."""
+    build_records(Worlds(3, 8), folder, BuildOptions(split_percent=40.0))
     add_captions(folder, texts=3, progress=False)
     embed_captions(folder, Words(), progress=False)
-    return folder
+    measure_records(folder, progress=False)

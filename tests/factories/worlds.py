@@ -37,10 +37,9 @@ AUTOENCODER = AutoencoderConfig.preset(
 DENOISER = DenoiserConfig.preset("tiny", lane_width=8, lane_heads=2, agent_width=8, agent_heads=2, blocks=1, domains=2)
 
 
-def make_records(folder: Path, worlds: int = 6) -> Path:
+def make_records(folder: Path) -> None:
     """A record folder of synthetic worlds, with both splits."""
-    build_records(Worlds(0, worlds), folder / "records", BuildOptions(split_percent=34.0))
-    return folder / "records"
+    build_records(Worlds(0, 4), folder, BuildOptions(split_percent=34.0))
 
 
 @functools.cache

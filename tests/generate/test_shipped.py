@@ -24,7 +24,6 @@ from scjax.models.denoiser.model import denoiser
 from scjax.scene import Crop, stack
 from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
-from tests.factories.worlds import make_records
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +53,10 @@ def test_the_demo_needs_no_encoder(model):
     assert all(np.isfinite(features).all() for features in model.prompts.values())
 
 
-def test_rounded_products_hardly_change_what_a_step_estimates(model, tmp_path):
+def test_rounded_products_hardly_change_what_a_step_estimates(model, world_records):
     """bfloat16 operands, at all levels of noise: what the network returns, and the clean latents that this means."""
     coder, config = autoencoder(model.autoencoder.config), model.denoiser.config
-    tiles = records.open_records(make_records(tmp_path), "train")
+    tiles = records.open_records(world_records, "train")
     scenes = [sort_tokens(records.sample_scene(records.decode_record(tile), Crop.CENTERED))[0] for tile in tiles]
     scenes = [scene for scene in scenes if scene.num_agents <= 16 and scene.num_lanes <= 28][:3]
     tokens = model.codec.normalize(stack(scenes, (16, 28)))

@@ -19,15 +19,15 @@ from scjax.scene import Crop, unpadded, validate
 from scjax.train.loop import train
 from scjax.train.objectives import make_objective
 from tests.factories.small_runs import get_config
-from tests.factories.worlds import make_records, tiny_model
+from tests.factories.worlds import tiny_model
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, world_records):
+    """A folder with records and an autoencoder."""
     folder = tmp_path_factory.mktemp("image")
-    make_records(folder)
-    frozen = tiny_model().without("denoiser")
-    scjax.save(frozen, folder / "autoencoder")
+    (folder / "records").symlink_to(world_records)
+    scjax.save(tiny_model().without("denoiser"), folder / "autoencoder")
     return folder
 
 

@@ -1,4 +1,4 @@
-"""Prompts end to end: an unconditional base, its condition blocks on captions, counts; then scenes for a prompt."""
+"""Prompts end to end: condition blocks on captions for an unconditional base, counts; then scenes for a prompt."""
 
 from __future__ import annotations
 
@@ -21,18 +21,13 @@ from experiments.studies.collision_x_counts import measure as two_by_two
 from experiments.studies.prompt_adherence import markdown, measure
 from experiments.studies.prompts import held_out_prompts
 from scjax.cli.demo import PROMPTS
-from scjax.data.build import build_records
-from scjax.data.build_options import BuildOptions
-from scjax.data.caption_features import embed_captions
-from scjax.data.captions import add_captions
 from scjax.data.loader import batch_of
-from scjax.data.measurements import measure_records
+from scjax.data.manifest import load_manifest
 from scjax.language.attributes.vector import feature_names
 from scjax.language.prompt_parser import PromptSpec
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
 from scjax.nn.functional import flatten
-from scjax.synthetic.source import Worlds
 from scjax.train.loop import train
 from scjax.train.objectives import make_objective
 from scjax.train.objectives.validation_examples import validation_examples
@@ -42,17 +37,15 @@ from tests.factories.worlds import tiny_model
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, captioned_records):
     """Captioned and embedded records, and models of both stages before text."""
     folder = tmp_path_factory.mktemp("text")
-    build_records(Worlds(2, 14), folder / "records", BuildOptions(split_percent=30.0))
-    add_captions(folder / "records", texts=3, progress=False)
-    embed_captions(folder / "records", Words(), progress=False)
-    measure_records(folder / "records", progress=False)
-    config = configured("denoiser", folder)
-    model = dataclasses.replace(tiny_model(), domains=("city", "suburb"))
-    scjax.save(model.without("denoiser"), folder / "autoencoder")
-    train(config, folder / "base")
+    (folder / "records").symlink_to(captioned_records)
+    domains = tuple(load_manifest(captioned_records)["domains"])
+    base = tiny_model(domains=len(domains))  # without position heads: the training with text fits them
+    base = dataclasses.replace(base, domains=domains, counts=None)
+    scjax.save(base.without("denoiser"), folder / "autoencoder")
+    scjax.save(base, folder / "base")
     return folder
 
 
@@ -68,7 +61,7 @@ def configured(objective: str, folder):
 @pytest.fixture(scope="module")
 def text_model(folder):
     config = configured("denoiser", folder)
-    config.condition, config.init_from, config.freeze = "text", str(folder / "base" / "model"), True
+    config.condition, config.init_from, config.freeze = "text", str(folder / "base"), True
     config.attributes = True
     config.loss.collision, config.loss.connections, config.loss.lateral_offsets = 0.1, 0.3, 0.1
     config.cross_attention, config.cross_attention_options.windowed.window = "windowed", 4
@@ -87,7 +80,7 @@ def test_validation_examples_are_cut_to_the_bucket(folder, condition):
 
 
 def test_freeze_keeps_the_base_parameters(folder, text_model):
-    base = flatten(scjax.load(folder / "base" / "model").denoiser.params)
+    base = flatten(scjax.load(folder / "base").denoiser.params)
     text = flatten(text_model.denoiser.params)
     assert all(np.array_equal(text[path], value) for path, value in base.items())
     assert any("context" in path for path in text.keys() - base.keys())
@@ -279,7 +272,7 @@ def test_denoiser_objective_needs_a_base_with_a_denoiser(folder):
 
 def test_count_objective_needs_a_text_model(folder):
     config = configured("counts", folder)
-    config.denoiser = str(folder / "base" / "model")
+    config.denoiser = str(folder / "base")
     with pytest.raises(ValueError, match="was trained on no text"):
         make_objective(config)
 

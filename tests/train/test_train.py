@@ -22,7 +22,6 @@ from scjax.train.launch import config_path, main, parse_arguments
 from scjax.train.loop import train
 from scjax.train.objectives.autoencoder import AutoencoderObjective
 from tests.factories.small_runs import get_config
-from tests.factories.worlds import make_records
 
 # ml_collections loads config files by a method that Python 3.12 drops.
 reads_config_files = pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")
@@ -30,8 +29,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory):
-    return make_records(tmp_path_factory.mktemp("world"), worlds=4)
+def records(world_records):
+    return world_records
 
 
 @pytest.fixture(scope="module")

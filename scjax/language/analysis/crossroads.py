@@ -79,16 +79,36 @@ def find_crossroads(
     for row, parting in enumerate(turns, len(crossings.lanes)):
         members[row, list(parting.branches)] = True
     members &= np.abs(lines.turn) > _CONNECTOR_TURN
-    connects = (members & (lines.length < _CONNECTOR_LENGTH)).astype(np.float32)
-    offset = points[:, None] - points[None]
-    near = (np.hypot(offset[..., 0], offset[..., 1]) < _CLUSTER_DISTANCE) & (np.abs(offset[..., 2]) < MAX_LEVEL)
-    near |= connects @ connects.T > 0
-    labels = _components(near)
+    labels = _cluster(points, members & (lines.length < _CONNECTOR_LENGTH))
     found = [
         _crossroad(lines, points[labels == label, :2], members[labels == label].any(0), window)
         for label in np.unique(labels)
     ]
     return sorted((item for item in found if len(item.arms) >= 3), key=lambda item: float(np.hypot(*item.center)))
+
+
+def _cluster(points: np.ndarray, connectors: np.ndarray) -> np.ndarray:
+    """Labels of junctions, in the order of their first points: neighbors, and points that a connector joins.
+
+    The scenes of an untrained model have thousands of points, so that no array holds all pairs.
+
+    Args:
+      points: [points, 3].
+      connectors: [points, lanes], the short lanes that turn at a point.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    reach = _CLUSTER_DISTANCE * (1 + 1e-9)  # what rounding adds is left out below
+    one, other = KDTree(points[:, :2]).query_pairs(reach, output_type="ndarray").T
+    offset = points[one] - points[other]
+    near = (np.hypot(offset[:, 0], offset[:, 1]) < _CLUSTER_DISTANCE) & (np.abs(offset[:, 2]) < MAX_LEVEL)
+    point, lane = np.nonzero(connectors)
+    rows, columns = np.concatenate([one[near], point]), np.concatenate([other[near], len(points) + lane])
+    size = sum(connectors.shape)
+    graph = coo_array((np.ones(len(rows), bool), (rows, columns)), (size, size))
+    return connected_components(graph, directed=False)[1][: len(points)]
 
 
 def _components(near: np.ndarray) -> np.ndarray:
@@ -107,12 +127,14 @@ def _crossroad(
     lines: LaneLines, points: np.ndarray, connectors: np.ndarray, window: tuple[float, float, float, float]
 ) -> Crossroad:
     """The junction at ``points``, which extends over the bends of its connectors [lanes]."""
+    from scipy.spatial import KDTree
+
     headings, real = lines.headings[connectors], lines.real[connectors]
     from_start, to_end = (np.abs(wrap_to_pi(headings - headings[:, column, None])) for column in (0, -1))
     bent = real & (from_start > _STRAIGHT) & (to_end > _STRAIGHT)
     bends = lines.points[connectors][bent][:, :2]
-    offset = bends[:, None] - points[None]
-    bends = bends[np.hypot(offset[..., 0], offset[..., 1]).min(1) < _MAX_EXTENT]
+    offset = bends - points[KDTree(points).query(bends)[1]]
+    bends = bends[np.hypot(offset[:, 0], offset[:, 1]) < _MAX_EXTENT]
     extent = np.concatenate([points, bends])
     center = (extent.min(0) + extent.max(0)) / 2
     radius = float(np.hypot(*(extent - center).T).max())
