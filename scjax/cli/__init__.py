@@ -17,6 +17,7 @@ from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, plot_command, schema
+from scjax.cli.read import read_command
 from scjax.cli.train import train_command
 
 
@@ -37,7 +38,10 @@ def cli() -> None:
 DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
-for command in (demo, generate, evaluate, caption, attributes_command, plot_command, data, train_command, info, schema):
+for command in (
+    *(demo, generate, read_command, evaluate, caption, attributes_command, plot_command),
+    *(data, train_command, info, schema),
+):
     cli.add_command(command)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
@@ -120,6 +121,19 @@ def bert_table_shapes(config: BertConfig) -> dict[str, tuple[int, ...]]:
         "embeddings.token_type_embeddings.weight": (config.type_vocab_size, width),
         "encoder.layer.0.intermediate.dense.weight": (config.intermediate_size, width),
     }
+
+
+def first_layers(config: Any, state: Mapping[str, np.ndarray], number: int) -> tuple[BertConfig, dict[str, np.ndarray]]:
+    """The config and the arrays of the first layers of a BERT.
+
+    Raises:
+      ValueError: the network is no BERT, or has fewer layers.
+    """
+    if not isinstance(config, BertConfig) or not 1 <= number <= config.num_hidden_layers:
+        raise ValueError(f"it has no {number} layers of a BERT")
+    rest = tuple(f"encoder.layer.{k}." for k in range(number, config.num_hidden_layers))
+    kept = {name: array for name, array in state.items() if not name.startswith(rest)}
+    return dataclasses.replace(config, num_hidden_layers=number), kept
 
 
 def bert_weight_rules(config: BertConfig) -> Rules:

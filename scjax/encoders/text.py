@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from scjax.encoders import bert, t5
 from scjax.encoders.base import CONFIG_FILE, TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
+from scjax.encoders.bert import first_layers
 from scjax.encoders.minilm import MINILM
 from scjax.encoders.package import EncoderPackage
 from scjax.encoders.weights import check_weights, read_weights
@@ -76,6 +77,10 @@ class FrozenTextEncoder:
                 results[i] = TokenFeatures(features[row, : len(encoded[i].ids)], tuple(encoded[i].tokens))
         return [results[i] for i in range(len(encoded))]
 
+    def spans(self, text: str) -> list[tuple[int, int]]:
+        """Start and end of every token in ``clean_text(text)``; a special token is nowhere, from 0 to 0."""
+        return list(self._encode(text).offsets)
+
     def is_cut(self, text: str) -> bool:
         """Whether ``text`` has more tokens than the encoder reads."""
         return bool(self._encode(text).overflowing)
@@ -93,12 +98,15 @@ class FrozenTextEncoder:
         return encoded
 
 
-def load_text_encoder(source: str | Path | EncoderPackage | None = None, *, progress: bool = True) -> FrozenTextEncoder:
+def load_text_encoder(
+    source: str | Path | EncoderPackage | None = None, *, layers: int | None = None, progress: bool = True
+) -> FrozenTextEncoder:
     """The encoder in a folder or in a package; by default all-MiniLM-L6-v2.
 
     Args:
       source: a package, or a folder that holds config.json, tokenizer.json and model.safetensors (or its shards and
         their index). Its model type is one of ``NETWORKS``.
+      layers: how many layers of a BERT are used, the first ones; None: all.
       progress: whether a bar shows a download.
 
     Raises:
@@ -106,11 +114,11 @@ def load_text_encoder(source: str | Path | EncoderPackage | None = None, *, prog
     """
     source = MINILM if source is None else source
     folder = source.find(progress=progress) if isinstance(source, EncoderPackage) else Path(source)
-    return _load(folder.resolve())
+    return _load(folder.resolve(), layers)
 
 
 @functools.lru_cache(maxsize=2)
-def _load(folder: Path) -> FrozenTextEncoder:
+def _load(folder: Path, layers: int | None) -> FrozenTextEncoder:
     content = read_json_object(folder / CONFIG_FILE)
     model_type = content.get("model_type")
     if not isinstance(model_type, str) or model_type not in NETWORKS:
@@ -122,6 +130,8 @@ def _load(folder: Path) -> FrozenTextEncoder:
     try:
         config = network.read_config(content)
         state = {name.removeprefix(network.prefix): array for name, array in read_weights(folder).items()}
+        if layers is not None:
+            config, state = first_layers(config, state, layers)
         rules = network.weight_rules(config)
         check_weights(state, rules, network.table_shapes(config))
         expected = pure_functions(network, config).shapes()

@@ -1,0 +1,194 @@
+"""Trains the reader of prompts on texts of the grammar, each with the request that it makes.
+
+    nice -n 15 python -m experiments.train_reader runs/reader
+
+Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. The same command
+continues where it was stopped. runs/reader/model is the trained reader, also after every evaluation.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from tqdm import tqdm
+
+from experiments.studies.page import script_parser
+from scjax.encoders.e5 import E5
+from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
+from scjax.generate.prompt_reader import ENCODER_LAYERS, reader_config, save_reader, token_inputs
+from scjax.language.grammar.compose import compose_freely
+from scjax.language.reader.numbers import token_numbers
+from scjax.language.reader.targets import Targets, is_set, read_outputs, request_targets, value_mask
+from scjax.models.reader import ReaderConfig, reader_network
+from scjax.nn.functional import Params
+from scjax.scene.files import part_path
+from scjax.train.optimizer import adamw
+
+_PART = 256  # texts that are encoded together
+_BATCH = 32
+
+
+class Texts(NamedTuple):
+    """Encoded texts.
+
+    Attributes:
+      features: float16 token features of all texts, one text after the other.
+      starts: first token of every text, and the end.
+      numbers: number of every token.
+      targets, requests: of the texts.
+      held_back: number of texts, the first ones, that are not trained on.
+    """
+
+    features: np.ndarray
+    starts: np.ndarray
+    numbers: list[np.ndarray]
+    targets: list[Targets]
+    requests: list[dict[str, Any]]
+    held_back: int
+
+    def inputs(self, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inputs of the network for one text."""
+        return token_inputs(self.features[self.starts[row] : self.starts[row + 1]], self.numbers[row])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = script_parser("experiments.train_reader", __doc__)
+    parser.add_argument("folder", type=Path, help="receives texts, features, checkpoints and the model")
+    parser.add_argument("--texts", type=int, default=48_000)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--held-back", type=int, default=1000, help="texts that are not trained on, but evaluated")
+    parser.add_argument("--steps", type=int, default=12_000)
+    parser.add_argument("--evaluate-every", type=int, default=1000)
+    args = parser.parse_args(arguments)
+    if not 0 < args.held_back < args.texts:
+        parser.error(f"--held-back is {args.held_back}: give a number between 0 and the {args.texts} texts")
+    args.folder.mkdir(parents=True, exist_ok=True)
+    encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
+    texts = _texts(args.folder, encoder, args.texts, args.seed, args.held_back)
+    _train(args.folder, encoder, texts, args)
+
+
+def _texts(folder: Path, encoder: FrozenTextEncoder, number: int, seed: int, held_back: int) -> Texts:
+    """Composes and encodes the texts; parts that are there are read."""
+    rng = np.random.default_rng(seed)
+    features, numbers, requests = [], [], []
+    for start in tqdm(range(0, number, _PART), desc="texts", unit="part"):
+        compositions = [compose_freely(rng) for _ in range(min(_PART, number - start))]
+        path = folder / "features" / f"{seed}-{start}.npy"
+        if not path.is_file():
+            path.parent.mkdir(exist_ok=True)
+            found = encoder([one.text for one in compositions])
+            temporary = part_path(path)
+            with temporary.open("wb") as file:
+                np.save(file, np.concatenate([one.features for one in found]).astype(np.float16))
+            temporary.rename(path)
+        features.append(np.load(path))
+        numbers += [token_numbers(clean_text(one.text), encoder.spans(one.text)) for one in compositions]
+        requests += [one.request for one in compositions]
+    starts = np.concatenate([[0], np.cumsum([len(one) for one in numbers])])
+    return Texts(
+        np.concatenate(features), starts, numbers, [request_targets(one) for one in requests], requests, held_back
+    )
+
+
+def _train(folder: Path, encoder: FrozenTextEncoder, texts: Texts, args: Any) -> None:
+    config = reader_config(encoder.width)
+    warmup = min(200, args.steps // 10)
+    optimizer = adamw(
+        learning_rate=1.5e-3, steps=args.steps, warmup=warmup, schedule="linear", weight_decay=1e-2, clip=1.0
+    )
+    params = reader_network(config).init(jax.random.key(args.seed))
+    state, first = (params, optimizer.init(params)), 0
+    if saved := sorted(folder.glob("step-*.npz"), key=lambda path: int(path.stem[5:])):
+        with np.load(saved[-1]) as arrays:
+            leaves = [jnp.asarray(arrays[str(k)]) for k in range(len(arrays.files))]
+        state, first = jax.tree.unflatten(jax.tree.structure(state), leaves), int(saved[-1].stem[5:])
+    step = jax.jit(lambda state, *batch: _step(config, optimizer, state, *batch), donate_argnums=0)
+    losses, start = [], time.perf_counter()
+    with tqdm(total=args.steps, initial=first, desc="steps") as bar:
+        for number in range(first + 1, args.steps + 1):
+            state, loss = step(state, *_batch(texts, args.seed, number))
+            losses.append(loss)
+            bar.update()
+            if number % args.evaluate_every == 0 or number == args.steps:
+                values = _evaluate(config, state[0], texts)
+                mean, seconds = float(np.mean(jax.device_get(losses))), time.perf_counter() - start
+                tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
+                losses = []
+                _save(folder, state, number, saved)
+                shutil.rmtree(folder / "model", ignore_errors=True)
+                notes = {"texts": args.texts, "seed": args.seed, "steps": number, "validation": values}
+                save_reader(config, state[0], encoder.name, folder / "model", notes)
+
+
+def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:
+    params, optimizer_state = state
+    loss, gradients = jax.value_and_grad(lambda params: reader_loss(config, params, *batch))(params)
+    updates, optimizer_state = optimizer.update(gradients, optimizer_state, params)
+    return (optax.apply_updates(params, updates), optimizer_state), loss
+
+
+def reader_loss(config: ReaderConfig, params: Params, features, numbers, mask, named, ends) -> jax.Array:
+    """Sum over the attributes of the cross-entropies, mean over the texts."""
+    outputs = reader_network(config).apply(params, features, numbers, mask)
+    allowed, sets = value_mask()[None], is_set()
+    logits = jnp.where(allowed, outputs.named, -1e9)
+    one = optax.softmax_cross_entropy(logits[:, ~sets], named[:, ~sets])
+    some = jnp.where(allowed[:, sets], optax.sigmoid_binary_cross_entropy(outputs.named[:, sets], named[:, sets]), 0.0)
+    bounds = optax.softmax_cross_entropy_with_integer_labels(outputs.ends, ends)
+    return one.sum(1).mean() + some.sum((1, 2)).mean() + bounds.sum((1, 2)).mean()
+
+
+def _batch(texts: Texts, seed: int, number: int) -> tuple[np.ndarray, ...]:
+    """Texts of similar length, drawn by the number of the step."""
+    rng = np.random.default_rng((seed, number))
+    rows = rng.integers(texts.held_back, len(texts.targets), 4 * _BATCH)
+    rows = rows[np.argsort(np.diff(texts.starts)[rows])][rng.integers(4) * _BATCH :][:_BATCH]
+    inputs = [texts.inputs(row) for row in rows]
+    length = max(mask.shape[1] for _, _, mask in inputs)
+    padded = [
+        np.concatenate([np.pad(one, [(0, 0), (0, length - one.shape[1]), (0, 0)][: one.ndim]) for one in part])
+        for part in zip(*inputs, strict=True)
+    ]
+    named, ends = (np.stack(part) for part in zip(*(texts.targets[row] for row in rows), strict=True))
+    return *padded, named, ends
+
+
+def _evaluate(config: ReaderConfig, params: Params, texts: Texts) -> dict[str, float]:
+    """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
+    apply = jax.jit(reader_network(config).apply)
+    right = read = stated = full = 0
+    for row in range(texts.held_back):
+        outputs = jax.device_get(apply(params, *texts.inputs(row)))
+        found, expected = read_outputs(outputs.named[0], outputs.ends[0]).request, texts.requests[row]
+        same = sum(found[name] == expected.get(name) for name in found)
+        right, read, stated = right + same, read + len(found), stated + len(expected)
+        full += found == expected
+    return {"precision": right / max(read, 1), "recall": right / max(stated, 1), "full": full / texts.held_back}
+
+
+def _save(folder: Path, state: Any, number: int, saved: list[Path]) -> None:
+    """Writes a checkpoint, and removes the ones before it."""
+    path = folder / f"step-{number}.npz"
+    temporary = part_path(path)
+    with temporary.open("wb") as file:
+        arrays: dict[str, Any] = {str(k): np.asarray(leaf) for k, leaf in enumerate(jax.tree.leaves(state))}
+        np.savez(file, **arrays)
+    temporary.rename(path)
+    for old in saved:
+        old.unlink(missing_ok=True)
+    saved[:] = [path]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What a prompt asks for, as answers of a network: its numbers, its targets, and the reading made of them."""

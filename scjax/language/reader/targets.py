@@ -1,0 +1,121 @@
+"""Requests as targets of the reader's network, and its outputs as requests.
+
+Attributes with named values (choices, flags, sets) have one number for each name. Choices and flags have "unspecified"
+as their first one, and exactly one name holds; of a set, every name holds or not. A range has a lower end, where 0 is
+no lower end, and an upper end, where 0 is none and k stands for the number k - 1. Numbers beyond the table count as its
+last.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from scjax.language.attributes.base import Attribute
+from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+
+LEVELS = 65
+"""Numbers of an end of a range: 0 to 64 vehicles or meters, 63 at the upper end."""
+
+NAMED: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind != "range")
+RANGES: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind == "range")
+
+
+class Targets(NamedTuple):
+    """A request.
+
+    Attributes:
+      named: 1 at the names that hold, 0 elsewhere.
+      ends: class of the lower and of the upper end.
+    """
+
+    named: Float[np.ndarray, "named values"]
+    ends: Int[np.ndarray, "ranges 2"]
+
+
+@functools.cache
+def value_names(attribute: Attribute) -> tuple[Any, ...]:
+    """What each number of an attribute stands for; None is "unspecified"."""
+    if attribute.kind == "set":
+        return attribute.values
+    return (None, True, False) if attribute.kind == "flag" else (None, *attribute.values)
+
+
+VALUES = max(len(value_names(attribute)) for attribute in NAMED)
+"""Names that an attribute has at most."""
+
+
+def is_set() -> np.ndarray:
+    """Of ``NAMED``, which are sets."""
+    return np.array([attribute.kind == "set" for attribute in NAMED])
+
+
+def value_mask() -> np.ndarray:
+    """[named, values] True where an attribute has a name."""
+    return np.arange(VALUES)[None] < np.array([len(value_names(attribute)) for attribute in NAMED])[:, None]
+
+
+def request_targets(request: Mapping[str, Any]) -> Targets:
+    """The targets of a request.
+
+    Raises:
+      ValueError: as ``check_attributes``.
+    """
+    normal = check_attributes(request)
+    named, ends = np.zeros((len(NAMED), VALUES), np.float32), np.zeros((len(RANGES), 2), np.int32)
+    for row, attribute in enumerate(NAMED):
+        value = normal.get(attribute.name)
+        chosen = (value or ()) if attribute.kind == "set" else (value,)
+        for name in chosen:
+            named[row, value_names(attribute).index(name)] = 1
+    for row, attribute in enumerate(RANGES):
+        least, most = normal.get(attribute.name, (0, None))
+        ends[row] = min(round(least), LEVELS - 1), 0 if most is None else 1 + min(round(most), LEVELS - 2)
+    return Targets(named, ends)
+
+
+class Reading(NamedTuple):
+    """What a text asks for.
+
+    Attributes:
+      request: in its normal form.
+      shares: attribute -> how sure the reader is, from 0 to 1.
+    """
+
+    request: dict[str, Any]
+    shares: dict[str, float]
+
+
+def read_outputs(named: Float[np.ndarray, "named values"], ends: Float[np.ndarray, "ranges 2 levels"]) -> Reading:
+    """The most likely request for the logits of one text."""
+    request: dict[str, Any] = {}
+    shares: dict[str, float] = {}
+    for attribute, logits in zip(NAMED, named, strict=True):
+        names = value_names(attribute)
+        if attribute.kind == "set":
+            sure = 1 / (1 + np.exp(-np.clip(logits[: len(names)], -50, 50)))
+            chosen = [name for name, share in zip(names, sure, strict=True) if share > 0.5]
+            if chosen:
+                request[attribute.name], shares[attribute.name] = tuple(chosen), float(sure[sure > 0.5].min())
+            continue
+        sure = _softmax(logits[: len(names)])
+        if best := int(sure.argmax()):
+            request[attribute.name], shares[attribute.name] = names[best], float(sure[best])
+    for attribute, logits in zip(RANGES, ends, strict=True):
+        low, high = (_softmax(row) for row in logits)
+        least, most = int(low.argmax()), int(high.argmax()) - 1
+        if least == 0 and most < 0:
+            continue
+        least = max(least, attribute.limits[0])
+        request[attribute.name] = (least, None if most < 0 else min(max(most, least), attribute.limits[1]))
+        shares[attribute.name] = float(low.max() * high.max())
+    return Reading({name: request[name] for name in ATTRIBUTES if name in request}, shares)
+
+
+def _softmax(logits: np.ndarray) -> np.ndarray:
+    weights = np.exp(logits - logits.max())
+    return weights / weights.sum()

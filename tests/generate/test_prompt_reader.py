@@ -1,0 +1,112 @@
+"""The reader of prompts: its network, its files, its training and its command."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from experiments import train_reader
+from scjax.encoders.e5 import E5
+from scjax.encoders.text import load_text_encoder
+from scjax.generate.prompt_reader import ENCODER_LAYERS, load_reader, reader_config, save_reader, token_inputs
+from scjax.models.reader import reader_network
+from tests.factories.encoder_folders import CONFIG, write_encoder
+
+SIZES = {"width": 16, "heads": 2}
+
+
+@pytest.fixture(autouse=True)
+def encoder(tmp_path, monkeypatch):
+    """A tiny encoder in place of the multilingual one."""
+    config = dataclasses.replace(CONFIG, num_hidden_layers=ENCODER_LAYERS + 1)
+    monkeypatch.setenv(E5.variable, str(write_encoder(tmp_path / "encoder", config)))
+    return load_text_encoder(E5, layers=ENCODER_LAYERS)
+
+
+def _save(encoder, folder, **sizes):
+    config = reader_config(encoder.width, **{**SIZES, **sizes})
+    save_reader(config, reader_network(config).init(jax.random.key(0)), encoder.name, folder, {})
+    return folder
+
+
+def test_padding_and_batch_never_matter():
+    config = reader_config(8, **SIZES)
+    params = reader_network(config).init(jax.random.key(1))
+    rng = np.random.default_rng(0)
+    features, numbers = rng.normal(size=(2, 11, 8)).astype(np.float32), rng.integers(0, 20, (2, 11))
+    mask = np.arange(11)[None] < np.array([[11], [5]])
+    apply = jax.jit(reader_network(config).apply)
+    both = apply(params, features, numbers, mask)
+    alone = apply(params, *token_inputs(features[1, :5], numbers[1, :5]))
+    garbage = apply(params, np.where(mask[..., None], features, np.nan), numbers, mask)
+    for one, two, three in zip(both, alone, garbage, strict=True):
+        np.testing.assert_allclose(one[1], two[0], atol=1e-5)
+        np.testing.assert_array_equal(one, three)
+
+
+def test_numbers_are_read():
+    config = reader_config(8, **SIZES)
+    params = reader_network(config).init(jax.random.key(1))
+    inputs = token_inputs(np.ones((4, 8), np.float32), np.zeros(4, np.int32))
+    other = (inputs[0], inputs[1] + 3, inputs[2])
+    apply = jax.jit(reader_network(config).apply)
+    one, two = apply(params, *inputs), apply(params, *other)
+    assert np.abs(one.ends - two.ends).max() > 1e-3
+
+
+def test_first_layers_are_those_of_the_whole_encoder(encoder):
+    whole = load_text_encoder(E5)
+    assert encoder.name != whole.name and len(encoder.params["layers"]) == ENCODER_LAYERS
+    with pytest.raises(ValueError, match="no 9 layers"):
+        load_text_encoder(E5, layers=9)
+
+
+def test_reader_is_saved_and_read(encoder, tmp_path):
+    reader = load_reader(_save(encoder, tmp_path / "reader"))
+    one, two = "a road with two cars", "three lanes"
+    together = reader([one, two])
+    alone = reader([two])[0]
+    assert alone.request == together[1].request and alone.shares == pytest.approx(together[1].shares, abs=1e-5)
+    assert together[0].request.keys() == together[0].shares.keys()
+    with pytest.raises(ValueError, match="prompt is empty"):
+        reader([" "])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda index: index.pop("files"), "'files'.*copy the folder"),
+        (lambda index: index["config"].update(named=3), "another table of attributes: train it anew"),
+        (lambda index: index["config"].update(width=3), "multiple of"),
+        (lambda index: index.update(encoder="word"), "reads the encoder word"),
+    ],
+)
+def test_damaged_readers_are_named(change, message, encoder, tmp_path):
+    folder = _save(encoder, tmp_path / "reader")
+    index = json.loads((folder / "reader.json").read_text())
+    change(index)
+    (folder / "reader.json").write_text(json.dumps(index))
+    with pytest.raises(ValueError, match=rf"reader\.json.*{message}"):
+        load_reader(folder)
+
+
+def test_training_continues_and_its_model_reads(tmp_path, run):
+    folder = tmp_path / "run"
+    words = [str(folder), "--texts", "40", "--held-back", "8", "--evaluate-every", "2"]
+    train_reader.main([*words, "--steps", "4"])
+    again = tmp_path / "again"
+    (again / "features").mkdir(parents=True)
+    train_reader.main([str(again), *words[1:], "--steps", "4"])
+    first, second = (load_reader(one / "model") for one in (folder, again))
+    assert all(map(np.array_equal, jax.tree.leaves(first.params), jax.tree.leaves(second.params)))
+    assert [path.name for path in folder.glob("step-*")] == ["step-4.npz"]
+    code, out, _ = run("read", "a road with two cars", "--reader", str(folder / "model"), "--json")
+    assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "contradictions"}
+    code, out, _ = run("read", "a road", "--reader", str(folder / "model"))
+    assert code == 0 and out.startswith("a road\n  ")
+    code, _, errors = run("read", "a road", "--reader", str(folder))
+    assert code == 1 and "no folder of a reader" in errors

@@ -1,0 +1,96 @@
+"""The reader's numbers and targets: what a request becomes, and what is read of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scjax.language.attributes.table import ATTRIBUTES
+from scjax.language.grammar.compose import compose_freely
+from scjax.language.grammar.phrasebook import languages
+from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
+from scjax.language.reader.targets import LEVELS, RANGES, read_outputs, request_targets
+
+
+def _read(request):
+    """What is read where the network is sure of the targets."""
+    targets = request_targets(request)
+    ends = np.eye(LEVELS)[targets.ends]
+    return read_outputs(20 * targets.named - 10, 20 * ends - 10)
+
+
+def _requests():
+    """Requests in their normal form whose numbers the tables hold."""
+
+    def bounds(attribute):
+        low, high = attribute.limits[0], min(attribute.limits[1], LEVELS - 2)
+        numbers = st.integers(low, high)
+        closed = st.tuples(numbers, numbers).map(lambda ends: (min(ends), max(ends)))
+        return closed | st.integers(max(low, 1), high).map(lambda least: (least, None))
+
+    kinds = {
+        "choice": lambda attribute: st.sampled_from(attribute.values),
+        "flag": lambda attribute: st.booleans(),
+        "set": lambda attribute: st.sets(st.sampled_from(attribute.values), min_size=1).map(attribute.check),
+        "range": bounds,
+    }
+    fields = {name: kinds[attribute.kind](attribute) for name, attribute in ATTRIBUTES.items()}
+    return st.fixed_dictionaries({}, optional=fields)
+
+
+@given(_requests())
+def test_reading_is_the_inverse_of_targets(request):
+    request = {name: value for name, value in request.items() if value != (1, None) or name != "ego_lane_index"}
+    reading = _read(request)
+    assert reading.request == request and reading.shares.keys() == request.keys()
+    assert all(0.9 < share <= 1 for share in reading.shares.values())
+
+
+def test_nothing_is_read_of_nothing():
+    assert _read({}) == ({}, {})
+
+
+def test_numbers_beyond_the_table_are_its_last():
+    assert _read({"vehicles": (90, 100)}).request["vehicles"] == (LEVELS - 1, LEVELS - 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("twelve cars, 3 people", [12, 3]),
+        ("deux voitures et vingt piétons", [2, 20]),
+        ("三台车", [3]),
+        ("十二人の歩行者", [12]),
+        ("حافلتان و ثلاثة سيارات", [3]),
+        ("someone, a tent and an often", []),
+        ("4-way, 50000 cars", [4, 50000]),
+    ],
+)
+def test_numbers_of_all_languages(text, expected):
+    assert [value for *_, value in find_numbers(text)] == expected
+
+
+def test_composed_numbers_are_found():
+    """What the grammar states as a number word is found, in every language."""
+    rng = np.random.default_rng(0)
+    for code in languages():
+        found = sum(bool(list(find_numbers(compose_freely(rng, language=code).text))) for _ in range(40))
+        assert found > 5, code
+
+
+def test_tokens_have_the_number_that_they_are_a_part_of():
+    assert token_numbers("two or 4000", [(0, 0), (0, 2), (2, 3), (4, 6), (7, 9), (9, 11), (11, 11)]).tolist() == [
+        *(0, 3, 3, 0),
+        *(LARGEST + 1, LARGEST + 1, 0),
+    ]
+
+
+def test_ranges_begin_at_their_limits():
+    """An open lower end is the least number that the attribute takes."""
+    for attribute in RANGES:
+        top = attribute.limits[0] + 5
+        assert _read({attribute.name: (attribute.limits[0], top)}).request == {
+            attribute.name: (attribute.limits[0], top)
+        }
