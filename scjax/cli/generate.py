@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,7 +19,9 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import FORMATS, Clock, say, writable_folder
+from scjax.cli.prompt_lists import Entry, progress_of_chunks, read_prompt_list
+from scjax.cli.scene_results import SceneFiles
 
 if TYPE_CHECKING:
     from scjax.scene import Scene
@@ -56,7 +56,14 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 
 
 @click.command(cls=GenerationCommand)
-@click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
+@click.argument("prompts", nargs=-1, metavar="PROMPT...")
+@click.option(
+    "--prompts",
+    "prompt_file",
+    metavar="FILE",
+    help='Prompts of a file, one a line: {"id": "a1", "prompt": "a roundabout"}. Their scenes go to DIR/ID/; what is '
+    "there is not generated again.",
+)
 @click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
 @best_of_option
 @repair_option
@@ -97,6 +104,7 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 @json_option
 def generate(
     prompts,
+    prompt_file,
     num_scenes,
     best_of,
     repair,
@@ -126,6 +134,9 @@ def generate(
     sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts that do not ship with the model
     need the text encoder, which is downloaded once; without a network, set SCJAX_TEXT_ENCODER (see the README).
     """
+    if bool(prompts) == (prompt_file is not None):
+        raise click.UsageError("give either PROMPT or --prompts FILE")
+    entries = read_prompt_list(prompt_file) if prompt_file is not None else [Entry("", prompt) for prompt in prompts]
     out = writable_folder(folder)
     clock = Clock()
     with clock.part("start"):
@@ -139,53 +150,41 @@ def generate(
 
         start_jax()
         model = load_model(model_folder)
-    conditions = [
-        Condition(prompt=prompt, negative_prompt=negative, num_agents=agents, num_lanes=lanes, domain=domain)
-        for prompt in prompts
-    ]
-    for warning in (warning for condition in conditions for warning in prompt_warnings(condition)):
-        say(f"scjax: warning: {warning}")
-    with clock.part("scenes"):
-        scenes = sample_scenes(
-            jax.random.key(seed),
-            conditions,
-            model=model,
-            num_scenes=num_scenes,
-            num_steps=num_steps,
-            guidance=guidance,
-            sampler=sampler,
-            best_of=best_of,
-            repair=repair,
-            temperature=temperature,
-            energy_guidance=energy_guidance,
-        )
-    with clock.part("files"):
-        results, numbers = [], Counter()
-        for i, scene in enumerate(scenes):
-            prompt = prompts[i // num_scenes]
-            results.append(_write_result(scene, prompt, seed, numbers[prompt], out, formats))
-            numbers[prompt] += 1  # a prompt that is given twice has twice as many scenes
+
+    def conditions(some: Sequence[Entry]) -> list[Condition]:
+        given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
+        return [Condition(prompt=entry.prompt, **given) for entry in some]
+
+    def sample(key: Any, some: Sequence[Entry]) -> list[Scene]:
+        with clock.part("scenes"):
+            return sample_scenes(
+                key,
+                conditions(some),
+                model=model,
+                num_scenes=num_scenes,
+                num_steps=num_steps,
+                guidance=guidance,
+                sampler=sampler,
+                best_of=best_of,
+                repair=repair,
+                temperature=temperature,
+                energy_guidance=energy_guidance,
+            )
+
+    files, key = SceneFiles(out, seed, num_scenes, formats), jax.random.key(seed)
+    results = []
+    if prompt_file is None:
+        for warning in (warning for condition in conditions(entries) for warning in prompt_warnings(condition)):
+            say(f"scjax: warning: {warning}")
+    for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
+        if number is not None and all(files.is_complete(entry) for entry in some):
+            continue
+        scenes = sample(key if number is None else jax.random.fold_in(key, number), some)
+        with clock.part("files"):
+            results += files.write(some, scenes)
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:
         for result in results:
             click.echo("\n".join(result["files"]))
-    say(f"{len(scenes)} scenes: {clock.summary()}", quiet=as_json)
-
-
-def _write_result(
-    scene: Scene, prompt: str, seed: int, number: int, out: Path, formats: Sequence[str]
-) -> dict[str, Any]:
-    """Writes one scene and says what it holds."""
-    from scjax.language.facts import extract_facts
-
-    files = write_scene(scene, out, f"{slug(prompt)}-{seed}-{number}", formats)
-    return {
-        "prompt": prompt,
-        "seed": seed,
-        "number": number,
-        "files": [str(path) for path in files],
-        "lanes": int(scene.num_lanes),
-        "agents": int(scene.num_agents),
-        "facts": extract_facts(scene).to_json(),
-    }
+    say(f"{len(results)} scenes: {clock.summary()}", quiet=as_json)

@@ -16,20 +16,21 @@ if TYPE_CHECKING:
 
 @click.command("read")
 @click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
-@click.option("--reader", "folder", metavar="DIR", help="Folder of a reader. [default: the one that ships with scjax]")
+@click.option("--reader", "folder", required=True, metavar="DIR", help="Folder of a trained reader; none ships yet.")
 @json_option
 def read_command(prompts, folder, as_json) -> None:
     """Shows what is understood of every PROMPT, in any of eleven languages, and how surely.
 
     \b
-    scjax read "vier Autos an der Kreuzung, die Ampel ist rot"
+    python -m experiments.train_reader runs/reader
+    scjax read "vier Autos an der Kreuzung, die Ampel ist rot" --reader runs/reader/model
 
     docs/attributes.md explains the names. What is not listed is not understood, or not asked for.
     """
-    from scjax.generate.prompt_reader import DEFAULT_READER, load_reader
+    from scjax.generate.prompt_reader import load_reader
     from scjax.language.attributes.contradictions import find_contradictions
 
-    readings = load_reader(Path(folder) if folder else DEFAULT_READER)(list(prompts))
+    readings = load_reader(Path(folder))(list(prompts))
     contradictions = [find_contradictions(reading.request) for reading in readings]
     if as_json:
         rows: list[dict[str, Any]] = [

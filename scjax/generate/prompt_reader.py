@@ -28,9 +28,6 @@ ENCODER_LAYERS = 4
 MAX_TOKENS = 192
 """Tokens of a prompt that are read; more are left out."""
 
-DEFAULT_READER = Path(__file__).resolve().parents[1] / "pretrained_reader"
-"""The reader that ships, trained on texts of the grammar alone."""
-
 _INDEX, _CURE = "reader.json", "copy the folder again"
 _STEP = 32  # tokens are padded to a multiple of so many
 
@@ -98,7 +95,7 @@ def save_reader(config: ReaderConfig, params: Params, encoder: str, folder: Path
 
 
 @functools.lru_cache(maxsize=2)
-def load_reader(folder: Path = DEFAULT_READER) -> PromptReader:
+def load_reader(folder: Path) -> PromptReader:
     """The reader in a folder; its encoder is downloaded once if it is not here.
 
     Raises:
@@ -106,7 +103,8 @@ def load_reader(folder: Path = DEFAULT_READER) -> PromptReader:
     """
     path = folder / _INDEX
     if not path.is_file():
-        raise ValueError(f"{folder} is no folder of a reader: it has no {_INDEX}")
+        cure = "train one with python -m experiments.train_reader"
+        raise ValueError(f"{folder} is no folder of a reader, for it has no {_INDEX}: {cure}")
     content = parse_document(path.read_bytes(), dict[str, Any], path, _CURE)
     try:
         config = ReaderConfig(**content["config"])

@@ -1,0 +1,73 @@
+"""Lists of prompts in a file: one JSON object a line, with "id" and "prompt"."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from scjax.scene.document import parse_document
+
+CHUNK = 32
+"""Prompts that are sampled together. Scenes depend on the place of their prompt in the file alone."""
+
+_ID = re.compile(r"\w[\w.-]{0,99}")
+_CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}'
+
+
+class Entry(NamedTuple):
+    """A prompt of a list, and the name of its folder."""
+
+    id: str
+    prompt: str
+
+
+class _Line(msgspec.Struct):
+    id: str | int
+    prompt: str
+
+
+def read_prompt_list(path: str | Path) -> list[Entry]:
+    """The entries of a file, in their order; empty lines count for nothing.
+
+    Raises:
+      ValueError: the file cannot be read or is empty, or a line is not as it must be; names file and line.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror}): give a file of prompts") from error
+    entries: list[Entry] = []
+    lines_of: dict[str, int] = {}
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        place = f"{path}, line {number}"
+        content = parse_document(line, _Line, place, _CURE)
+        name = str(content.id)
+        if not _ID.fullmatch(name):
+            raise ValueError(f"{place}: id {name[:60]!r} is no name of a folder: use letters, digits, - and _")
+        if name.lower() in lines_of:  # some file systems take upper and lower case for the same
+            raise ValueError(f"{place}: id {name!r} is that of line {lines_of[name.lower()]}, too: give another one")
+        if not content.prompt.strip():
+            raise ValueError(f"{place}: prompt is empty: say what the scene should show")
+        lines_of[name.lower()] = number
+        entries.append(Entry(name, content.prompt))
+    if not entries:
+        raise ValueError(f"{path} holds no prompts: {_CURE}")
+    return entries
+
+
+def progress_of_chunks(entries: Sequence[Entry]) -> Iterator[tuple[int, Sequence[Entry]]]:
+    """(number, entries) of every part of ``CHUNK`` prompts, under a progress bar."""
+    from tqdm import tqdm
+
+    with tqdm(total=len(entries), unit="prompt", disable=len(entries) <= CHUNK) as bar:
+        for number, start in enumerate(range(0, len(entries), CHUNK)):
+            some = entries[start : start + CHUNK]
+            yield number, some
+            bar.update(len(some))
