@@ -110,6 +110,7 @@ def _templates(fixtures: Path, old: bool) -> list[tuple[list[str], list[str]]]:
         *([] if old else new),
         (generate, options),
         (["generate", "PLACE", *generate[2:]], ["PLACE"]),
+        *([] if old else [(["generate", "--prompts", "PLACE", "--out", "out"], ["PLACE"])]),
         (["caption", scene], ["--style", "--seed"]),
         (["caption", "PLACE"], ["PLACE"]),
         (["plot", scene], ["--out"]),
