@@ -20,7 +20,7 @@ from scjax.cli.options import (
     seed_option,
 )
 from scjax.cli.output import FORMATS, Clock, say, writable_folder
-from scjax.cli.prompt_lists import Entry, progress_of_chunks, read_prompt_list
+from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt_list
 from scjax.cli.scene_results import SceneFiles
 
 if TYPE_CHECKING:
@@ -105,14 +105,6 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 def generate(
     prompts,
     prompt_file,
-    num_scenes,
-    best_of,
-    repair,
-    num_steps,
-    guidance,
-    sampler,
-    temperature,
-    energy_guidance,
     agents,
     lanes,
     negative,
@@ -122,6 +114,7 @@ def generate(
     formats,
     model_folder,
     as_json,
+    **sampling,
 ) -> None:
     """Generates scenes for every PROMPT and writes them to files, named by prompt, seed and number.
 
@@ -136,7 +129,9 @@ def generate(
     """
     if bool(prompts) == (prompt_file is not None):
         raise click.UsageError("give either PROMPT or --prompts FILE")
-    entries = read_prompt_list(prompt_file) if prompt_file is not None else [Entry("", prompt) for prompt in prompts]
+    entries = (
+        read_prompt_list(prompt_file) if prompt_file is not None else [ListedPrompt("", prompt) for prompt in prompts]
+    )
     out = writable_folder(folder)
     clock = Clock()
     with clock.part("start"):
@@ -151,27 +146,15 @@ def generate(
         start_jax()
         model = load_model(model_folder)
 
-    def conditions(some: Sequence[Entry]) -> list[Condition]:
+    def conditions(some: Sequence[ListedPrompt]) -> list[Condition]:
         given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
         return [Condition(prompt=entry.prompt, **given) for entry in some]
 
-    def sample(key: Any, some: Sequence[Entry]) -> list[Scene]:
+    def sample(key: Any, some: Sequence[ListedPrompt]) -> list[Scene]:
         with clock.part("scenes"):
-            return sample_scenes(
-                key,
-                conditions(some),
-                model=model,
-                num_scenes=num_scenes,
-                num_steps=num_steps,
-                guidance=guidance,
-                sampler=sampler,
-                best_of=best_of,
-                repair=repair,
-                temperature=temperature,
-                energy_guidance=energy_guidance,
-            )
+            return sample_scenes(key, conditions(some), model=model, **sampling)
 
-    files, key = SceneFiles(out, seed, num_scenes, formats), jax.random.key(seed)
+    files, key = SceneFiles(out, seed, sampling["num_scenes"], formats), jax.random.key(seed)
     results = []
     if prompt_file is None:
         for warning in (warning for condition in conditions(entries) for warning in prompt_warnings(condition)):

@@ -18,7 +18,7 @@ _ID = re.compile(r"\w[\w.-]{0,99}")
 _CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}'
 
 
-class Entry(NamedTuple):
+class ListedPrompt(NamedTuple):
     """A prompt of a list, and the name of its folder."""
 
     id: str
@@ -30,7 +30,7 @@ class _Line(msgspec.Struct):
     prompt: str
 
 
-def read_prompt_list(path: str | Path) -> list[Entry]:
+def read_prompt_list(path: str | Path) -> list[ListedPrompt]:
     """The entries of a file, in their order; empty lines count for nothing.
 
     Raises:
@@ -41,7 +41,7 @@ def read_prompt_list(path: str | Path) -> list[Entry]:
         lines = path.read_bytes().splitlines()
     except OSError as error:
         raise ValueError(f"{path} cannot be read ({error.strerror}): give a file of prompts") from error
-    entries: list[Entry] = []
+    entries: list[ListedPrompt] = []
     lines_of: dict[str, int] = {}
     for number, line in enumerate(lines, 1):
         if not line.strip():
@@ -56,13 +56,13 @@ def read_prompt_list(path: str | Path) -> list[Entry]:
         if not content.prompt.strip():
             raise ValueError(f"{place}: prompt is empty: say what the scene should show")
         lines_of[name.lower()] = number
-        entries.append(Entry(name, content.prompt))
+        entries.append(ListedPrompt(name, content.prompt))
     if not entries:
         raise ValueError(f"{path} holds no prompts: {_CURE}")
     return entries
 
 
-def progress_of_chunks(entries: Sequence[Entry]) -> Iterator[tuple[int, Sequence[Entry]]]:
+def progress_of_chunks(entries: Sequence[ListedPrompt]) -> Iterator[tuple[int, Sequence[ListedPrompt]]]:
     """(number, entries) of every part of ``CHUNK`` prompts, under a progress bar."""
     from tqdm import tqdm
 

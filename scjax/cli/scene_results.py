@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from scjax.cli.output import slug, write_scene
-from scjax.cli.prompt_lists import Entry
+from scjax.cli.prompt_lists import ListedPrompt
 
 if TYPE_CHECKING:
     from scjax.scene import Scene
@@ -29,12 +29,12 @@ class SceneFiles(NamedTuple):
     num_scenes: int
     formats: Sequence[str]
 
-    def is_complete(self, entry: Entry) -> bool:
+    def is_complete(self, entry: ListedPrompt) -> bool:
         """Whether all files of an entry with an id are there."""
         names = [self._name(entry, number) for number in range(self.num_scenes)]
         return all((self.folder / entry.id / f"{name}.{end}").is_file() for name in names for end in self.formats)
 
-    def write(self, entries: Sequence[Entry], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+    def write(self, entries: Sequence[ListedPrompt], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
         """Writes the scenes of the entries, entry by entry; one report for each."""
         results, numbers = [], Counter()
         for i, scene in enumerate(scenes):
@@ -43,7 +43,7 @@ class SceneFiles(NamedTuple):
             numbers[entry] += 1  # a prompt that is given twice has twice as many scenes
         return results
 
-    def _write_one(self, scene: Scene, entry: Entry, number: int) -> dict[str, Any]:
+    def _write_one(self, scene: Scene, entry: ListedPrompt, number: int) -> dict[str, Any]:
         from scjax.language.facts import extract_facts
 
         folder = self.folder / entry.id
@@ -60,5 +60,5 @@ class SceneFiles(NamedTuple):
             "facts": extract_facts(scene).to_json(),
         }
 
-    def _name(self, entry: Entry, number: int) -> str:
+    def _name(self, entry: ListedPrompt, number: int) -> str:
         return f"{slug(entry.prompt)}-{self.seed}-{number}"

@@ -88,27 +88,30 @@ def find_crossroads(
 
 
 def _cluster(points: np.ndarray, connectors: np.ndarray) -> np.ndarray:
-    """Labels of junctions, in the order of their first points: neighbors, and points that a connector joins.
+    """Label of the junction of every point, its first point: neighbors are together, and points that a connector joins.
 
-    The scenes of an untrained model have thousands of points, so that no array holds all pairs.
+    The scenes of an untrained model have thousands of points, so no array holds all pairs: the search goes from point
+    to point, and every point compares itself with those alone that nothing has reached yet.
 
     Args:
       points: [points, 3].
       connectors: [points, lanes], the short lanes that turn at a point.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
-
-    reach = _CLUSTER_DISTANCE * (1 + 1e-9)  # what rounding adds is left out below
-    one, other = KDTree(points[:, :2]).query_pairs(reach, output_type="ndarray").T
-    offset = points[one] - points[other]
-    near = (np.hypot(offset[:, 0], offset[:, 1]) < _CLUSTER_DISTANCE) & (np.abs(offset[:, 2]) < MAX_LEVEL)
-    point, lane = np.nonzero(connectors)
-    rows, columns = np.concatenate([one[near], point]), np.concatenate([other[near], len(points) + lane])
-    size = sum(connectors.shape)
-    graph = coo_array((np.ones(len(rows), bool), (rows, columns)), (size, size))
-    return connected_components(graph, directed=False)[1][: len(points)]
+    labels, rest = np.full(len(points), -1), np.arange(len(points))
+    while len(rest):
+        first, rest = rest[0], rest[1:]
+        labels[first] = first
+        reached = [first]
+        while reached and len(rest):
+            point = reached.pop()
+            offset = points[rest] - points[None, point]
+            near = (np.hypot(offset[:, 0], offset[:, 1]) < _CLUSTER_DISTANCE) & (np.abs(offset[:, 2]) < MAX_LEVEL)
+            if connectors[point].any():
+                near |= (connectors[rest] & connectors[None, point]).any(1)
+            reached.extend(rest[near])
+            labels[rest[near]] = first
+            rest = rest[~near]
+    return labels
 
 
 def _components(near: np.ndarray) -> np.ndarray:
