@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scjax.language.attributes.table import ATTRIBUTES
+from scjax.language.attributes.table import ATTRIBUTES, check_attributes
 from scjax.language.grammar.compose import compose_freely
 from scjax.language.grammar.phrasebook import languages
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
-from scjax.language.reader.targets import LEVELS, RANGES, read_outputs, request_targets
+from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, read_outputs, request_targets
 
 
 def _read(request):
@@ -46,6 +46,14 @@ def test_reading_is_the_inverse_of_targets(request):
     reading = _read(request)
     assert reading.request == request and reading.shares.keys() == request.keys()
     assert all(0.9 < share <= 1 for share in reading.shares.values())
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_whatever_the_network_says_is_a_request(seed):
+    rng = np.random.default_rng(seed)
+    named, ends = 5 * rng.normal(size=(len(NAMED), VALUES)), 5 * rng.normal(size=(len(RANGES), 2, LEVELS))
+    reading = read_outputs(named, ends)
+    assert check_attributes(reading.request) == reading.request
 
 
 def test_nothing_is_read_of_nothing():

@@ -12,7 +12,7 @@ from jaxtyping import Int
 from scjax.language.grammar.phrasebook import languages, phrasebook
 
 LARGEST = 41
-"""The largest number that is told from larger ones."""
+"""Larger numbers count as this one."""
 
 _NO_SPACES = r"[\u3040-\u30ff\u4e00-\u9fff]"  # scripts that write words without spaces
 

@@ -110,8 +110,9 @@ def read_outputs(named: Float[np.ndarray, "named values"], ends: Float[np.ndarra
         least, most = int(low.argmax()), int(high.argmax()) - 1
         if least == 0 and most < 0:
             continue
-        least = max(least, attribute.limits[0])
-        request[attribute.name] = (least, None if most < 0 else min(max(most, least), attribute.limits[1]))
+        smallest, largest = attribute.limits
+        least = min(max(least, smallest), largest)
+        request[attribute.name] = (least, None if most < 0 else min(max(most, least), largest))
         shares[attribute.name] = float(low.max() * high.max())
     return Reading({name: request[name] for name in ATTRIBUTES if name in request}, shares)
 
