@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from scjax.scene.document import parse_document
-
 CHUNK = 32
 """Prompts that are sampled together. Scenes depend on the place of their prompt in the file alone."""
 
@@ -36,6 +34,8 @@ def read_prompt_list(path: str | Path) -> list[ListedPrompt]:
     Raises:
       ValueError: the file cannot be read or is empty, or a line is not as it must be; names file and line.
     """
+    from scjax.scene.document import parse_document
+
     path = Path(path)
     try:
         lines = path.read_bytes().splitlines()
