@@ -3,13 +3,13 @@
     nice -n 15 python -m experiments.train_reader runs/reader
 
 Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. The same command
-continues where it was stopped. runs/reader/model is the trained reader, also after every evaluation.
+continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is the reader of the last evaluation.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -31,7 +31,9 @@ from scjax.language.reader.numbers import token_numbers
 from scjax.language.reader.targets import Targets, is_set, read_outputs, request_targets, value_mask
 from scjax.models.reader import ReaderConfig, reader_network
 from scjax.nn.functional import Params
-from scjax.scene.files import part_path
+from scjax.scene.files import locked_folder, write_file
+from scjax.train.checkpoint import Checkpoints, check_resume
+from scjax.train.loop import stop_signals
 from scjax.train.optimizer import adamw
 
 _PART = 256  # texts that are encoded together
@@ -63,7 +65,7 @@ class Texts(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.train_reader", __doc__)
-    parser.add_argument("folder", type=Path, help="receives texts, features, checkpoints and the model")
+    parser.add_argument("folder", type=Path, help="receives features, checkpoints and the model")
     parser.add_argument("--texts", type=int, default=48_000)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--held-back", type=int, default=1000, help="texts that are not trained on, but evaluated")
@@ -72,63 +74,75 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     if not 0 < args.held_back < args.texts:
         parser.error(f"--held-back is {args.held_back}: give a number between 0 and the {args.texts} texts")
-    args.folder.mkdir(parents=True, exist_ok=True)
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
-    texts = _texts(args.folder, encoder, args.texts, args.seed, args.held_back)
-    _train(args.folder, encoder, texts, args)
+    with locked_folder(args.folder), stop_signals() as stop:
+        texts, digest = _texts(args.folder / "features", encoder, args.texts, args.seed, args.held_back, stop)
+        if not stop:
+            run = {name: getattr(args, name) for name in ("texts", "seed", "held_back", "steps", "evaluate_every")}
+            check_resume(args.folder / "checkpoints", run, {"texts": digest})
+            with Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
+                _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
 
 
-def _texts(folder: Path, encoder: FrozenTextEncoder, number: int, seed: int, held_back: int) -> Texts:
-    """Composes and encodes the texts; parts that are there are read."""
-    rng = np.random.default_rng(seed)
+def _texts(
+    folder: Path, encoder: FrozenTextEncoder, number: int, seed: int, held_back: int, stop: list[int]
+) -> tuple[Texts, str]:
+    """Composes and encodes the texts, and returns them with their hash; features that are there are read."""
+    rng, digest = np.random.default_rng(seed), hashlib.sha256(encoder.name.encode())
     features, numbers, requests = [], [], []
     for start in tqdm(range(0, number, _PART), desc="texts", unit="part"):
+        if stop:
+            break
         compositions = [compose_freely(rng) for _ in range(min(_PART, number - start))]
-        path = folder / "features" / f"{seed}-{start}.npy"
+        part = hashlib.sha256("\n".join([encoder.name, *(one.text for one in compositions)]).encode()).hexdigest()
+        digest.update(part.encode())
+        path = folder / f"{part[:16]}.npy"
         if not path.is_file():
-            path.parent.mkdir(exist_ok=True)
-            found = encoder([one.text for one in compositions])
-            temporary = part_path(path)
-            with temporary.open("wb") as file:
-                np.save(file, np.concatenate([one.features for one in found]).astype(np.float16))
-            temporary.rename(path)
+            found = np.concatenate([one.features for one in encoder([one.text for one in compositions])])
+            write_file(path, lambda file, found=found: np.save(file, found.astype(np.float16)))
         features.append(np.load(path))
         numbers += [token_numbers(clean_text(one.text), encoder.spans(one.text)) for one in compositions]
         requests += [one.request for one in compositions]
     starts = np.concatenate([[0], np.cumsum([len(one) for one in numbers])])
-    return Texts(
-        np.concatenate(features), starts, numbers, [request_targets(one) for one in requests], requests, held_back
-    )
+    targets = [request_targets(one) for one in requests]
+    joined = np.concatenate(features) if features else np.zeros((0, encoder.width), np.float16)
+    return Texts(joined, starts, numbers, targets, requests, held_back), digest.hexdigest()
 
 
-def _train(folder: Path, encoder: FrozenTextEncoder, texts: Texts, args: Any) -> None:
+def _train(
+    folder: Path, encoder: FrozenTextEncoder, texts: Texts, args: Any, checkpoints: Checkpoints, stop: list[int]
+) -> None:
     config = reader_config(encoder.width)
-    warmup = min(200, args.steps // 10)
     optimizer = adamw(
-        learning_rate=1.5e-3, steps=args.steps, warmup=warmup, schedule="linear", weight_decay=1e-2, clip=1.0
+        learning_rate=1.5e-3,
+        steps=args.steps,
+        warmup=min(200, args.steps // 10),
+        schedule="linear",
+        weight_decay=1e-2,
+        clip=1.0,
     )
     params = reader_network(config).init(jax.random.key(args.seed))
-    state, first = (params, optimizer.init(params)), 0
-    if saved := sorted(folder.glob("step-*.npz"), key=lambda path: int(path.stem[5:])):
-        with np.load(saved[-1]) as arrays:
-            leaves = [jnp.asarray(arrays[str(k)]) for k in range(len(arrays.files))]
-        state, first = jax.tree.unflatten(jax.tree.structure(state), leaves), int(saved[-1].stem[5:])
-    step = jax.jit(lambda state, *batch: _step(config, optimizer, state, *batch), donate_argnums=0)
-    losses, start = [], time.perf_counter()
+    state, first = (params, optimizer.init(params)), checkpoints.latest or 0
+    if first:
+        state, _ = checkpoints.restore(state)
+    step = jax.jit(lambda state, *batch: _step(config, optimizer, state, *batch))
+    losses, number, start = [], first, time.perf_counter()
     with tqdm(total=args.steps, initial=first, desc="steps") as bar:
-        for number in range(first + 1, args.steps + 1):
+        while number < args.steps and not stop:
+            number += 1
             state, loss = step(state, *_batch(texts, args.seed, number))
             losses.append(loss)
             bar.update()
             if number % args.evaluate_every == 0 or number == args.steps:
-                values = _evaluate(config, state[0], texts)
-                mean, seconds = float(np.mean(jax.device_get(losses))), time.perf_counter() - start
+                mean, losses = float(np.mean(jax.device_get(losses))), []
+                if not np.isfinite(mean):
+                    raise FloatingPointError(f"the loss is not finite at step {number}: give another --seed")
+                values, seconds = _evaluate(config, state[0], texts), time.perf_counter() - start
                 tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
-                losses = []
-                _save(folder, state, number, saved)
-                shutil.rmtree(folder / "model", ignore_errors=True)
+                checkpoints.save(number, state, {})
                 notes = {"texts": args.texts, "seed": args.seed, "steps": number, "validation": values}
-                save_reader(config, state[0], encoder.name, folder / "model", notes)
+                save_reader(config, state[0], encoder.name, folder, notes)
+    checkpoints.save(number, state, {}, wait=True)
 
 
 def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:
@@ -175,19 +189,6 @@ def _evaluate(config: ReaderConfig, params: Params, texts: Texts) -> dict[str, f
         right, read, stated = right + same, read + len(found), stated + len(expected)
         full += found == expected
     return {"precision": right / max(read, 1), "recall": right / max(stated, 1), "full": full / texts.held_back}
-
-
-def _save(folder: Path, state: Any, number: int, saved: list[Path]) -> None:
-    """Writes a checkpoint, and removes the ones before it."""
-    path = folder / f"step-{number}.npz"
-    temporary = part_path(path)
-    with temporary.open("wb") as file:
-        arrays: dict[str, Any] = {str(k): np.asarray(leaf) for k, leaf in enumerate(jax.tree.leaves(state))}
-        np.savez(file, **arrays)
-    temporary.rename(path)
-    for old in saved:
-        old.unlink(missing_ok=True)
-    saved[:] = [path]
 
 
 if __name__ == "__main__":

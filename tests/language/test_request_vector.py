@@ -69,7 +69,7 @@ def test_an_unknown_value_is_refused():
         _vector(layout="X")
 
 
-def test_measurements_of_a_scene_without_lanes_are_read_and_nothing_is_asked_of_its_road():
+def test_measurements_of_a_scene_without_lanes_are_read_and_nothing_is_requested_of_its_road():
     measured = measure_attributes(empty(1, 0))
     assert check_measurements(msgspec.json.decode(msgspec.json.encode(measured))) == measured
     rng = np.random.default_rng(0)
