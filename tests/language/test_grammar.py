@@ -25,7 +25,8 @@ from scjax.language.grammar.noise import add_typing_errors, drop_punctuation
 from scjax.language.grammar.page import captions_page
 from scjax.language.grammar.phrasebook import SLOTS, languages, phrasebook
 from scjax.language.grammar.quantities import KINDS, UNITS, draw_distance, draw_quantity
-from scjax.language.grammar.wordings import fill, number_text, usable_templates
+from scjax.language.grammar.wordings import choose_alternatives, fill, number_text, usable_templates
+from scjax.language.reader.numbers import find_numbers
 from tests.factories.event_scenes import emergency_corridor
 from tests.factories.road_scenes import intersection, intersection_with_signal, roundabout, straight_road, turn_lane
 from tests.factories.synthetic_scenes import example_worlds, scenes_of
@@ -101,6 +102,32 @@ def test_scenes_are_free_of_contradictions():
 )
 def test_contradictions_are_found(request_, pair):
     assert find_contradictions(request_) == [pair]
+
+
+def test_asides_ask_for_nothing_and_stand_in_many_texts():
+    """The same draws with and without asides: those alone are empty requests, and no phrasing is one."""
+    rng = np.random.default_rng(0)
+    captions = [compose_freely(rng, language="en") for _ in range(400)]
+    empty = [caption for caption in captions if not caption.request]
+    assert 4 <= len(empty) <= 40 and all(caption.text for caption in empty)
+    book = phrasebook("en")
+    phrasings = {text for entry in book.entries for texts in entry.texts.values() for text in texts}
+    asides = [choose_alternatives(text, rng) for texts in book.asides.values() for text in texts]
+    assert not phrasings & set(asides)
+    assert any("speed limit" in caption.text.lower() and caption.request for caption in captions)
+
+
+def test_a_count_that_is_corrected_asks_for_the_last_number():
+    rng = np.random.default_rng(0)
+    repairs = phrasebook("en").style["repairs"]
+    texts = [compose_freely(rng, language="en", style="numbers") for _ in range(600)]
+    corrected = [caption for caption in texts if any(repair in caption.text for repair in repairs)]
+    assert len(corrected) >= 5
+    for caption in corrected:
+        text = next(caption.text.split(repair)[1] for repair in repairs if repair in caption.text)
+        numbers = [value for *_, value in find_numbers(text)]
+        counts = [bounds for name, bounds in caption.request.items() if ATTRIBUTES[name].kind == "range"]
+        assert any(low <= number <= (number if high is None else high) for low, high in counts for number in numbers)
 
 
 def test_phrasings_are_many_and_distinct():

@@ -18,6 +18,7 @@ from scjax.language.grammar.noise import (
     drop_words,
 )
 from scjax.language.grammar.phrasebook import Phrasebook, languages, phrasebook
+from scjax.language.grammar.quantities import StatedQuantity, draw_quantity
 from scjax.language.grammar.scene_values import FreeValues, MeasuredValues, ValueSource
 from scjax.language.grammar.selection import (
     Statement,
@@ -26,11 +27,14 @@ from scjax.language.grammar.selection import (
     joint_request,
 )
 from scjax.language.grammar.styles import PLANS, STYLES, Plan, Style
-from scjax.language.grammar.wordings import fill, pick
+from scjax.language.grammar.wordings import choose_alternatives, fill, pick
 
 _PREFERRED_SHARE = 0.75  # of phrasings in the preferred register of a plan
 _ENGLISH_STYLES = tuple(name for name in STYLES if name != "languages")
 _LANGUAGE_SHARE = 0.3  # of texts that are not in English, where nothing is given
+_ASIDE_SHARE = 0.3  # of texts with an aside, and of those with one that have another
+_REPAIR_SHARE = 0.04  # of spoken counts that are said wrong first
+_EMPTY_SHARE = 0.04  # of texts about no scene that ask for nothing
 
 
 class Composition(NamedTuple):
@@ -109,12 +113,13 @@ def _composition(
     plan = PLANS[plan_name]
     least, most = style.size
     number = least + int((most - least + 1) * rng.random() ** 1.5)
-    statements = choose_statements(book, values, plan, style, number, rng)
+    is_empty = bool(book.asides) and isinstance(values, FreeValues) and rng.random() < _EMPTY_SHARE
+    statements = [] if is_empty else choose_statements(book, values, plan, style, number, rng)
     request, in_doubt = joint_request(statements), set()
     if contradicts and (found := contradicting_statement(book, FreeValues(rng), plan, statements, rng)):
         statements, in_doubt = [*statements, found[0]], found[1]
         request = {key: value for key, value in joint_request(statements).items() if key not in in_doubt}
-    parts = _parts(book, plan, statements, rng)
+    parts = _with_asides(book, plan, _parts(book, plan, statements, rng), rng)
     text = _with_noise(assemble(book, plan_name, parts, rng), book, style, plan_name, rng)
     return Composition(text, request, name, book.code, tuple(sorted(in_doubt)))
 
@@ -125,8 +130,33 @@ def _parts(book: Phrasebook, plan: Plan, statements: list[Statement], rng: np.ra
     for entry, quantities, _, texts in statements:
         registers = list(texts)
         register = registers[0] if rng.random() < _PREFERRED_SHARE else pick(registers, rng)
-        text = fill(book, pick(texts[register], rng), quantities, rng, register=register, voice=voice)
+        template = pick(texts[register], rng)
+        text = fill(book, template, quantities, rng, register=register, voice=voice)
+        if plan.voice == "first" and "repairs" in book.style and rng.random() < _REPAIR_SHARE:
+            wrong = {slot: _misstated(quantity, rng) for slot, quantity in quantities.items()}
+            if wrong and None not in wrong.values():
+                first = fill(book, template, wrong, rng, register=register, voice=voice)
+                text = f"{first}{pick(book.style['repairs'], rng)}{text}"
         parts.append(Part(text, register, entry.group))
+    return parts
+
+
+def _misstated(quantity: StatedQuantity, rng: np.random.Generator) -> StatedQuantity | None:
+    """Another number in place of an exact count; None for other quantities."""
+    if quantity.kind != "exact" or quantity.unit:
+        return None
+    number = quantity.numbers[0]
+    return draw_quantity("exact", number + int(pick([-1, 1, 2] if number > 1 else [1, 2], rng)), rng)
+
+
+def _with_asides(book: Phrasebook, plan: Plan, parts: list[Part], rng: np.random.Generator) -> list[Part]:
+    """The parts, in some texts with words between them that ask for nothing; these alone where there are no parts."""
+    registers = [register for register in plan.registers if register in book.asides]
+    parts = list(parts)
+    while registers and (not parts or rng.random() < _ASIDE_SHARE):
+        register = pick(registers, rng)
+        aside = choose_alternatives(pick(book.asides[register], rng), rng).strip()
+        parts.insert(int(rng.integers(len(parts) + 1)), Part(aside, register, "aside"))
     return parts
 
 

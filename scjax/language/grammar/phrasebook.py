@@ -1,7 +1,7 @@
 """Phrasings of one language: hand-written templates and words, read from the files of ``phrases/``.
 
-A folder per language holds ``words.toml`` (nouns, quantities, numbers), ``style.toml`` (how phrasings are put together)
-and a file per group of attributes, with entries such as
+A folder per language holds ``words.toml`` (nouns, quantities, numbers), ``style.toml`` (how phrasings are put
+together), ``asides.toml`` (texts by register that ask for nothing) and a file per group of attributes, such as
 
     [[phrase]]
     asks = { ahead = "n" }                        # attribute -> value, or the slot that states it
@@ -31,6 +31,7 @@ GROUPS = ("road", "lanes", "signals", "ego", "relations", "agents", "events")
 """Files of phrasings, in the order in which a text speaks of them."""
 REGISTERS = ("key", "noun", "said", "fact", "test", "slang")
 """Forms of phrasings: keywords, noun phrases, first person, third person, test language, slang."""
+_REGISTER_CURE = f"write one of {', '.join(REGISTERS)}"
 SLOTS = {"n": "count", "m": "count", "i": "index", "nth": "ordinal", "gap": "distance"}
 """Slot -> what it states. Counts are quantities; an index or ordinal is one number."""
 LANE_KINDS = ("exact", "exactly", "at_least", "at_most", "several", "couple")
@@ -80,6 +81,7 @@ class Phrasebook:
     nouns: Mapping[str, tuple[Noun, ...]]
     words: Mapping[str, Any]
     style: Mapping[str, Any]
+    asides: Mapping[str, list[str]]
 
     @property
     def templates(self) -> list[str]:
@@ -112,7 +114,10 @@ def phrasebook(code: str) -> Phrasebook:
         for number, content in enumerate(_read(folder / f"{group}.toml")["phrase"], 1)
     ]
     nouns = {name: tuple(map(_noun, forms)) for name, forms in words["nouns"].items()}
-    return Phrasebook(code, tuple(entries), nouns, words, _read(folder / "style.toml"))
+    asides = _read(folder / "asides.toml") if (folder / "asides.toml").is_file() else {}
+    if unknown := set(asides) - set(REGISTERS):
+        raise ValueError(f"{code}/asides.toml: unknown fields {', '.join(sorted(unknown))}: {_REGISTER_CURE}")
+    return Phrasebook(code, tuple(entries), nouns, words, _read(folder / "style.toml"), asides)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -131,7 +136,7 @@ def _entry(group: str, content: dict[str, Any], place: str) -> Entry:
     content = dict(content)
     asks, kinds, loose = content.pop("asks", {}), content.pop("kinds", None), content.pop("loose", False)
     if unknown := set(content) - set(REGISTERS):
-        raise ValueError(f"{place}: unknown fields {', '.join(sorted(unknown))}: write one of {', '.join(REGISTERS)}")
+        raise ValueError(f"{place}: unknown fields {', '.join(sorted(unknown))}: {_REGISTER_CURE}")
     values: dict[str, Any] = {}
     slots: dict[str, tuple[str, ...]] = {}
     for name, value in asks.items():
