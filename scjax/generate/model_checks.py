@@ -153,7 +153,7 @@ def _check_fit(model: Model) -> None:
         shared.append(("denoiser.crops", network.crops, "the number of crops", len(Crop)))
     if (counts := configs.get("count_predictor")) is not None:
         shared.append(("count_predictor.domains", counts.domains, "the number of domains", len(model.domains)))
-        if network is not None and hasattr(network.condition, "width"):
+        if network is not None and hasattr(network.condition, "width") and not counts.attributes:
             width = network.condition.width
             shared.append(("count_predictor.text_width", counts.text_width, "denoiser.condition.width", width))
     for name, value, other, expected in shared:

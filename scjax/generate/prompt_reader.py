@@ -131,7 +131,8 @@ def load_reader(folder: Path) -> PromptReader:
         config = ReaderConfig(**index.config)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}: {_CURE}") from error
-    if config != reader_config(config.text_width, width=config.width, blocks=config.blocks, heads=config.heads):
+    sizes = {name: getattr(config, name) for name in ("width", "blocks", "heads", "kernel")}
+    if config != reader_config(config.text_width, **sizes):
         raise ValueError(f"{path} was trained with another table of attributes: train it anew")
     params = named_arrays(read_arrays(folder, index.files))
     expected = flatten(reader_network(config).shapes())

@@ -96,16 +96,17 @@ def draw_request(
     num_known = (0, 0) if known is None else (len(known.agent_mask), len(known.lane_mask))
     _check_counts(condition, num_known, model)
     domain = _domain_index(condition, model)
+    most, reads = model.denoiser.config.max_agents, tables.read_attributes
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
     domain, num_lanes, num_agents = draw_counts(
         np.random.default_rng(seed.astype(np.uint32)),
-        tables(streams.get("text"), domain, condition.crop),
+        tables(streams.get("text"), condition.attributes, domain, condition.crop),
         condition.crop,
         domain=domain,
         num_lanes=condition.num_lanes,
-        num_agents=_num_agents(condition, num_known[0], model.denoiser.config.max_agents),
+        num_agents=condition.num_agents if reads else _num_agents(condition, num_known[0], most),
         least_lanes=num_known[1],
-        least_agents=num_known[0],
+        least_agents=min(max(num_known[0], _least_agents(condition) if reads else 0), most),
     )
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
     return Request(
@@ -114,7 +115,8 @@ def draw_request(
 
 
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:
-    """Agents of a scene: as given, else by the attributes if these give the vehicles, else None.
+    """Agents of a scene without a network that predicts them from attributes: as given, else by the attributes if these
+    give the vehicles, else None.
 
     The number is the middle of each range, or its lower end where the upper one is open.
     """
@@ -123,6 +125,11 @@ def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:
     ranges = [condition.attributes[name] for name in _AGENT_COUNTS if name in condition.attributes]
     total = 1 + sum(int(low if high is None else (low + high) // 2) for low, high in ranges)
     return min(max(total, num_known, 1), most)
+
+
+def _least_agents(condition: Condition) -> int:
+    """Agents that the attributes request at least, the ego included."""
+    return 1 + sum(int(condition.attributes.get(name, (0, None))[0]) for name in (*_AGENT_COUNTS, "static"))
 
 
 def _check_counts(condition: Condition, num_known: tuple[int, int], model: Model) -> None:

@@ -1,7 +1,8 @@
 """The network that reads a prompt: token features in, one answer for each attribute out.
 
-A transformer over the tokens, then one learned query for each attribute. The features come from a frozen encoder; the
-value of a number in the text is an input of its own, so that numbers of all languages are the same to the network.
+A transformer over the tokens, whose blocks begin with a convolution over neighbors, then one learned query for each
+attribute. The features come from a frozen encoder; the value of a number in the text is an input of its own, so that
+numbers of all languages are the same to the network.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class ReaderConfig:
       levels: numbers that an end of a range can be.
       numbers: values that the number of a token can have; 0 is a token without one.
       width, blocks, heads: of the transformer.
+      kernel: tokens that the convolution reads at once, an odd number.
     """
 
     text_width: int
@@ -49,6 +51,7 @@ class ReaderConfig:
     width: int = 192
     blocks: int = 1
     heads: int = 4
+    kernel: int = 5
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
@@ -56,6 +59,8 @@ class ReaderConfig:
                 raise ValueError(f"ReaderConfig.{field.name} must be at least 1, not {getattr(self, field.name)}")
         if self.width % (2 * self.heads):
             raise ValueError(f"ReaderConfig.width {self.width} must be a multiple of two times heads {self.heads}")
+        if self.kernel % 2 == 0:
+            raise ValueError(f"ReaderConfig.kernel must be odd, not {self.kernel}")
 
 
 class ReaderOutputs(NamedTuple):
@@ -71,10 +76,12 @@ class ReaderOutputs(NamedTuple):
 
 
 class _Block(nnx.Module):
-    """x + attention(LN(x)), then x + MLP(LN(x))."""
+    """x + convolution(LN(x)), x + attention(LN(x)), then x + MLP(LN(x))."""
 
     def __init__(self, config: ReaderConfig, *, init: ParamInit):
         width = config.width
+        self.near_norm, self.near_out = LayerNorm(width), Linear(width, width, init=init)
+        self.near = nnx.Param(init.normal((config.kernel, width), config.kernel**-0.5))
         self.norm, self.mlp_norm = LayerNorm(width), LayerNorm(width)
         self.query, self.key = Linear(width, width, init=init), Linear(width, width, init=init)
         self.value, self.out = Linear(width, width, init=init), Linear(width, width, init=init)
@@ -82,9 +89,17 @@ class _Block(nnx.Module):
         self.heads = config.heads
 
     def __call__(self, x: Float[Array, "b n d"], mask: Bool[Array, "b n"]) -> Float[Array, "b n d"]:
+        x = x + self.near_out(jax.nn.gelu(self._near_tokens(jnp.where(mask[..., None], self.near_norm(x), 0.0))))
         h = self.norm(x)
         x = x + self.out(attend(self.query(h), self.key(h), self.value(h), mask[:, None], self.heads))
         return x + self.down(jax.nn.gelu(self.up(self.mlp_norm(x))))
+
+    def _near_tokens(self, x: Float[Array, "b n d"]) -> Float[Array, "b n d"]:
+        """Each feature as a weighted sum of its values at the neighbors, which are 0 beyond the ends."""
+        weights, length = self.near[...], x.shape[1]
+        side = len(weights) // 2
+        x = jnp.pad(x, ((0, 0), (side, side), (0, 0)))
+        return sum((x[:, k : k + length] * weights[k] for k in range(1, len(weights))), x[:, :length] * weights[0])
 
 
 class Reader(nnx.Module):

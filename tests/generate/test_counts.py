@@ -12,6 +12,7 @@ import scjax
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
 from scjax.generate.requests import draw_request
+from scjax.language.attributes.vector import feature_names
 from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene import Crop
@@ -63,11 +64,31 @@ def test_sharp_counts_are_the_likely_ones(sharpness, lanes):
 def test_count_tables_evaluate_equal_texts_once(seven_lanes):
     tables = CountTables(seven_lanes)
     one, same = (Stream(Words.features("a road")) for _ in range(2))
-    assert tables(one, None, Crop.CENTERED) is tables(same, None, Crop.CENTERED)
-    assert tables(one, None, Crop.CENTERED) is not tables(one, 1, Crop.CENTERED)
+    assert tables(one, {}, None, Crop.CENTERED) is tables(same, {}, None, Crop.CENTERED)
+    assert tables(one, {}, None, Crop.CENTERED) is not tables(one, {}, 1, Crop.CENTERED)
 
 
 def test_count_tables_are_the_datas_without_a_prompt(seven_lanes):
     tables = CountTables(seven_lanes)
-    assert tables(None, None, Crop.CENTERED) is seven_lanes.counts
-    assert tables(Stream(Words.features("a road")), None, Crop.FORWARD) is seven_lanes.counts
+    assert tables(None, {}, None, Crop.CENTERED) is seven_lanes.counts
+    assert tables(Stream(Words.features("a road")), {}, None, Crop.FORWARD) is seven_lanes.counts
+
+
+def test_counts_follow_the_attributes_where_the_network_reads_them():
+    """The bias of the network allows 2 to 5 agents; a request for more than that sets a lower bound."""
+    names = feature_names()
+    model = with_predictor({"lanes": {7: 0.0}, "agents": {2: 0.0, 5: 0.0}}, text_width=len(names), attributes=names)
+    tables = CountTables(model)
+    assert tables.read_attributes and not CountTables(tiny_model()).read_attributes
+    assert tables(None, {}, None, Crop.CENTERED) is model.counts
+    assert tables(None, {"layout": "T"}, None, Crop.CENTERED) is not model.counts
+
+    def agents(**condition):
+        keys = (jax.random.fold_in(jax.random.key(0), i) for i in range(20))
+        requests = [draw_request(key, Condition(**condition), {}, model, tables) for key in keys]
+        assert {request.num_lanes for request in requests} == {7}
+        return {request.num_agents for request in requests}
+
+    assert agents(attributes={"layout": "T"}) == {2, 5}
+    assert agents(attributes={"vehicles": (2, None), "static": 1}) == {5}
+    assert agents(attributes={"vehicles": (2, None)}, num_agents=2) == {2}

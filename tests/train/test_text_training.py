@@ -123,6 +123,17 @@ def test_a_prompt_decides_counts_and_scene(prompt_model):
     scjax.validate(scene)
 
 
+def test_counts_are_learned_from_requests_for_attributes(folder, text_model):
+    config = configured("counts", folder)
+    config.condition, config.denoiser = "attributes", str(folder / "text" / "model")
+    train(config, folder / "requested")
+    model = scjax.load(folder / "requested" / "model")
+    network = model.count_predictor.config
+    assert network.attributes == feature_names() and network.text_width == len(feature_names())
+    condition = scjax.Condition(attributes={"layout": "straight", "vehicles": (2, None)})
+    assert scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0].num_agents >= 3
+
+
 def test_calibration_of_the_counts(folder, prompt_model):
     predictions = calibration.predict(str(folder / "prompt" / "model"), str(folder / "records"), 0)
     found, shares = calibration.measure(predictions, 0), predictions.shares

@@ -133,8 +133,9 @@ def _parts(book: Phrasebook, plan: Plan, statements: list[Statement], rng: np.ra
         template = pick(texts[register], rng)
         text = fill(book, template, quantities, rng, register=register, voice=voice)
         if plan.voice == "first" and "repairs" in book.style and rng.random() < _REPAIR_SHARE:
-            wrong = {slot: _misstated(quantity, rng) for slot, quantity in quantities.items()}
-            if wrong and None not in wrong.values():
+            drawn = {slot: _misstated(quantity, rng) for slot, quantity in quantities.items()}
+            wrong = {slot: quantity for slot, quantity in drawn.items() if quantity is not None}
+            if wrong and len(wrong) == len(drawn):
                 first = fill(book, template, wrong, rng, register=register, voice=voice)
                 text = f"{first}{pick(book.style['repairs'], rng)}{text}"
         parts.append(Part(text, register, entry.group))

@@ -1,13 +1,15 @@
-"""f_count: the numbers of lanes and agents for a prompt, as a joint distribution over (N_l, N_o).
+"""f_count: the numbers of lanes and agents for a condition, as a joint distribution over (N_l, N_o).
 
 The paper predicts counts from condition tokens by attention; its release has no such network (official-spec §8). This
-network gives probabilities, so counts can be sampled and restricted to known bounds.
+network gives probabilities, so counts can be sampled and restricted to known bounds. Its condition is a text, or a
+request for attributes, whose vector is one token.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +32,8 @@ class CountPredictorConfig:
     """Sizes of the network.
 
     Attributes:
-      text_width: features per text token.
+      text_width: features per token.
+      attributes: names of the features of a request (``language.attributes.vector``); () where it reads texts.
       domains: number of domain labels.
       width: hidden width per query.
       queries, heads: learned queries that read the tokens, and their attention heads.
@@ -39,6 +42,7 @@ class CountPredictorConfig:
     """
 
     text_width: int
+    attributes: tuple[str, ...] = ()
     domains: int
     width: int = 128
     queries: int = 4
@@ -49,12 +53,22 @@ class CountPredictorConfig:
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
-            if getattr(self, field.name) < 1:
+            if field.name != "attributes" and getattr(self, field.name) < 1:
                 raise ValueError(
                     f"CountPredictorConfig.{field.name} must be at least 1, not {getattr(self, field.name)}"
                 )
+        if self.attributes and len(self.attributes) != self.text_width:
+            raise ValueError(
+                f"CountPredictorConfig has {len(self.attributes)} attributes, but text_width {self.text_width}: give "
+                "as many"
+            )
         if self.width % self.heads:
             raise ValueError(f"CountPredictorConfig.width {self.width} must be a multiple of heads {self.heads}")
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any]) -> CountPredictorConfig:
+        """The config with the fields of a JSON document."""
+        return cls(**{**fields, "attributes": tuple(fields.get("attributes", ()))})
 
 
 class CountPredictor(nnx.Module):

@@ -1,10 +1,11 @@
-"""Lane and agent counts from a prompt (f_count), on captioned and embedded records.
+"""Lane and agent counts from a caption or from a request for attributes (f_count).
 
     scjax train --config=counts:small --workdir=runs/counts --config.records=runs/records \
         --config.denoiser=runs/text/model
 
-Expected on the synthetic world, 3,000 steps, four minutes on two cores: mean absolute error 3.37 lanes and 2.58 agents,
--log P of the true pair 4.64 on 766 held-back captions (docs/results/count_calibration.md).
+"text" needs captioned and embedded records, "attributes" measured ones (scjax data attributes).
+Expected with captions on the synthetic world, 3,000 steps, four minutes on two cores: mean absolute error 3.37 lanes
+and 2.58 agents, -log P of the true pair 4.64 on 766 held-back ones (docs/results/count_calibration.md).
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     batch_size, steps = VARIANTS[variant]
     config = ml_collections.ConfigDict()
     config.objective = "counts"
-    config.records = "runs/records"  # captioned and embedded
+    config.condition = "text"  # or "attributes"
+    config.records = "runs/records"
     config.denoiser = "runs/text/model"  # model folder that the network is added to
     config.seed = 0
     config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
@@ -30,7 +32,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.batch = {
         "batch_size": batch_size,
         "buckets": ((61, 100),),  # (agent, lane) slots
-        "crops": (1.0, 0.0, 0.0),  # captions describe centred windows
+        "crops": (1.0, 0.0, 0.0),  # captions and attributes describe centred windows
         "jitter_position": 0.5,  # m
         "jitter_heading": 2.0,  # degrees
         "order": "shuffle",

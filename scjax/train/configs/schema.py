@@ -155,8 +155,9 @@ class _DenoiserRun(_Run, kw_only=True):
 
 
 class _CountsRun(_Run, kw_only=True):
+    condition: Literal["text", "attributes"]
     denoiser: str
-    model: _fields_of(CountPredictorConfig, "text_width", "domains")  # pyright: ignore[reportInvalidTypeForm]
+    model: _fields_of(CountPredictorConfig, "text_width", "attributes", "domains")  # pyright: ignore[reportInvalidTypeForm]
     domain_dropout: Share
 
 

@@ -58,6 +58,11 @@ def test_predictor_on_the_host_is_the_same(network):
             assert actual[0].max() < -1e8 and actual[:, 0].max() < -1e8
 
 
+def test_config_needs_one_name_for_each_feature():
+    with pytest.raises(ValueError, match="has 1 attributes, but text_width 6"):
+        CountPredictorConfig(text_width=6, domains=2, attributes=("layout=T",))
+
+
 def test_predictor_learns_counts_from_text(network):
     """Token k stands for k lanes and 8 - k agents."""
     made, params = network
