@@ -11,10 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import jaxtyping
 import pytest
 from absl import flags
 from filelock import FileLock
 
+from tests.factories.type_checks import quick_jaxtyped
+
+jaxtyping.jaxtyped = quick_jaxtyped  # before any module of scjax is read
 flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed any
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as experiments.train does
@@ -36,9 +40,9 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")
     folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax"))))  # pyright: ignore
     os.environ.setdefault("SCJAX_CACHE", str(config.cache.mkdir("scjax")))  # pyright: ignore
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
 _LONGEST = (

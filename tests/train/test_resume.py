@@ -34,13 +34,20 @@ def changed(**fields):
     return config
 
 
-@pytest.fixture
-def folder(tmp_path):
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
     """Checkpoints of the steps 3 and 6."""
-    with Checkpoints(tmp_path / "checkpoints", CONFIG, INPUTS) as checkpoints:
+    folder = tmp_path_factory.mktemp("resume") / "checkpoints"
+    with Checkpoints(folder, CONFIG, INPUTS) as checkpoints:
         checkpoints.save(3, STATE, POSITION)
         checkpoints.save(6, STATE, POSITION)
-    return tmp_path / "checkpoints"
+    return folder
+
+
+@pytest.fixture
+def folder(saved, tmp_path):
+    """A copy of them, to be damaged."""
+    return shutil.copytree(saved, tmp_path / "checkpoints")
 
 
 @pytest.mark.parametrize(
