@@ -25,7 +25,7 @@ from tqdm import tqdm
 from experiments.studies.page import script_parser
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
-from scjax.generate.prompt_reader import ENCODER_LAYERS, reader_config, save_reader, token_inputs
+from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, reader_config, save_reader, token_inputs
 from scjax.language.grammar.compose import compose_freely
 from scjax.language.reader.numbers import token_numbers
 from scjax.language.reader.targets import Targets, is_set, read_outputs, request_targets, value_mask
@@ -141,7 +141,7 @@ def _train(
                 tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
                 checkpoints.save(number, state, {})
                 notes = {"texts": args.texts, "seed": args.seed, "steps": number, "validation": values}
-                save_reader(config, state[0], encoder.name, folder, notes)
+                save_reader(PromptReader(config, state[0], encoder.name), folder, notes)
     checkpoints.save(number, state, {}, wait=True)
 
 

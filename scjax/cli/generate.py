@@ -24,7 +24,7 @@ from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt
 from scjax.cli.scene_results import SceneFiles
 
 if TYPE_CHECKING:
-    from scjax.scene import Scene
+    from scjax.generate.conditions import Condition
 
 
 def _guidance_help() -> str:
@@ -125,7 +125,8 @@ def generate(
 
     Every scene is the best of several candidates (--best-of), each repaired after sampling (--no-repair leaves them as
     sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts that do not ship with the model
-    need the text encoder, which is downloaded once; without a network, set SCJAX_TEXT_ENCODER (see the README).
+    need two text encoders, which are downloaded once; without a network, set SCJAX_MULTILINGUAL_ENCODER and
+    SCJAX_TEXT_ENCODER (see the README). `scjax read` shows what is understood of a prompt.
     """
     if bool(prompts) == (prompt_file is not None):
         raise click.UsageError("give either PROMPT or --prompts FILE")
@@ -137,10 +138,11 @@ def generate(
     with clock.part("start"):
         import jax
 
-        from scjax.generate.best_of import prompt_warnings
         from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
+        from scjax.generate.readings import prompt_warnings, read_prompts, reads_requests
         from scjax.generate.sample import sample_scenes
+        from scjax.language.attributes.shown import shown_request
         from scjax.nn.startup import start_jax
 
         start_jax()
@@ -148,23 +150,27 @@ def generate(
 
     def conditions(some: Sequence[ListedPrompt]) -> list[Condition]:
         given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
-        return [Condition(prompt=entry.prompt, **given) for entry in some]
+        return read_prompts([Condition(prompt=entry.prompt, **given) for entry in some], model)
 
-    def sample(key: Any, some: Sequence[ListedPrompt]) -> list[Scene]:
+    def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
         with clock.part("scenes"):
-            return sample_scenes(key, conditions(some), model=model, **sampling)
+            wanted = conditions(some)
+            scenes = sample_scenes(key, wanted, model=model, **sampling)
+        with clock.part("files"):
+            return files.write(some, [condition.attributes for condition in wanted], scenes)
 
     files, key = SceneFiles(out, seed, sampling["num_scenes"], formats), jax.random.key(seed)
     results = []
-    if prompt_file is None:
-        for warning in (warning for condition in conditions(entries) for warning in prompt_warnings(condition)):
-            say(f"scjax: warning: {warning}")
+    if prompt_file is None and reads_requests(model):
+        for condition in conditions(entries):
+            if condition.attributes:
+                say(f"understood: {shown_request(condition.attributes)}", quiet=as_json)
+            for warning in prompt_warnings(condition):
+                say(f"scjax: warning: {warning}")
     for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
         if number is not None and all(files.is_complete(entry) for entry in some):
             continue
-        scenes = sample(key if number is None else jax.random.fold_in(key, number), some)
-        with clock.part("files"):
-            results += files.write(some, scenes)
+        results += sample(key if number is None else jax.random.fold_in(key, number), some)
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:

@@ -16,21 +16,23 @@ if TYPE_CHECKING:
 
 @click.command("read")
 @click.argument("prompts", nargs=-1, required=True, metavar="PROMPT...")
-@click.option("--reader", "folder", required=True, metavar="DIR", help="Folder of a trained reader; none ships yet.")
+@click.option("--reader", "folder", metavar="DIR", help="Folder of a trained reader. [default: the one that ships]")
 @json_option
 def read_command(prompts, folder, as_json) -> None:
     """Shows what is understood of every PROMPT, in any of eleven languages, and how surely.
 
     \b
-    python -m experiments.train_reader runs/reader
-    scjax read "vier Autos an der Kreuzung, die Ampel ist rot" --reader runs/reader/model
+    scjax read "vier Autos an der Kreuzung, die Ampel ist rot"
+    scjax read "empty motorway" --reader runs/reader/model
 
     docs/attributes.md explains the names. What is not listed is not understood, or not requested.
     """
     from scjax.generate.prompt_reader import load_reader
     from scjax.language.attributes.contradictions import find_contradictions
+    from scjax.nn.startup import start_jax
 
-    readings = load_reader(Path(folder))(list(prompts))
+    start_jax()
+    readings = load_reader(None if folder is None else Path(folder))(list(prompts))
     contradictions = [find_contradictions(reading.request) for reading in readings]
     if as_json:
         rows: list[dict[str, Any]] = [
@@ -47,17 +49,9 @@ def read_command(prompts, folder, as_json) -> None:
 
 
 def _lines(reading: Reading) -> list[str]:
+    from scjax.language.attributes.shown import shown_value
+
     if not reading.request:
         return ["  nothing is understood"]
-    return [
-        f"  {name:<22}{_shown(value):<30}{100 * reading.shares[name]:.0f} %" for name, value in reading.request.items()
-    ]
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, tuple) and value and isinstance(value[0], int | float):
-        least, most = value
-        return f"{least:g}" if least == most else f"{least:g} or more" if most is None else f"{least:g} to {most:g}"
-    if isinstance(value, tuple):
-        return ", ".join(value)
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
+    shown = {name: shown_value(value) for name, value in reading.request.items()}
+    return [f"  {name:<22}{value:<30}{100 * reading.shares[name]:.0f} %" for name, value in shown.items()]

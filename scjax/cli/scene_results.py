@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,18 +34,22 @@ class SceneFiles(NamedTuple):
         names = [self._name(entry, number) for number in range(self.num_scenes)]
         return all((self.folder / entry.id / f"{name}.{end}").is_file() for name in names for end in self.formats)
 
-    def write(self, entries: Sequence[ListedPrompt], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
-        """Writes the scenes of the entries, entry by entry; one report for each."""
+    def write(
+        self, entries: Sequence[ListedPrompt], requests: Sequence[Mapping[str, Any]], scenes: Sequence[Scene]
+    ) -> list[dict[str, Any]]:
+        """Writes the scenes of the entries, entry by entry; one report for each.
+
+        Args:
+          requests: attributes that were requested, for every entry.
+        """
         results, numbers = [], Counter()
         for i, scene in enumerate(scenes):
-            entry = entries[i // self.num_scenes]
-            results.append(self._write_one(scene, entry, numbers[entry]))
+            entry, request = entries[i // self.num_scenes], requests[i // self.num_scenes]
+            results.append(self._write_one(scene, entry, numbers[entry]) | _report(scene, request))
             numbers[entry] += 1  # a prompt that is given twice has twice as many scenes
         return results
 
     def _write_one(self, scene: Scene, entry: ListedPrompt, number: int) -> dict[str, Any]:
-        from scjax.language.facts import extract_facts
-
         folder = self.folder / entry.id
         folder.mkdir(exist_ok=True)
         files = write_scene(scene, folder, self._name(entry, number), self.formats)
@@ -55,10 +59,20 @@ class SceneFiles(NamedTuple):
             "seed": self.seed,
             "number": number,
             "files": [str(path) for path in files],
-            "lanes": int(scene.num_lanes),
-            "agents": int(scene.num_agents),
-            "facts": extract_facts(scene).to_json(),
         }
 
     def _name(self, entry: ListedPrompt, number: int) -> str:
         return f"{slug(entry.prompt)}-{self.seed}-{number}"
+
+
+def _report(scene: Scene, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Counts of a scene, what was requested of it, which parts of that it does not show, and all that it shows."""
+    from scjax.language.attributes.table import measure_attributes, score_attributes
+
+    return {
+        "lanes": int(scene.num_lanes),
+        "agents": int(scene.num_agents),
+        "request": dict(request),
+        "misses": list(score_attributes(scene, request).misses),
+        "shows": measure_attributes(scene),
+    }

@@ -67,6 +67,8 @@ class Model:
       counts: [domains, crops, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
       prompts: text -> token features [tokens, width] of prompts that need no encoder.
+      reads_prompts: whether prompts become requests for attributes (``generate.readings``), which the network then
+        reads, as text or by themselves. Networks that read attributes and no text always need that.
       temperature: default scale of the sampler's noise, per type.
       energy_guidance: default energy guidance of the sampler, or None.
       notes: free JSON: training data, steps, license.
@@ -79,6 +81,7 @@ class Model:
     counts: np.ndarray | None = None
     text_encoder: str = ""
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    reads_prompts: bool = False
     temperature: PerType = DEFAULT_TEMPERATURE
     energy_guidance: EnergyGuidance | None = None
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)

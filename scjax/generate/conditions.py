@@ -14,7 +14,6 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from scjax.encoders.text import clean_text
-from scjax.language.attributes.request_text import request_text
 from scjax.language.attributes.table import check_attributes
 from scjax.scene import Crop, Scene, validate
 from scjax.scene.arguments import whole_number
@@ -150,8 +149,9 @@ class Condition:
         makes both from a scene.
       attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",
         "vehicles": (3, 5)}``; docs/attributes.md lists them. A missing one, None and "unspecified" ask nothing.
-        Without a prompt, a text made of them takes its place; ``best_of`` chooses by them; numbers of vehicles, people
-        and cyclists set ``num_agents`` where it is not given.
+        What a prompt asks for joins them where the model takes prompts as requests (``generate.readings``). A model
+        that reads text alone gets a text made of them; ``best_of`` chooses by them; numbers of vehicles, people and
+        cyclists set ``num_agents`` where it is not given.
     """
 
     num_lanes: int | None = None
@@ -200,13 +200,6 @@ class Condition:
                 f"Condition.known must be a single scene, not a batch of shape {self.known.batch_shape}: take one "
                 "with known[i]"
             )
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """Stream name -> the text that fills it: the prompts, and a text of the attributes where there is no prompt."""
-        texts = self.prompts
-        text = "" if "text" in texts or "text" in self.streams else request_text(self.attributes)
-        return {"text": text} | texts if text else texts
 
     @property
     def prompts(self) -> dict[str, str]:

@@ -17,6 +17,8 @@ from scjax.encoders.base import TextEncoder
 from scjax.encoders.text import load_text_encoder
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
+from scjax.generate.readings import reads_requests
+from scjax.language.attributes.request_text import request_text
 from scjax.models.denoiser.config import ConditionConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 
@@ -37,10 +39,7 @@ def encode_conditions(
     Raises:
       ValueError: the model cannot read a stream, or the encoder is not the model's.
     """
-    # Attributes become a text for a model that reads text alone. One that reads neither leaves them to the choice among
-    # candidates.
-    as_text = bool(model.text_encoder) and not model.denoiser.config.attributes
-    by_condition = [condition.texts if as_text else condition.prompts for condition in conditions]
+    by_condition = [_texts(condition, model) for condition in conditions]
     texts = dict.fromkeys(text for one in by_condition for text in one.values())
     features = _encode_texts(list(texts), model, encoder) if texts else {}
     streams: list[Streams] = [
@@ -49,6 +48,22 @@ def encode_conditions(
     ]
     check_readable(streams, model.denoiser.config.condition)
     return streams
+
+
+def _texts(condition: Condition, model: Model) -> dict[str, str]:
+    """Stream name -> the text that fills it.
+
+    Attributes become a text for a model that reads text alone; there they take the place of a prompt that the model
+    does not read itself. A model that reads neither leaves them to the choice among candidates.
+    """
+    texts = condition.prompts
+    if not model.text_encoder:
+        return {name: text for name, text in texts.items() if name != "text"} if reads_requests(model) else texts
+    if model.denoiser.config.attributes or "text" in condition.streams:
+        return texts
+    if "text" not in texts or (model.reads_prompts and texts["text"] not in model.prompts):
+        return texts | {"text": text} if (text := request_text(condition.attributes)) else texts
+    return texts
 
 
 def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | None) -> dict[str, np.ndarray]:

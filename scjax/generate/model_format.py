@@ -112,6 +112,7 @@ class ModelIndex(Struct):
     domains: list[str]
     notes: dict[str, Any]
     text_encoder: str = ""
+    reads_prompts: bool = False
     temperature: PerTypeFields | None = None
     energy_guidance: dict[str, Any] | None = None
     prompts: str = ""

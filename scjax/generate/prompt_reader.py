@@ -17,6 +17,8 @@ import numpy as np
 
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
+from scjax.generate.model import DEFAULT_MODEL
+from scjax.language.attributes.table import check_attributes
 from scjax.language.reader.numbers import LARGEST, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, Reading, read_outputs
 from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
@@ -32,7 +34,11 @@ layers, 41 % with all twelve, 37 % with the word vectors alone."""
 MAX_TOKENS = 192
 """Tokens of a prompt that are read; more are left out."""
 
+DEFAULT_READER = DEFAULT_MODEL / "reader"
+"""Folder of the reader that ships with the package."""
+
 _INDEX, _CURE = "reader.json", "copy the folder again"
+_MOST_KEPT = 1000  # readings that a reader remembers
 _STEP = 32  # tokens are padded to a multiple of so many
 
 
@@ -43,6 +49,7 @@ class _Index(msgspec.Struct):
     encoder: str
     files: dict[str, str]
     notes: dict[str, Any]
+    readings: dict[str, dict[str, Any]] = {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,22 +58,48 @@ class PromptReader:
 
     Attributes:
       config, params: of the network.
-      encoder: gives token features.
+      encoder_name: name of the encoder that gives token features.
+      readings: texts that were read already; those that ship need no encoder.
     """
 
     config: ReaderConfig
     params: Params
-    encoder: FrozenTextEncoder
+    encoder_name: str
+    readings: dict[str, Reading] = dataclasses.field(default_factory=dict)
 
     def __call__(self, texts: Sequence[str]) -> list[Reading]:
         """What each text asks for, the same as if it were alone.
 
         Raises:
-          ValueError: as ``clean_text``.
+          ValueError: as ``clean_text``; or the encoder cannot be had, or is another one.
         """
+        cleaned = [clean_text(text) for text in texts]
+        if missing := [text for text in dict.fromkeys(cleaned) if text not in self.readings]:
+            new = dict(zip(missing, self._read(missing), strict=True))
+            if len(self.readings) + len(new) <= _MOST_KEPT:
+                self.readings.update(new)
+            return [self.readings[text] if text in self.readings else new[text] for text in cleaned]
+        return [self.readings[text] for text in cleaned]
+
+    @functools.cached_property
+    def encoder(self) -> FrozenTextEncoder:
+        """The frozen encoder, downloaded once if it is not here.
+
+        Raises:
+          ValueError: it cannot be had, or is another one.
+        """
+        encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
+        if encoder.name != self.encoder_name:
+            raise ValueError(
+                f"the reader of prompts reads the encoder {self.encoder_name}, but {encoder.name} is here: unset "
+                f"{E5.variable}, or give the folder of that one"
+            )
+        return encoder
+
+    def _read(self, texts: Sequence[str]) -> list[Reading]:
         readings = []
         for text, encoded in zip(texts, self.encoder(texts), strict=True):
-            inputs = token_inputs(encoded.features, token_numbers(clean_text(text), self.encoder.spans(text)))
+            inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
             outputs = _program(self.config)(self.params, *inputs)
             readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0])))
         return readings
@@ -93,11 +126,10 @@ def reader_config(text_width: int, **sizes: int) -> ReaderConfig:
     )
 
 
-def save_reader(config: ReaderConfig, params: Params, encoder: str, folder: Path, notes: dict[str, Any]) -> None:
-    """Writes a reader, in place of what the folder holds.
+def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> None:
+    """Writes a reader with the readings that it holds, in place of what the folder holds.
 
     Args:
-      encoder: name of the encoder whose features it reads.
       notes: how it was trained.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -105,8 +137,13 @@ def save_reader(config: ReaderConfig, params: Params, encoder: str, folder: Path
     temporary = part_path(folder)
     temporary.mkdir()
     try:
-        files = write_arrays(array_names(params), temporary, dtype="float16")
-        content = {"config": dataclasses.asdict(config), "encoder": encoder, "files": files, "notes": notes}
+        content = {
+            "config": dataclasses.asdict(reader.config),
+            "encoder": reader.encoder_name,
+            "files": write_arrays(array_names(reader.params), temporary, dtype="float16"),
+            "notes": notes,
+            "readings": {text: reading._asdict() for text, reading in reader.readings.items()},
+        }
         (temporary / _INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
         replace_folder(temporary, folder)
     except OSError as error:
@@ -115,13 +152,21 @@ def save_reader(config: ReaderConfig, params: Params, encoder: str, folder: Path
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-@functools.lru_cache(maxsize=2)
-def load_reader(folder: Path) -> PromptReader:
-    """The reader in a folder; its encoder is downloaded once if it is not here.
+def load_reader(folder: Path | None = None) -> PromptReader:
+    """The reader in a folder; None: the one that ships, read once.
 
     Raises:
-      ValueError: a file is missing or damaged, the table of attributes is another, or the encoder cannot be had.
+      ValueError: a file is missing or damaged, or the table of attributes is another.
     """
+    return _default_reader() if folder is None else _load(folder)
+
+
+@functools.cache
+def _default_reader() -> PromptReader:
+    return _load(DEFAULT_READER)
+
+
+def _load(folder: Path) -> PromptReader:
     path = folder / _INDEX
     if not path.is_file():
         cure = "train one with python -m experiments.train_reader"
@@ -138,10 +183,15 @@ def load_reader(folder: Path) -> PromptReader:
     expected = flatten(reader_network(config).shapes())
     if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
         raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")
-    encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
-    if encoder.name != index.encoder:
-        raise ValueError(f"{path} reads the encoder {index.encoder}, but {encoder.name} is here: install that of scjax")
-    return PromptReader(config, jax.tree.map(jnp.asarray, params), encoder)
+    readings = {text: _reading(content, path) for text, content in index.readings.items()}
+    return PromptReader(config, jax.tree.map(jnp.asarray, params), index.encoder, readings)
+
+
+def _reading(content: dict[str, Any], path: Path) -> Reading:
+    try:
+        return Reading(check_attributes(content["request"]), dict(content["shares"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: a reading is damaged ({error}): {_CURE}") from error
 
 
 @functools.lru_cache(maxsize=4)

@@ -43,7 +43,6 @@ class Request:
     """One scene to sample; everything but its latents is decided."""
 
     key: Array
-    prompt: str | None
     streams: Mapping[str, Stream]
     crop: Crop
     domain: int
@@ -109,9 +108,7 @@ def draw_request(
         least_agents=min(max(num_known[0], _least_agents(condition) if reads else 0), most),
     )
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
-    return Request(
-        key, condition.prompt, streams, condition.crop, domain, num_agents, num_lanes, elements, condition.attributes
-    )
+    return Request(key, streams, condition.crop, domain, num_agents, num_lanes, elements, condition.attributes)
 
 
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:

@@ -34,6 +34,7 @@ from scjax.generate.counts import CountTables
 from scjax.generate.encode import encode_conditions
 from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model
+from scjax.generate.readings import read_prompts
 from scjax.generate.requests import Request, draw_request
 from scjax.scene import Scene, stack
 from scjax.scene.arguments import finite_number, truth_value, whole_number
@@ -139,6 +140,7 @@ def sample_scenes(
     model = as_model(model)
     settings = _settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
 
+    conditions = read_prompts(conditions, model)
     streams = encode_conditions(conditions, model)
     tables = CountTables(model)
     requests = [
@@ -153,7 +155,7 @@ def sample_scenes(
     if best_of > 1:
         groups = [scenes[start : start + best_of] for start in range(0, len(scenes), best_of)]
         pairs = zip(groups, requests, strict=True)
-        scenes = [group[best_index(request.prompt, group, request.attributes)] for group, request in pairs]
+        scenes = [group[best_index(group, request.attributes)] for group, request in pairs]
     return stack(scenes) if is_single else scenes
 
 

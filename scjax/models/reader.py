@@ -99,7 +99,7 @@ class _Block(nnx.Module):
         weights, length = self.near[...], x.shape[1]
         side = len(weights) // 2
         x = jnp.pad(x, ((0, 0), (side, side), (0, 0)))
-        return sum((x[:, k : k + length] * weights[k] for k in range(1, len(weights))), x[:, :length] * weights[0])
+        return jnp.sum(jnp.stack([x[:, k : k + length] * weights[k][None, None] for k in range(len(weights))]), 0)
 
 
 class Reader(nnx.Module):

@@ -70,7 +70,7 @@ def test_generate_writes_what_it_names(run, folder, tmp_path):
 def test_generate_prints_json(run, folder):
     code, out, _ = run("generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 3, "--lanes", 5, "--json")
     content = json.loads(out)
-    assert code == 0 and content["scenes"][0]["agents"] == 3 and content["scenes"][0]["facts"]["traffic"]
+    assert code == 0 and content["scenes"][0]["agents"] == 3 and content["scenes"][0]["shows"]["layout"]
     assert set(content["seconds"]) == {"start", "scenes", "files"}
 
 

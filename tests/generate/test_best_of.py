@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import scjax
-from scjax.generate.best_of import best_index, prompt_warnings, score_scene
+from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.requests import draw_request
@@ -23,6 +23,7 @@ from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 
 PROMPT = "a road with two cars"
+REQUEST = {"vehicles": (2, 2)}
 
 
 @pytest.fixture(scope="module")
@@ -47,30 +48,31 @@ def candidates_of(model, condition, number, seed=0):
 def test_score_counts_an_ego_off_the_lanes():
     on, off = chain(0.0), chain(0.0)
     off.agents[0, 1] = 10.0
-    assert best_index("a road", [off, on]) == 1 and best_index("a road", [on, off]) == 0
-    assert score_scene("a road", off).missed == score_scene("a road", on).missed + 1
+    road = {"vehicles": (0, None)}
+    assert best_index([off, on], road) == 1 and best_index([on, off], road) == 0
+    assert score_scene(off, road).missed == score_scene(on, road).missed + 1
 
 
 def test_score_prefers_smaller_gaps_of_equals():
-    assert best_index("a road", [chain(1.2), chain(0.4), chain(0.9)]) == 1
+    assert best_index([chain(1.2), chain(0.4), chain(0.9)], {}) == 1
 
 
-def test_score_puts_the_prompt_before_faults():
+def test_score_puts_the_request_before_faults():
     few, many, crammed = queue(6.0, cars=3), queue(6.0, cars=6), queue(-1.0, cars=6)
-    assert best_index("five vehicles", [few, crammed, many]) == 2
-    assert best_index("two vehicles", [many, few]) == 1
+    assert best_index([few, crammed, many], {"vehicles": (5, 5)}) == 2
+    assert best_index([many, few], {"vehicles": (2, 2)}) == 1
 
 
-def test_score_without_a_prompt_counts_faults_only():
+def test_score_without_a_request_counts_faults_only():
     few, crammed = queue(6.0, cars=3), queue(-1.0, cars=6)
-    assert score_scene(None, few).missed == score_scene(None, crammed).missed == 0
-    assert best_index(None, [crammed, few]) == 1
+    assert score_scene(few, {}).missed == score_scene(crammed, {}).missed == 0
+    assert best_index([crammed, few], {}) == 1
 
 
 def test_best_index_takes_the_first_of_equals():
-    assert best_index("no such words", [queue(6.0), queue(6.0)]) == 0
+    assert best_index([queue(6.0), queue(6.0)], {}) == 0
     with pytest.raises(ValueError, match="no scenes to choose from"):
-        best_index("a road", [])
+        best_index([], {})
 
 
 def test_best_of_one_equals_plain(model):
@@ -80,9 +82,9 @@ def test_best_of_one_equals_plain(model):
 
 
 @settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 1000), number=st.integers(2, 6), prompt=st.sampled_from([None, PROMPT]))
-def test_best_of_returns_the_best_candidate_of_its_key(model, seed, number, prompt):
-    condition = Condition(prompt=prompt)
+@given(seed=st.integers(0, 1000), number=st.integers(2, 6), request=st.sampled_from([{}, REQUEST]))
+def test_best_of_returns_the_best_candidate_of_its_key(model, seed, number, request):
+    condition = Condition(prompt=PROMPT, attributes=request)
     candidates = candidates_of(model, condition, number, seed)
     chosen = sample(model, [condition], seed, best_of=number)[0]
     equal = [
@@ -90,34 +92,18 @@ def test_best_of_returns_the_best_candidate_of_its_key(model, seed, number, prom
         for one in candidates
     ]
     assert any(equal)
-    assert score_scene(prompt, chosen) == min(score_scene(prompt, one) for one in candidates)
+    assert score_scene(chosen, request) == min(score_scene(one, request) for one in candidates)
     assert len({(int(one.num_lanes), int(one.num_agents), int(one.domain)) for one in candidates}) == 1
     assert len({one.lanes.tobytes() for one in candidates}) == number
 
 
 def test_best_of_candidates_are_repaired_before_the_choice(model):
-    condition = Condition(prompt=PROMPT, num_lanes=5, num_agents=4)
+    condition = Condition(prompt=PROMPT, attributes=REQUEST, num_lanes=5, num_agents=4)
     repaired = [scjax.repair(one) for one in candidates_of(model, condition, 3)]
     chosen = sample(model, [condition], best_of=3, repair=True)[0]
-    chex.assert_trees_all_equal(chosen.to_dict(), repaired[best_index(PROMPT, repaired)].to_dict())
+    chex.assert_trees_all_equal(chosen.to_dict(), repaired[best_index(repaired, condition.attributes)].to_dict())
 
 
 def test_best_of_below_one_is_refused(model):
     with pytest.raises(ValueError, match=r"best_of must be a whole number in 1\.\.100000, not 0"):
         sample(model, best_of=0)
-
-
-def test_prompt_warnings_name_too_few_agents():
-    prompt = "a road with five vehicles and two pedestrians"
-    assert prompt_warnings(Condition(prompt=prompt, num_agents=4))
-    assert not prompt_warnings(Condition(prompt=prompt, num_agents=8))
-
-
-def test_prompt_warnings_are_none_for_plain_prompts():
-    assert not prompt_warnings(Condition(prompt="a four-way intersection", num_agents=1))
-    assert not prompt_warnings(Condition(prompt="no cars")) and not prompt_warnings(Condition())
-
-
-def test_prompt_warnings_name_prompts_that_no_rule_reads():
-    (warning,) = prompt_warnings(Condition(prompt="Kreuzung mit vier Autos und roter Ampel", num_agents=4))
-    assert "read from 'Kreuzung mit vier" in warning and "Plain English" in warning

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import encode_conditions
 from scjax.generate.requests import _num_agents
+from scjax.models.denoiser.config import TextCondition
 from tests.factories.repair_scenes import queue
+from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 
 
@@ -26,12 +30,24 @@ def test_condition_refuses_faulty_attributes(attributes, message):
         Condition(attributes=attributes)
 
 
-def test_attributes_give_the_text_where_there_is_no_prompt():
-    attributes = {"layout": "T", "vehicles": 3}
-    assert Condition(attributes=attributes).texts == {"text": "A T-intersection with three vehicles."}
-    assert Condition(attributes=attributes, prompt="a road").texts == {"text": "a road"}
+def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
+    """Instead of a prompt only where prompts become requests, and never instead of one that ships with its features."""
+    attributes, text = {"layout": "T", "vehicles": 3}, "A T-intersection with three vehicles."
+    model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)
+
+    def texts(model, **condition):
+        encoder = Words()
+        encode_conditions([Condition(**condition)], model, encoder)
+        return encoder.calls
+
+    assert texts(model, attributes=attributes) == [text]
+    assert texts(model, attributes=attributes, prompt="a road") == ["a road"]
+    reads = dataclasses.replace(model, reads_prompts=True)
+    assert texts(reads, attributes=attributes, prompt="a road") == [text]
+    assert texts(reads, prompt="a road") == ["a road"]
+    stored = dataclasses.replace(reads, prompts={"a road": Words.features("a road")})
+    assert texts(stored, attributes=attributes, prompt="a road") == []
     assert Condition(attributes={"layout": "unspecified"}) == Condition()
-    assert Condition().texts == {}
 
 
 def test_attributes_set_the_number_of_agents_unless_it_is_given():
@@ -45,11 +61,11 @@ def test_attributes_set_the_number_of_agents_unless_it_is_given():
 
 def test_best_of_chooses_by_attributes():
     few, many = queue(6.0, cars=3), queue(6.0, cars=6)
-    assert best_index(None, [few, many], {"vehicles": 5}) == 1
-    assert best_index(None, [few, many], {"vehicles": 2}) == 0
-    assert score_scene(None, few).missed == 0
-    missed = score_scene(None, few, {"vehicles": 2}).missed  # the ego is on no lane
-    assert score_scene(None, few, {"vehicles": 5}).missed == missed + 1
+    assert best_index([few, many], {"vehicles": 5}) == 1
+    assert best_index([few, many], {"vehicles": 2}) == 0
+    assert score_scene(few, {}).missed == 0
+    missed = score_scene(few, {"vehicles": 2}).missed  # the ego is on no lane
+    assert score_scene(few, {"vehicles": 5}).missed == missed + 1
 
 
 def test_attributes_are_no_text_for_a_model_without_text():

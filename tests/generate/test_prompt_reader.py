@@ -12,7 +12,14 @@ import pytest
 from experiments import train_reader
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import load_text_encoder
-from scjax.generate.prompt_reader import ENCODER_LAYERS, load_reader, reader_config, save_reader, token_inputs
+from scjax.generate.prompt_reader import (
+    ENCODER_LAYERS,
+    PromptReader,
+    load_reader,
+    reader_config,
+    save_reader,
+    token_inputs,
+)
 from scjax.models.reader import reader_network
 from tests.factories.encoder_folders import CONFIG, write_encoder
 
@@ -29,7 +36,7 @@ def encoder(tmp_path, monkeypatch):
 
 def _save(encoder, folder, **sizes):
     config = reader_config(encoder.width, **{**SIZES, **sizes})
-    save_reader(config, reader_network(config).init(jax.random.key(0)), encoder.name, folder, {})
+    save_reader(PromptReader(config, reader_network(config).init(jax.random.key(0)), encoder.name), folder, {})
     return folder
 
 
@@ -66,10 +73,11 @@ def test_first_layers_are_those_of_the_whole_encoder(encoder):
 
 
 def test_reader_is_saved_and_read(encoder, tmp_path):
-    reader = load_reader(_save(encoder, tmp_path / "reader"))
+    folder = _save(encoder, tmp_path / "reader")
+    reader = load_reader(folder)
     one, two = "a road with two cars", "three lanes"
     together = reader([one, two])
-    alone = reader([two])[0]
+    alone = load_reader(folder)([two])[0]
     assert alone.request == together[1].request and alone.shares == pytest.approx(together[1].shares, abs=1e-5)
     assert together[0].request.keys() == together[0].shares.keys()
     with pytest.raises(ValueError, match="prompt is empty"):
@@ -84,7 +92,7 @@ def test_reader_is_saved_and_read(encoder, tmp_path):
         (lambda index: index["config"].update(width=32), "do not fit the config"),
         (lambda index: index["config"].update(named=3), "another table of attributes: train it anew"),
         (lambda index: index["config"].update(width=3), "multiple of"),
-        (lambda index: index.update(encoder="word"), "reads the encoder word"),
+        (lambda index: index.update(readings={"a": {"request": {"layout": "L"}, "shares": {}}}), "layout has no value"),
     ],
 )
 def test_damaged_readers_are_named(change, message, encoder, tmp_path):
@@ -94,6 +102,20 @@ def test_damaged_readers_are_named(change, message, encoder, tmp_path):
     (folder / "reader.json").write_text(json.dumps(index))
     with pytest.raises(ValueError, match=rf"reader\.json.*{message}"):
         load_reader(folder)
+
+
+def test_another_encoder_is_refused(encoder, tmp_path):
+    reader = dataclasses.replace(load_reader(_save(encoder, tmp_path / "reader")), encoder_name="word")
+    with pytest.raises(ValueError, match="reads the encoder word"):
+        reader(["a road"])
+
+
+def test_saved_readings_need_no_encoder(encoder, tmp_path):
+    reader = load_reader(_save(encoder, tmp_path / "reader"))
+    read = reader(["a  road", "two cars"])
+    save_reader(reader, tmp_path / "known", {})
+    known = dataclasses.replace(load_reader(tmp_path / "known"), encoder_name="word")
+    assert known(["a road", "two cars", "a road"]) == [*read, read[0]]
 
 
 def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
