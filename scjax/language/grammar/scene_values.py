@@ -32,6 +32,10 @@ class ValueSource(Protocol):
         """The number to state for an attribute; None where it has none."""
         ...
 
+    def tie(self, names: Sequence[str]) -> None:
+        """Makes attributes that share a slot equal, where that is free."""
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class MeasuredValues:
@@ -46,6 +50,9 @@ class MeasuredValues:
     def number(self, name: str) -> int | float | None:
         """The measurement."""
         return self.measured[name]
+
+    def tie(self, names: Sequence[str]) -> None:
+        """A scene is as it is."""
 
 
 class FreeValues:
@@ -64,6 +71,11 @@ class FreeValues:
         if name not in self._numbers:
             self._numbers[name] = self._draw(name)
         return self._numbers[name]
+
+    def tie(self, names: Sequence[str]) -> None:
+        """All get the least of their numbers."""
+        least = min(self.number(name) or 0 for name in names)
+        self._numbers |= dict.fromkeys(names, least)
 
     def _draw(self, name: str) -> int | float:
         if ATTRIBUTES[name].unit:
@@ -112,6 +124,8 @@ def _quantity(
     units: tuple[str, ...],
     rng: np.random.Generator,
 ) -> StatedQuantity | None:
+    if len(names) > 1:
+        values.tie(names)
     numbers = [values.number(name) for name in names]
     if statement == "distance":
         return draw_distance(kinds[int(rng.integers(len(kinds)))], numbers[0], units, rng)

@@ -24,6 +24,7 @@ _WEIGHTS = {
 """How likely people speak of an attribute; 1.5 for the others."""
 _PLAIN_WEIGHT = 1.5
 _JOINT_SHARE = 0.4  # of the weight, for every further attribute of a phrasing
+_ENTRIES_POWER = 0.3  # topics with many entries are spoken of more often
 _TRIES = 3  # entries of a topic that are tried
 
 
@@ -52,7 +53,7 @@ def choose_statements(
     """
     topics = _topics(book.code, plan, isinstance(values, MeasuredValues))
     names = list(topics)
-    weights = np.array([_weight(topic) for topic in names])
+    weights = np.array([_weight(topic) * len(entries) ** _ENTRIES_POWER for topic, entries in topics.items()])
     order = np.argsort(rng.exponential(1.0, len(names)) / weights)
     chosen: list[Statement] = []
     for is_last_resort in (False, True):
