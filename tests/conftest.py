@@ -47,15 +47,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 _LONGEST = (
     "test_train",
-    "test_evaluate",
     "test_text_training",
-    "test_sampling",
-    "test_autoencoder",
-    "test_world",
-    "test_ablate",
+    "test_docs",
     "test_denoiser",
+    "test_methods",
+    "test_ablation",
+    "test_autoencoder",
+    "test_autoencoder_parity",
+    "test_denoiser_cross_attention",
+    "test_samplers_study",
     "test_image_training",
-    "test_sweep_samplers",
+    "test_report",
+    "test_events",
 )
 
 

@@ -29,7 +29,7 @@ def quick_jaxtyped(*, typechecker: Callable) -> Callable:
 
 
 def _checked(function: Callable, typechecker: Callable) -> Callable:
-    if hasattr(function, "__wrapped__"):
+    if hasattr(function, "__wrapped__") or not function.__annotations__:
         return function
     hints = {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
     if inspect.isgeneratorfunction(function) or any(map(_has_array, hints.values())):

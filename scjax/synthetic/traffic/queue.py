@@ -69,23 +69,19 @@ class TrafficQueue:
         leader[has_leader_in_lane] = indices[has_leader_in_lane] + 1
         gap[has_leader_in_lane] = (along[1:] - along[:-1])[has_leader_in_lane[:-1]]
 
-        def consider(followers: np.ndarray, leaders: np.ndarray, distance: np.ndarray) -> None:
-            is_closer = (leaders >= 0) & (distance < gap[followers])
-            gap[followers[is_closer]], leader[followers[is_closer]] = distance[is_closer], leaders[is_closer]
-
         front = indices[~has_leader_in_lane & (next_lane >= 0)]
         first = self.last_in_lane[next_lane[front]]
-        consider(front, first, remaining[front] + along[first])
+        _take_closer(gap, leader, front, first, remaining[front] + along[first])
         lane_after = lanes.successors[next_lane[front], 0]
         second = np.where((first < 0) & (lane_after >= 0), self.last_in_lane[lane_after], _NONE)
-        consider(front, second, remaining[front] + lanes.length[next_lane[front]] + along[second])
+        _take_closer(gap, leader, front, second, remaining[front] + lanes.length[next_lane[front]] + along[second])
         # A vehicle that has just left the lane by another branch may still be in the way.
         parting = np.full(len(lanes.length), _NONE)
         parted = indices[(self.previous_lane >= 0) & (along - self.half_length < _PARTING_DISTANCE)]
         parted = parted[np.argsort(-along[parted], kind="stable")]
         parting[self.previous_lane[parted]] = parted
         other = parting[lane[front]]
-        consider(front, other, remaining[front] + along[other])
+        _take_closer(gap, leader, front, other, remaining[front] + along[other])
         # Before a merge each vehicle follows the one that is next closer to it.
         merging = indices[(next_lane >= 0) & lanes.is_merge[next_lane] & (remaining < _MERGE_DISTANCE)]
         merging = merging[np.lexsort((remaining[merging], next_lane[merging]))]
@@ -96,7 +92,7 @@ class TrafficQueue:
             remaining[far] - remaining[near],
             _FALL_BACK * (remaining[far] - _ALTERNATION_DISTANCE) + self.half_length[far] + self.half_length[near],
         )
-        consider(far[same], near[same], distance[same])
+        _take_closer(gap, leader, far[same], near[same], distance[same])
         gap -= self.half_length + np.where(leader >= 0, self.half_length[leader], 0.0)
         return gap, leader
 
@@ -109,3 +105,11 @@ class TrafficQueue:
         behind = np.where((behind >= 0) & (self.lane[inside[0]] == lane), behind, _NONE)
         ahead = np.where((ahead < len(key)) & (self.lane[inside[1]] == lane), ahead, _NONE)
         return behind, ahead
+
+
+def _take_closer(
+    gap: np.ndarray, leader: np.ndarray, followers: np.ndarray, leaders: np.ndarray, distance: np.ndarray
+) -> None:
+    """Enters ``leaders`` [n] and their ``distance`` [m] for ``followers`` [n] wherever they are closer than before."""
+    is_closer = (leaders >= 0) & (distance < gap[followers])
+    gap[followers[is_closer]], leader[followers[is_closer]] = distance[is_closer], leaders[is_closer]
