@@ -34,7 +34,11 @@ NAMES = {  # name -> places, "module:attribute", the newest first
     "MeasuredRecords": ("scjax.data.measurements:MeasuredRecords",),
     "load_text_encoder": ("scjax.encoders.text:load_text_encoder",),
     "parse_prompt": ("scjax.language.prompt_parser:parse_prompt", "scjax.data.captions.reading:read_prompt"),
-    "prompt_warnings": ("scjax.generate.best_of:prompt_warnings", "scjax.prompts:doubts"),
+    "prompt_warnings": (
+        "scjax.generate.readings:prompt_warnings",
+        "scjax.generate.best_of:prompt_warnings",
+        "scjax.prompts:doubts",
+    ),
     "clean_text": ("scjax.encoders.text:clean_text", "scjax.encoders.text:checked"),
     "Condition": ("scjax:Condition",),
     "Stream": ("scjax:Stream",),

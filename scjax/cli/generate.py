@@ -154,10 +154,10 @@ def generate(
 
     def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
         with clock.part("scenes"):
-            wanted = conditions(some)
-            scenes = sample_scenes(key, wanted, model=model, **sampling)
+            requested = conditions(some)
+            scenes = sample_scenes(key, requested, model=model, **sampling)
         with clock.part("files"):
-            return files.write(some, [condition.attributes for condition in wanted], scenes)
+            return files.write(some, [condition.attributes for condition in requested], scenes)
 
     files, key = SceneFiles(out, seed, sampling["num_scenes"], formats), jax.random.key(seed)
     results = []

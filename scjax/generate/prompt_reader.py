@@ -34,10 +34,11 @@ layers, 41 % with all twelve, 37 % with the word vectors alone."""
 MAX_TOKENS = 192
 """Tokens of a prompt that are read; more are left out."""
 
-DEFAULT_READER = DEFAULT_MODEL / "reader"
+DEFAULT_READER = DEFAULT_MODEL.with_name("pretrained_reader")
 """Folder of the reader that ships with the package."""
 
-_INDEX, _CURE = "reader.json", "copy the folder again"
+INDEX = "reader.json"
+_CURE = "copy the folder again"
 _MOST_KEPT = 1000  # readings that a reader remembers
 _STEP = 32  # tokens are padded to a multiple of so many
 
@@ -144,7 +145,7 @@ def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> No
             "notes": notes,
             "readings": {text: reading._asdict() for text, reading in reader.readings.items()},
         }
-        (temporary / _INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
+        (temporary / INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
         replace_folder(temporary, folder)
     except OSError as error:
         raise OSError(error.errno, f"the reader cannot be written: {error.strerror}", str(folder)) from error
@@ -167,10 +168,10 @@ def _default_reader() -> PromptReader:
 
 
 def _load(folder: Path) -> PromptReader:
-    path = folder / _INDEX
+    path = folder / INDEX
     if not path.is_file():
         cure = "train one with python -m experiments.train_reader"
-        raise ValueError(f"{folder} is no folder of a reader, for it has no {_INDEX}: {cure}")
+        raise ValueError(f"{folder} is no folder of a reader, for it has no {INDEX}: {cure}")
     index: _Index = parse_document(path.read_bytes(), _Index, path, _CURE)
     try:
         config = ReaderConfig(**index.config)

@@ -15,6 +15,7 @@ import pytest
 import scjax
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
+from scjax.language.reader.targets import Reading
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene import AgentType
 from scjax.scene.io import load_json, load_npz, save_npz
@@ -136,10 +137,17 @@ def test_old_flags_that_are_gone_name_their_successor(run):
         assert code == 2 and "--best-of" in err
 
 
-def test_generate_warns_where_counts_overrule_the_prompt(run, folder):
-    code, out, err = run("generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 1, "--lanes", 5, "--json")
-    assert code == 0 and "warning: the prompt speaks of 2 agents or more" in err
-    assert json.loads(out)["scenes"][0]["agents"] == 1
+def test_generate_shows_what_it_understood_and_what_it_cannot_meet(run, folder, monkeypatch):
+    known = {PROMPT: Reading({"vehicles": (2, 2)}, {"vehicles": 0.9})}
+    monkeypatch.setattr("scjax.generate.readings.load_reader", lambda: lambda texts: [known[text] for text in texts])
+    monkeypatch.setattr("scjax.generate.readings.reads_requests", lambda model: True)
+    words = ["generate", PROMPT, "--model", folder, "--num-steps", 2, "--lanes", 5]
+    code, _, err = run(*words)
+    assert code == 0 and "understood: vehicles 2" in err and "warning" not in err
+    code, out, err = run(*words, "--agents", 1, "--json")
+    assert code == 0 and "warning: 'a road with two cars' asks for 2 agents or more" in err
+    (report,) = json.loads(out)["scenes"]
+    assert report["agents"] == 1 and report["request"] == {"vehicles": [2, 2]} and report["misses"] == ["vehicles"]
 
 
 def test_demo_draws_all_prompts(run, folder):

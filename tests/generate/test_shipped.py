@@ -16,9 +16,11 @@ from scjax.data import records
 from scjax.data.token_order import sort_tokens
 from scjax.diffusion.process import estimate_x0, q_sample
 from scjax.diffusion.schedule import cosine_schedule
-from scjax.generate.conditions import Stream
+from scjax.generate.conditions import Condition, Stream
 from scjax.generate.encode import network_inputs
 from scjax.generate.model import DEFAULT_MODEL
+from scjax.generate.prompt_reader import DEFAULT_READER
+from scjax.generate.readings import read_prompts
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.model import denoiser
 from scjax.scene import Crop, stack
@@ -92,3 +94,15 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
     ):
         error = np.sqrt(squares(jax.tree.map(np.subtract, exact, rounded)) / squares(exact))
         assert (error > 0).all() and (error < 0.02).all(), error
+
+
+def test_what_the_demo_prompts_ask_for_ships_with_the_reader(model, monkeypatch):
+    """So the demo reads its prompts without an encoder."""
+    monkeypatch.setattr("scjax.generate.prompt_reader.load_text_encoder", None)
+    read = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
+    assert model.reads_prompts and [one.attributes.get("layout") for one in read[:5]] == [
+        *("four-way", "T", "straight", "curve", "roundabout")
+    ]
+    assert read[0].attributes["signal"] == "red" and read[5].attributes["event"] == ("wrong-way",)
+    assert sum(path.stat().st_size / 1e6 for path in DEFAULT_READER.iterdir()) < 5
+    assert (DEFAULT_READER / "README.md").is_file()
