@@ -15,6 +15,7 @@ import pytest
 import scjax
 from scjax.cli.demo import PROMPTS as DEMO
 from scjax.cli.output import slug
+from scjax.generate.prompt_reader import PromptReader, reader_config
 from scjax.language.reader.targets import Reading
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene import AgentType
@@ -139,7 +140,8 @@ def test_old_flags_that_are_gone_name_their_successor(run):
 
 def test_generate_shows_what_it_understood_and_what_it_cannot_meet(run, folder, monkeypatch):
     known = {PROMPT: Reading({"vehicles": (2, 2)}, {"vehicles": 0.9})}
-    monkeypatch.setattr("scjax.generate.readings.load_reader", lambda: lambda texts: [known[text] for text in texts])
+    reader = PromptReader(reader_config(8, width=16, heads=2), {}, "none", known)
+    monkeypatch.setattr("scjax.generate.readings.load_reader", lambda: reader)
     monkeypatch.setattr("scjax.generate.readings.reads_requests", lambda model: True)
     words = ["generate", PROMPT, "--model", folder, "--num-steps", 2, "--lanes", 5]
     code, _, err = run(*words)
