@@ -2,9 +2,9 @@
 
     python -m experiments.studies.gallery --prompts=experiments/prompts/free_form.txt --out=docs/results/gallery
 
-The prompts are a text file with one per line, or JSON (lists of texts, or of objects with a "prompt"). Attributes are
-extracted by rules (scjax.language). Scenes are as sampled; with --best-of 8 they are selected and repaired as by
-``scjax generate``, and the page says so.
+The prompts are a text file with one per line, or JSON (lists of texts, or of objects with a "prompt"). The reader of
+prompts says what they ask for, the table of attributes what scenes show. Scenes are as sampled; with --best-of 8 they
+are selected and repaired as by ``scjax generate``, and the page says so.
 
 Writes OUT.md, OUT.json and a folder OUT with a picture per prompt.
 """
@@ -16,7 +16,7 @@ import json
 import sys
 import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,8 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
-from scjax.generate.best_of import prompt_warnings
-from scjax.language.facts import extract_facts
-from scjax.language.prompt_parser import check, parse_prompt
+from scjax.generate.readings import prompt_warnings, read_requests
+from scjax.language.attributes.table import measure_attributes, score_attributes
 from scjax.nn.startup import start_jax
 from scjax.viz.grid import grid
 
@@ -58,7 +57,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Samples and draws all prompts.
 
     Returns:
-      Per prompt: its text ("" with --numbers-only), picture, warnings, and facts and checks of each scene.
+      Per prompt: its text ("" with --numbers-only), picture, warnings, and what each scene shows and meets.
 
     Raises:
       ValueError: the file holds no prompts, or the model cannot read them.
@@ -69,6 +68,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
     results = []
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         condition = scjax.Condition(prompt=prompt)
+        request = read_requests([condition])[0].attributes
         with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             scenes = scjax.sample(
@@ -87,13 +87,12 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
         messages = [*(str(one.message) for one in raised), *prompt_warnings(condition)]
         if args.numbers_only and messages:
             messages = ["the warning quotes the prompt"]
-        spec = parse_prompt(prompt)
         results.append(
             {
                 "prompt": "" if args.numbers_only else prompt,
                 "picture": f"{args.out.name}/{picture.name}",
                 "warnings": messages,
-                "scenes": [_shown(scene, spec) for scene in scenes],
+                "scenes": [_shown(scene, request) for scene in scenes],
             }
         )
     return results
@@ -105,13 +104,14 @@ def reduce_colors(path: Path) -> None:
         image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE).save(path, optimize=True)
 
 
-def _shown(scene: scjax.Scene, spec: Any) -> dict[str, Any]:
-    facts = extract_facts(scene)
-    traffic = facts.traffic
+def _shown(scene: scjax.Scene, request: Mapping[str, Any]) -> dict[str, Any]:
+    shows = measure_attributes(scene)
+    layout, signal = (next(iter(shows[name]), "unknown") for name in ("layout", "signal"))
+    counts = ", ".join(f"{shows[name]} {name}" for name in ("vehicles", "pedestrians", "cyclists"))
+    misses = score_attributes(scene, request).misses
     return {
-        "facts": f"{facts.layout}; {traffic.vehicles} vehicles, {traffic.pedestrians} pedestrians, "
-        f"{traffic.cyclists} cyclists; light {facts.signals or 'unknown'}; events {', '.join(facts.events) or 'none'}",
-        "checks": {name: bool(shown) for name, shown in check(spec, facts).items()},
+        "facts": f"{layout}; {counts}; light {signal}; events {', '.join(shows['event']) or 'none'}",
+        "checks": {name: name not in misses for name in request},
     }
 
 
@@ -129,7 +129,8 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         "",
         f"`{command}`",
         "",
-        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. Rules read the prompts and the scenes.",
+        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. A network reads the prompts, rules measure the "
+        "scenes.",
         "",
         *table_lines(["request", "scenes that meet it"], table),
         "",

@@ -27,8 +27,13 @@ def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptRe
     Raises:
       ValueError: the reader's encoder cannot be had.
     """
+    return read_requests(conditions, reader) if reads_requests(model) else list(conditions)
+
+
+def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> list[Condition]:
+    """As ``read_prompts``, whatever the model."""
     prompts = [one.prompt for one in conditions if one.prompt is not None and "text" not in one.streams]
-    if not prompts or not reads_requests(model):
+    if not prompts:
         return list(conditions)
     requests = dict(zip(prompts, _requests(prompts, reader or load_reader()), strict=True))
     return [one if one.prompt not in requests else _with_request(one, requests[one.prompt]) for one in conditions]

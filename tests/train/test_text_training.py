@@ -23,8 +23,10 @@ from experiments.studies.prompts import held_out_prompts
 from scjax.cli.demo import PROMPTS
 from scjax.data.loader import batch_of
 from scjax.data.manifest import load_manifest
+from scjax.generate.prompt_reader import PromptReader, reader_config
 from scjax.language.attributes.vector import feature_names
 from scjax.language.prompt_parser import PromptSpec
+from scjax.language.reader.targets import Reading
 from scjax.models import codec as presets
 from scjax.nn.cross_attention.windowed import WindowedOptions
 from scjax.nn.functional import flatten
@@ -196,8 +198,15 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
 
 
-def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path):
-    prompts = ["a four-way intersection with three vehicles", "a straight road without pedestrians", "a kangaroo"]
+def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path, monkeypatch):
+    requests = {
+        "a four-way intersection with three vehicles": {"layout": "four-way", "vehicles": (3, 3)},
+        "a straight road without pedestrians": {"layout": "straight", "pedestrians": (0, 0)},
+        "a kangaroo": {},
+    }
+    known = {text: Reading(request, dict.fromkeys(request, 0.9)) for text, request in requests.items()}
+    reader, prompts = PromptReader(reader_config(8, width=16, heads=2), {}, "none", known), list(requests)
+    monkeypatch.setattr("scjax.generate.readings.load_reader", lambda: reader)
     features = {text: one.features for text, one in zip(prompts, Words()(prompts), strict=True)}
     scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
     (tmp_path / "prompts.txt").write_text("\n".join(prompts))
@@ -207,9 +216,9 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
     assert files == ["prompt-01.png", "prompt-02.png", "prompt-03.png"]
     text = (tmp_path / "out.md").read_text()
     assert "the best of 2, repaired" in text and all(prompt in text for prompt in prompts)
-    total = sum(int(n) for n in re.findall(r"intersection \| (\d) of 2", text))
-    assert total == text.count("intersection yes")
-    assert text.count("- warning: ") == 1 and "was read from 'a kangaroo'" in text
+    total = sum(int(n) for n in re.findall(r"layout \| (\d) of 4", text))
+    assert total == text.count("layout yes")
+    assert text.count("- warning: ") == 1 and "is understood of 'a kangaroo'" in text
 
     gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--num-steps=2", "--numbers-only"])
     text = (tmp_path / "numbers.md").read_text()
