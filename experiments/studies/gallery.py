@@ -129,8 +129,7 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         "",
         f"`{command}`",
         "",
-        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. A network reads the prompts, rules measure the "
-        "scenes.",
+        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. The reader reads prompts, rules measure scenes.",
         "",
         *table_lines(["request", "scenes that meet it"], table),
         "",
