@@ -129,7 +129,7 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         "",
         f"`{command}`",
         "",
-        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. The reader reads prompts, rules measure scenes.",
+        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. Prompts are read by a network.",
         "",
         *table_lines(["request", "scenes that meet it"], table),
         "",
