@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import json
 import shutil
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,8 @@ class PromptReader:
     def _read(self, texts: Sequence[str]) -> list[Reading]:
         readings = []
         for text, encoded in zip(texts, self.encoder(texts), strict=True):
+            if len(encoded.features) > MAX_TOKENS:
+                warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
             inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
             outputs = _program(self.config)(self.params, *inputs)
             readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0])))

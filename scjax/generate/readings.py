@@ -32,7 +32,7 @@ def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptRe
 
 def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> list[Condition]:
     """As ``read_prompts``, whatever the model."""
-    prompts = [one.prompt for one in conditions if one.prompt is not None and "text" not in one.streams]
+    prompts = [one.prompt for one in conditions if one.prompt is not None]
     if not prompts:
         return list(conditions)
     requests = dict(zip(prompts, _requests(prompts, reader or load_reader()), strict=True))

@@ -20,6 +20,7 @@ from scjax.generate.prompt_reader import (
     save_reader,
     token_inputs,
 )
+from scjax.language.attributes.table import check_attributes
 from scjax.models.reader import reader_network
 from tests.factories.encoder_folders import CONFIG, write_encoder
 
@@ -108,6 +109,14 @@ def test_another_encoder_is_refused(encoder, tmp_path):
     reader = dataclasses.replace(load_reader(_save(encoder, tmp_path / "reader")), encoder_name="word")
     with pytest.raises(ValueError, match="reads the encoder word"):
         reader(["a road"])
+
+
+def test_the_end_of_a_long_prompt_is_not_read(encoder, tmp_path, monkeypatch):
+    monkeypatch.setattr("scjax.generate.prompt_reader.MAX_TOKENS", 12)
+    folder = _save(encoder, tmp_path / "reader")
+    with pytest.warns(UserWarning, match="a prompt of 21 words is too long: its end is not read"):
+        (long,) = load_reader(folder)([" ".join(["a road with two cars", *["and"] * 16])])
+    assert check_attributes(long.request) == long.request
 
 
 def test_saved_readings_need_no_encoder(encoder, tmp_path):
