@@ -1,5 +1,7 @@
-"""Facts and captions of scenes, and what prompts ask for: rules on lanes and boxes, without a learned model.
+"""What scenes show and what texts ask of them: rules on lanes and boxes, without a learned model.
 
-A scene becomes ``Facts`` (``facts.extract_facts``), facts become a caption (``captioner.write_caption``). A prompt
-becomes a ``PromptSpec`` (``prompt_parser.parse_prompt``), which ``prompt_parser.check`` compares with facts.
+``attributes.table`` measures a scene and compares it with a request; ``grammar.compose`` writes texts that make one;
+``reader`` turns what the reader's network answers into one. For evaluation a scene also becomes ``Facts``
+(``facts.extract_facts``), facts a caption (``captioner.write_caption``), and a caption a ``PromptSpec``
+(``prompt_parser.parse_prompt``).
 """
