@@ -12,7 +12,10 @@ import typing
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import jaxtyped
+from beartype import BeartypeConf
+from jaxtyping import TypeCheckError, jaxtyped
+
+_AS_JAXTYPING = BeartypeConf(violation_type=TypeCheckError)  # a TypeError, which code may answer
 
 
 def quick_jaxtyped(*, typechecker: Callable) -> Callable:
@@ -35,7 +38,7 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
     if inspect.isgeneratorfunction(function) or any(map(_has_array, hints.values())):
         return jaxtyped(function, typechecker=typechecker)
     function.__annotations__ = hints
-    return typechecker(function)
+    return typechecker(function, conf=_AS_JAXTYPING)
 
 
 def _resolved(hint: Any, names: dict[str, Any]) -> Any:
