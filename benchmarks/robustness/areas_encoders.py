@@ -110,9 +110,10 @@ def weight_damage(rng: np.random.Generator, data: bytes, number: int) -> Iterato
 
 
 def prompts(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
-    """Prompts through Condition, the parser, its warnings, and the encoder of the shipped model."""
+    """Prompts through Condition, the rules for captions, the warnings of the reader, and the shipped encoder."""
     condition, parse, warn = (names.get(name) for name in ("Condition", "parse_prompt", "prompt_warnings"))
     encoder = names.get("load_text_encoder")(progress=False)
+    warn(condition(prompt="a prompt", num_agents=3))  # the reader's encoder is no memory of a prompt
 
     def read(prompt: Any) -> Any:
         request = condition(prompt=prompt, num_agents=3)
