@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.latents import LatentStatistics
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
-from scjax.scene.files import part_path, remove_stale_parts, replace_folder
+from scjax.scene.files import whole_folder
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
 """Folder of the model that ships with the package."""
@@ -78,22 +77,13 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
         arrays[_COUNTS] = np.asarray(model.counts)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file: choose another folder for the model")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    remove_stale_parts(folder.parent, folder.name)
-    temporary = part_path(folder)
-    temporary.mkdir()
-    try:
+    with whole_folder(folder, "the model") as temporary:
         index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=(_COUNTS,))
         if model.prompts:
             write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)
             index["prompts"] = sha256_of(temporary / PROMPTS)
         index["checked"] = index_hash(index)
         (temporary / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False))
-        replace_folder(temporary, folder)
-    except OSError as error:
-        raise OSError(error.errno, f"the model cannot be written: {error.strerror}", str(folder)) from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 

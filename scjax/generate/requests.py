@@ -112,10 +112,10 @@ def draw_request(
 
 
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:
-    """Agents of a scene without a network that predicts them from attributes: as given, else by the attributes if these
-    give the vehicles, else None.
+    """Agents as given, else by the attributes if these give the vehicles, else None.
 
-    The number is the middle of each range, or its lower end where the upper one is open.
+    It is for models without a network that predicts them from attributes. The number is the middle of each range, or
+    its lower end where the upper one is open.
     """
     if condition.num_agents is not None or "vehicles" not in condition.attributes:
         return condition.num_agents

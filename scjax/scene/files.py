@@ -160,6 +160,29 @@ def locked_folder(folder: Path) -> Iterator[None]:
         lock.release()
 
 
+@contextlib.contextmanager
+def whole_folder(folder: Path, what: str) -> Iterator[Path]:
+    """An empty folder to write to, which takes the place of ``folder`` at the end, as a whole, or not at all.
+
+    Args:
+      what: is written, for messages.
+
+    Raises:
+      OSError: it cannot be written; names ``folder``.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    remove_stale_parts(folder.parent, folder.name)
+    temporary = part_path(folder)
+    temporary.mkdir()
+    try:
+        yield temporary
+        replace_folder(temporary, folder)
+    except OSError as error:
+        raise OSError(error.errno, f"{what} cannot be written: {error.strerror}", str(folder)) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
 def replace_folder(new: Path, folder: Path) -> None:
     """Puts the folder ``new`` in place of ``folder``, which exists at every moment if it did before.
 

@@ -34,10 +34,10 @@ def quick_jaxtyped(*, typechecker: Callable) -> Callable:
 def _checked(function: Callable, typechecker: Callable) -> Callable:
     if hasattr(function, "__wrapped__") or not function.__annotations__:
         return function
-    hints = {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
-    if inspect.isgeneratorfunction(function) or any(map(_has_array, hints.values())):
+    types = {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
+    if inspect.isgeneratorfunction(function) or any(map(_has_array, types.values())):
         return jaxtyped(function, typechecker=typechecker)
-    function.__annotations__ = hints
+    function.__annotations__ = types
     return typechecker(function, conf=_AS_JAXTYPING)
 
 

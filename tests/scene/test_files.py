@@ -16,6 +16,7 @@ from scjax.scene.files import (
     remove_stale_parts,
     replace_folder,
     whole_file,
+    whole_folder,
     write_text,
 )
 
@@ -59,6 +60,19 @@ def test_parts_of_killed_processes_are_removed(tmp_path):
     dead.mkdir()
     remove_stale_parts(tmp_path)
     assert not dead.exists() and mine.exists()
+
+
+def test_whole_folder_takes_its_place_at_the_end_or_not_at_all(tmp_path):
+    folder = tmp_path / "a" / "folder"
+    for text in ("one", "two"):
+        with whole_folder(folder, "the text") as temporary:
+            (temporary / "text").write_text(text)
+    with pytest.raises(OSError, match=r"the text cannot be written: full") as caught:
+        with whole_folder(folder, "the text") as temporary:
+            (temporary / "text").write_text("three")
+            raise OSError(28, "full")
+    assert caught.value.filename == str(folder) and (folder / "text").read_text() == "two"
+    assert [path.name for path in folder.parent.iterdir()] == ["folder"]
 
 
 def test_replace_folder_exchanges_content(tmp_path):

@@ -1,4 +1,4 @@
-"""The network that predicts lane and agent counts (f_count), trained on captions of records or requests for them."""
+"""The network that predicts lane and agent counts (f_count), trained on captions or on requests for attributes."""
 
 from __future__ import annotations
 
