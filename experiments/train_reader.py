@@ -1,4 +1,4 @@
-"""Trains the reader of prompts on texts of the grammar, each with the request that it makes.
+"""Trains the reader of prompts on texts of the grammar and on written prompts, each with the request that it makes.
 
     nice -n 15 python -m experiments.train_reader runs/reader
 
@@ -8,13 +8,12 @@ continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/mode
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,91 +21,56 @@ import numpy as np
 import optax
 from tqdm import tqdm
 
+from experiments.reader_texts import Texts, reader_texts
 from experiments.studies.page import script_parser
 from scjax.encoders.e5 import E5
-from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
-from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, reader_config, save_reader, token_inputs
-from scjax.language.grammar.compose import compose_freely
-from scjax.language.reader.numbers import token_numbers
-from scjax.language.reader.targets import Targets, is_set, read_outputs, request_targets, value_mask
+from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
+from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, reader_config, save_reader
+from scjax.language.grammar.prompts import written_prompts
+from scjax.language.reader.targets import is_set, read_outputs, value_mask
 from scjax.models.reader import ReaderConfig, reader_network
 from scjax.nn.functional import Params
-from scjax.scene.files import locked_folder, write_file
+from scjax.scene.files import locked_folder
 from scjax.train.checkpoint import Checkpoints, check_resume
 from scjax.train.loop import stop_signals
 from scjax.train.optimizer import adamw
 
-_PART = 256  # texts that are encoded together
 _BATCH = 32
-
-
-class Texts(NamedTuple):
-    """Encoded texts.
-
-    Attributes:
-      features: float16 token features of all texts, one text after the other.
-      starts: first token of every text, and the end.
-      numbers: number of every token.
-      targets, requests: of the texts.
-      held_back: number of texts, the first ones, that are not trained on.
-    """
-
-    features: np.ndarray
-    starts: np.ndarray
-    numbers: list[np.ndarray]
-    targets: list[Targets]
-    requests: list[dict[str, Any]]
-    held_back: int
-
-    def inputs(self, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Inputs of the network for one text."""
-        return token_inputs(self.features[self.starts[row] : self.starts[row + 1]], self.numbers[row])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.train_reader", __doc__)
     parser.add_argument("folder", type=Path, help="receives features, checkpoints and the model")
-    parser.add_argument("--texts", type=int, default=48_000)
+    parser.add_argument("--texts", type=int, default=48_000, help="texts of the grammar")
+    parser.add_argument("--copies", type=int, default=4, help="of every written prompt, with other typing mistakes")
+    parser.add_argument("--prompt-share", type=float, default=0.5, help="share of a batch that is written prompts")
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--held-back", type=int, default=1000, help="texts that are not trained on, but evaluated")
+    parser.add_argument("--held-back", type=int, default=1000, help="composed texts that are only evaluated")
     parser.add_argument("--steps", type=int, default=12_000)
     parser.add_argument("--evaluate-every", type=int, default=1000)
     args = parser.parse_args(arguments)
     if not 0 < args.held_back < args.texts:
         parser.error(f"--held-back is {args.held_back}: give a number between 0 and the {args.texts} texts")
+    if args.copies < 1:
+        parser.error(f"--copies is {args.copies}: give 1 or more")
+    if not 0 <= args.prompt_share < 1:
+        parser.error(f"--prompt-share is {args.prompt_share}: give a share from 0 to below 1")
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
     with locked_folder(args.folder), stop_signals() as stop:
-        texts, digest = _texts(args.folder / "features", encoder, args.texts, args.seed, args.held_back, stop)
+        texts, digest = reader_texts(
+            args.folder / "features",
+            encoder,
+            composed=args.texts,
+            copies=args.copies,
+            held_back=args.held_back,
+            seed=args.seed,
+            stop=stop,
+        )
         if not stop:
-            run = {name: getattr(args, name) for name in ("texts", "seed", "held_back", "steps", "evaluate_every")}
+            run = {name: value for name, value in vars(args).items() if name != "folder"}
             check_resume(args.folder / "checkpoints", run, {"texts": digest})
             with Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
                 _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
-
-
-def _texts(
-    folder: Path, encoder: FrozenTextEncoder, number: int, seed: int, held_back: int, stop: list[int]
-) -> tuple[Texts, str]:
-    """Composes and encodes the texts, and returns them with their hash; features that are there are read."""
-    rng, digest = np.random.default_rng(seed), hashlib.sha256(encoder.name.encode())
-    features, numbers, requests = [], [], []
-    for start in tqdm(range(0, number, _PART), desc="texts", unit="part"):
-        if stop:
-            break
-        compositions = [compose_freely(rng) for _ in range(min(_PART, number - start))]
-        part = hashlib.sha256("\n".join([encoder.name, *(one.text for one in compositions)]).encode()).hexdigest()
-        digest.update(part.encode())
-        path = folder / f"{part[:16]}.npy"
-        if not path.is_file():
-            found = np.concatenate([one.features for one in encoder([one.text for one in compositions])])
-            write_file(path, lambda file, found=found: np.save(file, found.astype(np.float16)))
-        features.append(np.load(path))
-        numbers += [token_numbers(clean_text(one.text), encoder.spans(one.text)) for one in compositions]
-        requests += [one.request for one in compositions]
-    starts = np.concatenate([[0], np.cumsum([len(one) for one in numbers])])
-    targets = [request_targets(one) for one in requests]
-    joined = np.concatenate(features) if features else np.zeros((0, encoder.width), np.float16)
-    return Texts(joined, starts, numbers, targets, requests, held_back), digest.hexdigest()
 
 
 def _train(
@@ -130,17 +94,19 @@ def _train(
     with tqdm(total=args.steps, initial=first, desc="steps") as bar:
         while number < args.steps and not stop:
             number += 1
-            state, loss = step(state, *_batch(texts, args.seed, number))
+            state, loss = step(state, *_batch(texts, args.prompt_share, args.seed, number))
             losses.append(loss)
             bar.update()
             if number % args.evaluate_every == 0 or number == args.steps:
                 mean, losses = float(np.mean(jax.device_get(losses))), []
                 if not np.isfinite(mean):
                     raise FloatingPointError(f"the loss is not finite at step {number}: give another --seed")
-                values, seconds = _evaluate(config, state[0], texts), time.perf_counter() - start
+                values = {kind: _evaluate(config, state[0], texts, rows) for kind, rows in texts.held_back.items()}
+                seconds = time.perf_counter() - start
                 tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
                 checkpoints.save(number, state, {})
-                notes = {"texts": args.texts, "seed": args.seed, "steps": number, "validation": values}
+                notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
+                notes["validation"] = values
                 save_reader(PromptReader(config, state[0], encoder.name), folder, notes)
     checkpoints.save(number, state, {}, wait=True)
 
@@ -163,10 +129,12 @@ def reader_loss(config: ReaderConfig, params: Params, features, numbers, mask, n
     return one.sum(1).mean() + some.sum((1, 2)).mean() + bounds.sum((1, 2)).mean()
 
 
-def _batch(texts: Texts, seed: int, number: int) -> tuple[np.ndarray, ...]:
+def _batch(texts: Texts, prompt_share: float, seed: int, number: int) -> tuple[np.ndarray, ...]:
     """Texts of similar length, drawn by the number of the step."""
     rng = np.random.default_rng((seed, number))
-    rows = rng.integers(texts.held_back, len(texts.targets), 4 * _BATCH)
+    number_of_prompts = round(4 * _BATCH * prompt_share)
+    drawn = [("composed", 4 * _BATCH - number_of_prompts), ("prompts", number_of_prompts)]
+    rows = np.concatenate([rng.choice(texts.trained[kind], size) for kind, size in drawn if size])
     rows = rows[np.argsort(np.diff(texts.starts)[rows])][rng.integers(4) * _BATCH :][:_BATCH]
     inputs = [texts.inputs(row) for row in rows]
     length = max(mask.shape[1] for _, _, mask in inputs)
@@ -178,17 +146,17 @@ def _batch(texts: Texts, seed: int, number: int) -> tuple[np.ndarray, ...]:
     return *padded, named, ends
 
 
-def _evaluate(config: ReaderConfig, params: Params, texts: Texts) -> dict[str, float]:
+def _evaluate(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> dict[str, float]:
     """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
     apply = jax.jit(reader_network(config).apply)
     right = read = stated = full = 0
-    for row in range(texts.held_back):
+    for row in rows:
         outputs = jax.device_get(apply(params, *texts.inputs(row)))
         found, expected = read_outputs(outputs.named[0], outputs.ends[0]).request, texts.requests[row]
         same = sum(found[name] == expected.get(name) for name in found)
         right, read, stated = right + same, read + len(found), stated + len(expected)
         full += found == expected
-    return {"precision": right / max(read, 1), "recall": right / max(stated, 1), "full": full / texts.held_back}
+    return {"precision": right / max(read, 1), "recall": right / max(stated, 1), "full": full / max(len(rows), 1)}
 
 
 if __name__ == "__main__":

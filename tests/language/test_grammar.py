@@ -104,6 +104,12 @@ def test_contradictions_are_found(request_, pair):
     assert find_contradictions(request_) == [pair]
 
 
+def test_a_wrong_way_driver_comes_against_a_one_way_road():
+    request = {"one_way": True, "lanes_opposite": 0, "oncoming": (1, None)}
+    assert find_contradictions(request) == [("one_way", "oncoming"), ("oncoming", "lanes_opposite")]
+    assert find_contradictions({**request, "event": ("wrong-way",)}) == []
+
+
 def test_asides_ask_for_nothing_and_stand_in_many_texts():
     """Texts of asides alone are empty requests, and no phrasing is an aside."""
     rng = np.random.default_rng(0)

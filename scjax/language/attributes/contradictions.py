@@ -97,10 +97,12 @@ def _of_lanes(request: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if _most(request, same) + _most(request, opposite) < _least(request, "lanes_total"):
             yield same, "lanes_total"
     is_one_way = request.get("one_way")
+    comes_wrong = "wrong-way" in request.get("event", ())
     if is_one_way is True:
-        for name in (opposite, "oncoming"):
-            if _least(request, name) > 0:
-                yield "one_way", name
+        if _least(request, opposite) > 0:
+            yield "one_way", opposite
+        if _least(request, "oncoming") > 0 and not comes_wrong:
+            yield "one_way", "oncoming"
         if request.get("median"):
             yield "one_way", "median"
     if _most(request, opposite) < 1:
@@ -108,7 +110,7 @@ def _of_lanes(request: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield "one_way", opposite
         if request.get("median"):
             yield "median", opposite
-        if _least(request, "oncoming") > 0:
+        if _least(request, "oncoming") > 0 and not comes_wrong:
             yield "oncoming", opposite
     place = request.get("ego_lane")
     if place is not None and _most(request, same) < (3 if place == "middle" else 2):

@@ -8,15 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scjax.language.grammar.assembly import Part, assemble
-from scjax.language.grammar.noise import (
-    abbreviate,
-    add_typing_errors,
-    capitalize,
-    change_case,
-    drop_accents,
-    drop_punctuation,
-    drop_words,
-)
+from scjax.language.grammar.noise import capitalize, make_mistakes
 from scjax.language.grammar.phrasebook import Phrasebook, languages, phrasebook
 from scjax.language.grammar.quantities import StatedQuantity, draw_quantity
 from scjax.language.grammar.scene_values import FreeValues, MeasuredValues, ValueSource
@@ -26,7 +18,7 @@ from scjax.language.grammar.selection import (
     contradicting_statement,
     joint_request,
 )
-from scjax.language.grammar.styles import PLANS, STYLES, Plan, Style
+from scjax.language.grammar.styles import PLANS, STYLES, Plan
 from scjax.language.grammar.wordings import choose_alternatives, fill, pick
 
 _PREFERRED_SHARE = 0.75  # of phrasings in the preferred register of a plan
@@ -120,7 +112,10 @@ def _composition(
         statements, in_doubt = [*statements, found[0]], found[1]
         request = {key: value for key, value in joint_request(statements).items() if key not in in_doubt}
     parts = _with_asides(book, plan, _parts(book, plan, statements, rng), rng)
-    text = _with_noise(assemble(book, plan_name, parts, rng), book, style, plan_name, rng)
+    text = assemble(book, plan_name, parts, rng)
+    if plan_name in ("spoken", "slangy", "wish") and rng.random() < 0.6 - style.noise / 2:
+        text = capitalize(text)
+    text = make_mistakes(text, book, style.noise, rng)
     return Composition(text, request, name, book.code, tuple(sorted(in_doubt)))
 
 
@@ -159,23 +154,3 @@ def _with_asides(book: Phrasebook, plan: Plan, parts: list[Part], rng: np.random
         aside = choose_alternatives(pick(book.asides[register], rng), rng).strip()
         parts.insert(int(rng.integers(len(parts) + 1)), Part(aside, register, "aside"))
     return parts
-
-
-def _with_noise(text: str, book: Phrasebook, style: Style, plan: str, rng: np.random.Generator) -> str:
-    """The text as typed: mostly clean, with mistakes by the likelihood of its style."""
-    table = book.style
-    if plan in ("spoken", "slangy", "wish") and rng.random() < 0.6 - style.noise / 2:
-        text = capitalize(text)
-    if rng.random() < style.noise and table.get("abbreviations"):
-        text = abbreviate(text, table["abbreviations"], 0.5, rng)
-    if rng.random() < style.noise:
-        text = drop_words(text, table.get("articles", []), table.get("kept_after_articles", []), 0.7, rng)
-    if rng.random() < style.noise:
-        text = change_case(text, rng)
-    if rng.random() < style.noise:
-        text = drop_punctuation(text)
-    if rng.random() < style.noise:
-        text = drop_accents(text)
-    if rng.random() < style.noise:
-        text = add_typing_errors(text, book, int(rng.integers(1, 4)), rng)
-    return text

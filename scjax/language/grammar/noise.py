@@ -23,6 +23,24 @@ _COMMA = re.compile(r"(?<!\d), (?!\d)")
 _CASE_SHARES = {"lower": 0.25, "upper": 0.02, "plain": 0.73}
 
 
+def make_mistakes(text: str, book: Phrasebook, likelihood: float, rng: np.random.Generator) -> str:
+    """The text as typed: each kind of mistake is made with the same likelihood."""
+    table = book.style
+    if rng.random() < likelihood and table.get("abbreviations"):
+        text = abbreviate(text, table["abbreviations"], 0.5, rng)
+    if rng.random() < likelihood:
+        text = drop_words(text, table.get("articles", []), table.get("kept_after_articles", []), 0.7, rng)
+    if rng.random() < likelihood:
+        text = change_case(text, rng)
+    if rng.random() < likelihood:
+        text = drop_punctuation(text)
+    if rng.random() < likelihood:
+        text = drop_accents(text)
+    if rng.random() < likelihood:
+        text = add_typing_errors(text, book, int(rng.integers(1, 4)), rng)
+    return text
+
+
 def add_typing_errors(text: str, book: Phrasebook, number: int, rng: np.random.Generator) -> str:
     """Errors in up to ``number`` words of five Latin letters or more; number words stay as they are."""
     protected = _protected(book)

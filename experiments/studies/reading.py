@@ -1,0 +1,153 @@
+"""What does the reader understand of prompts whose requests are known? Precision, recall and prompts read in full.
+
+    python -m experiments.studies.reading ../shared/prompts/dev.jsonl --out=docs/results/reading
+
+The file has one prompt a line: {"style", "prompt", "asks"}. An answer is right if it equals what is asked; ends of
+distances may differ by 3 m. Attributes that the file never asks for are left out: it does not know them. The last table
+compares the share that the reader gives with how often such answers are right.
+
+Writes OUT.md and OUT.json.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from scjax.generate.prompt_reader import load_reader
+from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from scjax.language.reader.targets import Reading
+from scjax.nn.startup import start_jax
+
+_TOLERANCE = 3.0  # meters between ends of distances
+_BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+
+
+class Answer(NamedTuple):
+    """One attribute of one prompt: what is asked and what is read; None where it is not there."""
+
+    prompt: int
+    style: str
+    attribute: str
+    asked: Any
+    read: Any
+    share: float
+
+    @property
+    def right(self) -> bool:
+        if self.asked is None or self.read is None:
+            return False
+        if ATTRIBUTES[self.attribute].unit != "m":
+            return self.asked == self.read
+        return all(_near(*ends) for ends in zip(self.asked, self.read, strict=True))
+
+
+def _near(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return abs(one - other) <= _TOLERANCE
+
+
+def compare_readings(lines: Sequence[dict[str, Any]], readings: Sequence[Reading]) -> list[Answer]:
+    """All attributes that are asked or read."""
+    known = {name for line in lines for name in line["asks"]}
+    answers = []
+    for row, (line, reading) in enumerate(zip(lines, readings, strict=True)):
+        asked = check_attributes(line["asks"])
+        for name in sorted(known & {*asked, *reading.request}):
+            read, share = reading.request.get(name), reading.shares.get(name, 0.0)
+            answers.append(Answer(row, line["style"], name, asked.get(name), read, share))
+    return answers
+
+
+def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
+    """Precision, recall and share of the prompts that are read in full, with what they are shares of."""
+    some = list(answers)
+    right, read, asked = (sum(map(is_so, some)) for is_so in (_is_right, _is_read, _is_asked))
+    wrong = len({one.prompt for one in some if not one.right})
+    return {
+        "prompts": prompts,
+        "asks": asked,
+        "read": read,
+        "precision": right / max(read, 1),
+        "recall": right / max(asked, 1),
+        "full": (prompts - wrong) / max(prompts, 1),
+    }
+
+
+def _is_right(answer: Answer) -> bool:
+    return answer.right
+
+
+def _is_read(answer: Answer) -> bool:
+    return answer.read is not None
+
+
+def _is_asked(answer: Answer) -> bool:
+    return answer.asked is not None
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = script_parser("experiments.studies.reading", __doc__)
+    parser.add_argument("prompts", type=Path, help="JSONL file of prompts with what they ask for")
+    parser.add_argument("--reader", type=Path, help="folder of a reader (default: the one that ships)")
+    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    args = parser.parse_args(arguments)
+    start_jax()
+    lines = [json.loads(line) for line in args.prompts.read_text(encoding="utf-8").splitlines()]
+    reader = load_reader(args.reader)
+    answers = compare_readings(lines, reader([line["prompt"] for line in lines]))
+    rows = {"all": summarize(answers, len(lines))}
+    for style in sorted({line["style"] for line in lines}):
+        number = sum(line["style"] == style for line in lines)
+        rows[style] = summarize((one for one in answers if one.style == style), number)
+    attributes = {name: summarize(group, 0) for name, group in _grouped(answers, lambda one: one.attribute).items()}
+    page = _page(rows, attributes, answers, command_line("reading", arguments))
+    write_page(args.out, page, {"styles": rows, "attributes": attributes})
+
+
+def _grouped(answers: Iterable[Answer], key: Callable[[Answer], str]) -> dict[str, list[Answer]]:
+    groups: dict[str, list[Answer]] = {}
+    for one in answers:
+        groups.setdefault(key(one), []).append(one)
+    return dict(sorted(groups.items()))
+
+
+def _page(rows: dict[str, Any], attributes: dict[str, Any], answers: Sequence[Answer], command: str) -> str:
+    shares = ("precision", "recall", "full")
+    styles = [
+        [name, str(row["prompts"]), str(row["asks"]), *(f"{row[key]:.0%}" for key in shares)]
+        for name, row in rows.items()
+    ]
+    kinds = [
+        [name, str(row["asks"]), str(row["read"]), *(f"{row[key]:.0%}" for key in shares[:2])]
+        for name, row in attributes.items()
+    ]
+    bins = []
+    for low, high in itertools.pairwise(_BINS):
+        some = [one for one in answers if one.read is not None and low < one.share <= high]
+        if some:
+            right = sum(one.right for one in some) / len(some)
+            bins.append([f"{low:g} to {high:g}", str(len(some)), f"{right:.0%}"])
+    return "\n".join(
+        [
+            "# Reading of prompts",
+            "",
+            f"`{command}`",
+            "",
+            *table_lines(["style", "prompts", "asks", "precision", "recall", "read in full"], styles),
+            "",
+            *table_lines(["attribute", "asked", "read", "precision", "recall"], kinds),
+            "",
+            *table_lines(["share given by the reader", "answers", "right"], bins),
+            "",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    main()
