@@ -17,8 +17,8 @@ import numpy as np
 from scjax.data.build_options import BuildOptions
 from scjax.data.local_map import simplify_graph
 from scjax.data.records import make_record, sample_scene
-from scjax.language.road import wrap_to_pi
 from scjax.scene import AgentType, MapLane, Signal, load_log
+from scjax.scene.angles import wrap_to_pi
 from scjax.towns.source import TownRun, Towns, make_towns
 from scjax.towns.town_traffic import TownTraffic, load_traffic
 

@@ -110,25 +110,21 @@ def weight_damage(rng: np.random.Generator, data: bytes, number: int) -> Iterato
 
 
 def prompts(rng: np.random.Generator, fixtures: Path) -> Iterator[Case]:
-    """Prompts through Condition, the rules for captions, the warnings of the reader, and the shipped encoder."""
-    condition, parse, warn = (names.get(name) for name in ("Condition", "parse_prompt", "prompt_warnings"))
+    """Prompts through Condition, the warnings of the reader, and the shipped encoder."""
+    condition, warn = (names.get(name) for name in ("Condition", "prompt_warnings"))
     encoder = names.get("load_text_encoder")(progress=False)
     warn(condition(prompt="a prompt", num_agents=3))  # the reader's encoder is no memory of a prompt
 
     def read(prompt: Any) -> Any:
         request = condition(prompt=prompt, num_agents=3)
-        return request.prompt, parse(request.prompt), warn(request), encoder([request.prompt])[0]
+        return request.prompt, warn(request), encoder([request.prompt])[0]
 
     def check(result: Any) -> str | None:
-        prompt, spec, warnings, tokens = result
+        prompt, warnings, tokens = result
         if not isinstance(prompt, str):
             return f"a prompt of type {type(prompt).__name__} is accepted"
         if not np.isfinite(tokens.features).all() or tokens.features.shape != (len(tokens.texts), encoder.width):
             return "features are not finite, or not of the tokens"
-        for name in ("vehicles", "pedestrians", "cyclists"):
-            amount = getattr(spec, name)
-            if amount is not None and not (0 <= amount[0] <= amount[1]):
-                return f"{name} is {amount}"
         return None if all(isinstance(text, str) for text in warnings) else "a warning is no text"
 
     for text, prompt in _prompts(rng):

@@ -33,7 +33,6 @@ NAMES = {  # name -> places, "module:attribute", the newest first
     "measure_records": ("scjax.data.measurements:measure_records",),
     "MeasuredRecords": ("scjax.data.measurements:MeasuredRecords",),
     "load_text_encoder": ("scjax.encoders.text:load_text_encoder",),
-    "parse_prompt": ("scjax.language.prompt_parser:parse_prompt", "scjax.data.captions.reading:read_prompt"),
     "prompt_warnings": (
         "scjax.generate.readings:prompt_warnings",
         "scjax.generate.best_of:prompt_warnings",

@@ -22,9 +22,7 @@ from matplotlib.figure import Figure
 import scjax
 from experiments.package_model import counted
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
-from experiments.studies.prompts import HeldOutPrompt, held_out_prompts, sample_in_calls
-from scjax.language.facts import extract_facts
-from scjax.language.prompt_parser import check
+from experiments.studies.prompts import HeldOutPrompt, count_shown, held_out_prompts, sample_in_calls
 from scjax.metrics.realism import scene_realism
 from scjax.nn.startup import start_jax
 from scjax.scene import Scene
@@ -144,9 +142,6 @@ def draw(table: Table) -> Figure:
 
 def _intervals(prompts: Sequence[HeldOutPrompt], scenes: Sequence[Scene], seed: int) -> dict[str, Interval]:
     ratios = [scene_realism(scene) for scene in scenes]
-    checks = [
-        list(check(prompt.spec, extract_facts(scene)).values()) for prompt, scene in zip(prompts, scenes, strict=True)
-    ]
     errors = {
         name: [
             (abs(float(getattr(scene, field) - getattr(prompt.scene, field))), 1.0)
@@ -157,7 +152,7 @@ def _intervals(prompts: Sequence[HeldOutPrompt], scenes: Sequence[Scene], seed: 
     pairs = {
         "overlap": [ratio["scenes_vehicle_overlap"] for ratio in ratios],
         "pairs": [ratio["vehicle_overlap_pairs"] for ratio in ratios],
-        "met": [(float(sum(shown)), float(len(shown))) for shown in checks],
+        "met": [count_shown(scene, prompt.request) for prompt, scene in zip(prompts, scenes, strict=True)],
         **errors,
     }
     return {name: _interval(np.array(values), seed) for name, values in pairs.items()}

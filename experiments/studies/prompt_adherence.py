@@ -7,8 +7,7 @@ Prompts are captions of held-out records. What a prompt asks for is the request 
 shows is measured by attributes (scjax.language). Rows: the model at each guidance scale; with true counts; with
 --best-of, the best of several repaired samples; without energy guidance, if the model has it; without prompts at true
 counts; the training scene with the nearest caption; and the record itself, which shows all. A second table shows the
-realism of the scenes; single samples are judged as sampled and after scjax.repair. Where records have labels, the page
-also states how often the rules agree with them.
+realism of the scenes; single samples are judged as sampled and after scjax.repair.
 
 Writes OUT.md, OUT.json and OUT.png.
 """
@@ -16,8 +15,6 @@ Writes OUT.md, OUT.json and OUT.png.
 from __future__ import annotations
 
 import dataclasses
-import gzip
-import json
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,7 +33,6 @@ from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS
 from scjax.encoders.text import clean_text
 from scjax.evaluate.retrieval import tf_idf
-from scjax.language.agreement import label_agreement
 from scjax.language.attributes.table import ATTRIBUTES, measure_attributes
 from scjax.metrics.realism import realism
 from scjax.nn.startup import start_jax
@@ -61,12 +57,10 @@ class Adherence(NamedTuple):
     Attributes:
       rows: source of scenes -> scores.
       realism: source of scenes -> values of ``REALISM``.
-      labels: attribute -> (records on which the rules agree with the label, labeled records).
     """
 
     rows: dict[str, Scores]
     realism: dict[str, dict[str, float]]
-    labels: Scores
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -141,7 +135,7 @@ def measure(
     rows["training scene with the nearest caption"] = scores(zip(requests, nearest, strict=True))
     rows[RECORD] = scores((prompt.request, prompt.measured) for prompt in prompts)
     values[RECORD] = realism([prompt.scene for prompt in prompts])
-    return Adherence(rows, values, record_label_agreement(folder))
+    return Adherence(rows, values)
 
 
 def _runs(
@@ -172,18 +166,8 @@ def scores(pairs: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Scor
     return {name: (hits[name], total[name]) for name in sorted(total)}
 
 
-def record_label_agreement(folder: str) -> Scores:
-    """``label_agreement`` on the held-out records; empty without labels."""
-    path = Path(folder) / "val-labels.jsonl.gz"
-    if not path.is_file():
-        return {}
-    with gzip.open(path, "rt") as file:
-        facts = (caption.facts for caption in read_captions(folder, "val"))
-        return label_agreement(zip(map(json.loads, file), facts, strict=True))
-
-
 def markdown(adherence: Adherence, title: str, command: str) -> str:
-    """The page: adherence in percent with the number of prompts, realism, agreement with labels."""
+    """The page: adherence in percent with the number of prompts, and realism."""
     names = sorted({name for row in adherence.rows.values() for name in row})
     table = [
         [source, *(f"{100 * row[n][0] / row[n][1]:.0f} % of {row[n][1]}" if n in row else "" for n in names)]
@@ -194,9 +178,6 @@ def markdown(adherence: Adherence, title: str, command: str) -> str:
         [source, *(_realism_cell(name, row[name]) for name in REALISM)] for source, row in adherence.realism.items()
     ]
     lines += ["", *table_lines(["scenes", *REALISM.values()], table)]
-    if adherence.labels:
-        table = [[name, f"{100 * hits / n:.1f} % of {n}"] for name, (hits, n) in adherence.labels.items()]
-        lines += ["", *table_lines(["label of the synthetic world", "the rules agree"], table)]
     return "\n".join(lines) + "\n"
 
 

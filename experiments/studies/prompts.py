@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -14,8 +14,8 @@ import scjax
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import Caption, read_captions
-from scjax.language.attributes.table import measure_attributes
-from scjax.language.prompt_parser import PromptSpec, parse_prompt
+from scjax.language.attributes.table import measure_attributes, score_attributes
+from scjax.language.grammar.compose import Composition
 from scjax.scene import Scene
 
 _PROMPTS_PER_CALL = 32
@@ -25,13 +25,11 @@ class HeldOutPrompt(NamedTuple):
     """A held-out record: a caption, what it asks for, its condition; the scene and its attributes.
 
     Attributes:
-      spec: what rules read from the text.
       request: that the words make, as the captions say.
       measured: attributes of the whole record; ``scene`` has the types of the model only.
     """
 
     text: str
-    spec: PromptSpec
     request: dict[str, Any]
     condition: scjax.Condition
     scene: Scene
@@ -50,10 +48,12 @@ def held_out_captions(folder: str, model: scjax.Model) -> tuple[list[Caption], T
     return captions, store
 
 
-def draw_prompt(store: TextStore, caption: Caption, row: int, rng: np.random.Generator) -> tuple[str, np.ndarray]:
+def draw_prompt(
+    store: TextStore, caption: Caption, row: int, rng: np.random.Generator
+) -> tuple[Composition, np.ndarray]:
     """A random caption of a record, and its token features [tokens, width]."""
     number = int(rng.integers(len(caption.texts)))
-    return caption.texts[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
+    return caption.compositions[number], np.asarray(store.features(int(store.texts_of(row)[number])), np.float32)
 
 
 def held_out_prompts(
@@ -77,21 +77,25 @@ def held_out_prompts(
     for row in map(int, rng.permutation(len(captions))):
         if count == samples:
             return
-        text, tokens = draw_prompt(store, captions[row], row, rng)
-        spec = parse_prompt(text)
-        if per_event is not None and not any(events[event] < per_event for event in spec.events):
+        composition, tokens = draw_prompt(store, captions[row], row, rng)
+        named = composition.request.get("event", ())
+        if per_event is not None and not any(events[event] < per_event for event in named):
             continue
-        events.update(spec.events)
+        events.update(named)
         count += 1
         scene = records.sample_scene(records.decode_record(tiles[row]))
         condition = scjax.Condition(streams={"text": scjax.Stream(tokens)})
-        request = next(item.request for item in captions[row].compositions if item.text == text)
         measured = measure_attributes(scene)
-        yield HeldOutPrompt(text, spec, request, condition, model.codec.select(scene), measured)
+        yield HeldOutPrompt(composition.text, composition.request, condition, model.codec.select(scene), measured)
     if per_event is not None and not events:
         raise ValueError(
             f"--per-event: no held-out caption of {folder} names a rare event: make records with --ordinary 0.1"
         )
+
+
+def count_shown(scene: Scene, request: Mapping[str, Any]) -> tuple[float, float]:
+    """(requested attributes that a scene shows, requested attributes)."""
+    return float(len(request) - len(score_attributes(scene, request).misses)), float(len(request))
 
 
 def sample_in_calls(conditions: Sequence[scjax.Condition], title: str, seed: int, **options: Any) -> list[Scene]:

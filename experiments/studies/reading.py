@@ -28,22 +28,22 @@ _BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 class Answer(NamedTuple):
-    """One attribute of one prompt: what is asked and what is read; None where it is not there."""
+    """One attribute of one prompt: what is stated and what is read; None where it is not there."""
 
     prompt: int
     style: str
     attribute: str
-    asked: Any
+    stated: Any
     read: Any
     share: float
 
     @property
     def right(self) -> bool:
-        if self.asked is None or self.read is None:
+        if self.stated is None or self.read is None:
             return False
         if ATTRIBUTES[self.attribute].unit != "m":
-            return self.asked == self.read
-        return all(_near(*ends) for ends in zip(self.asked, self.read, strict=True))
+            return self.stated == self.read
+        return all(_near(*ends) for ends in zip(self.stated, self.read, strict=True))
 
 
 def _near(one: float | None, other: float | None) -> bool:
@@ -57,24 +57,24 @@ def compare_readings(lines: Sequence[dict[str, Any]], readings: Sequence[Reading
     known = {name for line in lines for name in line["asks"]}
     answers = []
     for row, (line, reading) in enumerate(zip(lines, readings, strict=True)):
-        asked = check_attributes(line["asks"])
-        for name in sorted(known & {*asked, *reading.request}):
+        stated = check_attributes(line["asks"])
+        for name in sorted(known & {*stated, *reading.request}):
             read, share = reading.request.get(name), reading.shares.get(name, 0.0)
-            answers.append(Answer(row, line["style"], name, asked.get(name), read, share))
+            answers.append(Answer(row, line["style"], name, stated.get(name), read, share))
     return answers
 
 
 def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
     """Precision, recall and share of the prompts that are read in full, with what they are shares of."""
     some = list(answers)
-    right, read, asked = (sum(map(is_so, some)) for is_so in (_is_right, _is_read, _is_asked))
+    right, read, stated = (sum(map(is_so, some)) for is_so in (_is_right, _is_read, _is_stated))
     wrong = len({one.prompt for one in some if not one.right})
     return {
         "prompts": prompts,
-        "asks": asked,
+        "asks": stated,
         "read": read,
         "precision": right / max(read, 1),
-        "recall": right / max(asked, 1),
+        "recall": right / max(stated, 1),
         "full": (prompts - wrong) / max(prompts, 1),
     }
 
@@ -87,8 +87,8 @@ def _is_read(answer: Answer) -> bool:
     return answer.read is not None
 
 
-def _is_asked(answer: Answer) -> bool:
-    return answer.asked is not None
+def _is_stated(answer: Answer) -> bool:
+    return answer.stated is not None
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

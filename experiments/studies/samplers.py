@@ -31,7 +31,7 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.page import command_line, script_parser, write_page
-from experiments.studies.prompts import draw_prompt, held_out_captions
+from experiments.studies.prompts import count_shown, draw_prompt, held_out_captions
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse_metrics
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS, resolve_sampler
@@ -41,8 +41,7 @@ from scjax.evaluate.requests import counts_request
 from scjax.evaluate.sources import RecordScenes
 from scjax.generate.batching import padded_size
 from scjax.generate.encode import padded_length
-from scjax.language.facts import extract_facts
-from scjax.language.prompt_parser import PromptSpec, check, parse_prompt
+from scjax.language.grammar.compose import Composition
 from scjax.metrics.cluster_sums import ClusterSums, bootstrap_intervals
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import distribution_values, extra_values, measure, scene_values
@@ -52,7 +51,7 @@ from scjax.nn.startup import start_jax
 from scjax.scene import Scene
 from scjax.scene.files import write_text
 
-FORMAT = 3  # of a row's file; raise it when its content changes
+FORMAT = 4  # of a row's file; raise it when its content changes
 STEPS = (4, 6, 10, 16, 25, 50, 100)
 REFERENCE_STEPS = 100
 REFERENCE = {"noise": "ddpm", "velocity": "ddpm", "flow": "heun"}
@@ -67,14 +66,14 @@ class Requests:
       references: recorded scenes.
       clusters: their locations.
       conditions: one per scene.
-      specs: what each prompt asks for; empty without prompts.
+      requests: what each prompt asks for; empty without prompts.
       fingerprint: a hash of all of it.
     """
 
     references: list[Scene]
     clusters: list[str]
     conditions: list[scjax.Condition]
-    specs: list[PromptSpec]
+    requests: list[dict[str, Any]]
     fingerprint: str
 
 
@@ -182,19 +181,18 @@ def make_requests(model: scjax.Model, folder: str, samples: int, seed: int) -> R
     references = source.read(rows.tolist())
     domains = [source.domains[int(scene.domain)] if source.domains else None for scene in references]
     conditions = [counts_request(model, *pair) for pair in zip(references, domains, strict=True)]
-    specs: list[PromptSpec] = []
-    texts: list[str] = []
+    stated: list[Composition] = []
     if model.text_encoder:
         (captions, store), rng = held_out_captions(folder, model), np.random.default_rng(seed)
         prompts = [draw_prompt(store, captions[row], int(row), rng) for row in rows]
-        texts = [text for text, _ in prompts]
-        specs = [parse_prompt(text) for text in texts]
+        stated = [composition for composition, _ in prompts]
         conditions = [
             dataclasses.replace(condition, streams={"text": scjax.Stream(tokens)})
             for condition, (_, tokens) in zip(conditions, prompts, strict=True)
         ]
-    fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), "\n".join(texts))
-    return Requests(references, [locations[row] for row in rows], conditions, specs, fingerprint)
+    fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), "\n".join(one.text for one in stated))
+    requests = [one.request for one in stated]
+    return Requests(references, [locations[row] for row in rows], conditions, requests, fingerprint)
 
 
 def measure_setting(
@@ -205,11 +203,10 @@ def measure_setting(
     model = model.with_component("denoiser", config, model.denoiser.params)
     scenes, seconds = _sample(model, requests, setting, seed, bar)
     cluster_sums = measure(scenes, requests.clusters).cluster_sums
-    if requests.specs:
+    if requests.requests:
         prompts = ClusterSums()
-        for spec, scene, cluster in zip(requests.specs, scenes, requests.clusters, strict=True):
-            shown = list(check(spec, extract_facts(scene)).values())
-            prompts.add({"extra/prompt": np.array([sum(shown), len(shown)], np.float64)}, cluster)
+        for request, scene, cluster in zip(requests.requests, scenes, requests.clusters, strict=True):
+            prompts.add({"extra/prompt": np.array(count_shown(scene, request))}, cluster)
         cluster_sums = ClusterSums(
             {name: sums | prompts.clusters[name] for name, sums in cluster_sums.clusters.items()}
         )

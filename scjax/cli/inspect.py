@@ -20,31 +20,36 @@ MAX_PANELS = 400
 @click.argument("file")
 @click.option(
     "--style",
-    type=click.Choice(["short", "heads", "long"]),
-    default="long",
+    default="caption",
     show_default=True,
-    help="short: one or two sentences; heads: ROAD & CONTROL and AGENTS; long: a paragraph.",
+    help="Way of writing, such as terse, everyday or engineer; an unknown one is answered with the list of all.",
 )
+@click.option("--language", default="en", show_default=True, help='Code of a language, such as "de".')
 @seed_option
 @strict_option
-@click.option("--json", "as_json", is_flag=True, help="Print facts and captions as JSON.")
-def caption(file, style, seed, strict, as_json) -> None:
-    """Describes the scenes in FILE in English, by rule.
+@click.option("--json", "as_json", is_flag=True, help="Print texts and the requests that they make as JSON.")
+def caption(file, style, language, seed, strict, as_json) -> None:
+    """Describes the scenes in FILE as people do. Another --seed says other things in other words.
 
     FILE holds scenes (.npz or .json) or a recording (.json.gz), of which the scene around its first pose is taken.
     """
-    from scjax.language.captioner import write_caption
-    from scjax.language.facts import extract_facts
+    import numpy as np
 
-    captions = []
-    for scene in read_scenes(file, strict=strict):
-        facts = extract_facts(scene)
-        captions.append({"text": write_caption(facts, seed, style, drop=0.0), "facts": facts.to_json()})
+    from scjax.language.attributes.table import measure_attributes
+    from scjax.language.grammar.compose import compose
+
+    style, rng = style if language == "en" else "languages", np.random.default_rng(seed)
+    captions = [
+        compose(measure_attributes(scene), rng, style=style, language=language)
+        for scene in read_scenes(file, strict=strict)
+    ]
     if as_json:
-        click.echo(json.dumps(captions, indent=1))
+        names = ("text", "request", "style", "language")
+        content = [{name: getattr(one, name) for name in names} for one in captions]
+        click.echo(json.dumps(content, indent=1, ensure_ascii=False))
         return
     for one in captions:
-        click.echo(one["text"])
+        click.echo(one.text)
 
 
 @click.command("plot")

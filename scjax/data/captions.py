@@ -1,8 +1,7 @@
 """Captions of records, and captions of the official release.
 
-``captions-<split>.jsonl.gz`` holds one line per record, in record order: its facts, and texts in styles and languages,
-each with the request that its words make. A file appears whole or not at all, and names the hash of the records that
-it belongs to.
+``captions-<split>.jsonl.gz`` holds one line per record, in record order: texts in styles and languages, each with the
+request that its words make. A file appears whole or not at all, and names the hash of the records that it belongs to.
 """
 
 from __future__ import annotations
@@ -21,18 +20,16 @@ from scjax.data.packed_lines import read_lines, write_lines
 from scjax.data.ranges import check_number, check_seed, check_workers
 from scjax.data.records import SceneRecord, sample_scene
 from scjax.language.attributes.table import check_attributes, measure_attributes
-from scjax.language.facts import Facts, extract_facts
 from scjax.language.grammar.compose import Composition, compose
 from scjax.scene.document import parse_document
 
-FORMAT = 3
+FORMAT = 4
 _MAX_TEXTS = 1000
 
 
 class Caption(NamedTuple):
-    """Facts of the centered crop of a record, and what people could have typed for it."""
+    """What people could have typed for the centered crop of a record."""
 
-    facts: Facts
     compositions: list[Composition]
 
     @property
@@ -77,15 +74,13 @@ def add_captions(
 
 def _caption_line(texts: int, seed: int, record: SceneRecord, row: int) -> bytes:
     """The line of one record in the captions file."""
-    scene = sample_scene(record)
-    measured, rng = measure_attributes(scene), np.random.default_rng([seed, row])
+    measured, rng = measure_attributes(sample_scene(record)), np.random.default_rng([seed, row])
     compositions = [compose(measured, rng) for _ in range(texts)]
     captions = [
         {name: getattr(composition, name) for name in ("text", "request", "style", "language")}
         for composition in compositions
     ]
-    content = {"facts": extract_facts(scene).to_json(), "captions": captions}
-    return json.dumps(content, ensure_ascii=False).encode()
+    return json.dumps({"captions": captions}, ensure_ascii=False).encode()
 
 
 class _Head(Struct):
@@ -107,7 +102,6 @@ class _Text(Struct):
 class _Line(Struct):
     """The line of a record."""
 
-    facts: dict[str, Any]
     captions: Annotated[list[_Text], Meta(min_length=1)]
 
 
@@ -132,14 +126,13 @@ def read_captions(folder: str | Path, split: str) -> Iterator[Caption]:
             continue
         content = parse_document(line, _Line, name, cure)
         try:
-            facts = Facts.from_json(content.facts)
             compositions = [
                 Composition(item.text, check_attributes(item.request), item.style, item.language)
                 for item in content.captions
             ]
         except ValueError as error:
             raise ValueError(f"{name}: {error}: {cure}") from error
-        yield Caption(facts, compositions)
+        yield Caption(compositions)
     expected = manifest["splits"].get(split, {"records": 0})["records"]
     if number != expected:
         raise ValueError(f"{path} holds captions of {number} records, but there are {expected}: {remedy} again")

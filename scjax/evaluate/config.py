@@ -127,7 +127,7 @@ def get_config(variant: str = "standard") -> ConfigDict:
     # Half angle [degrees] and distance ahead of the ego's center [m] of the camera in whose view agents are matched:
     # (50.0, 0.0) as in the paper's loss, or from scjax.metrics.placement.camera; 0: everywhere.
     config.field_of_view = (0.0, 0.0)
-    config.caption_facts = True  # compare the facts of captions
+    config.attributes = True  # compare the attributes of scenes with those of their references
     config.novelty = (
         0 if variant == "baselines" else 150
     )  # scenes per method with a search for the nearest training scene

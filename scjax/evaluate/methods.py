@@ -42,7 +42,7 @@ class MethodBuilder:
       options: how models sample, unless a method says otherwise.
       consensus: samples per condition including the row itself; 1: no siblings.
       field_of_view: see ``Population``.
-      caption_facts: see ``Population``.
+      attributes: see ``Population``.
       shard, part_size: see ``PartFiles``.
       functions: of scjax.generate.
       models: folder -> loaded model.
@@ -55,7 +55,7 @@ class MethodBuilder:
     options: SamplingOptions = dataclasses.field(default_factory=SamplingOptions)
     consensus: int = 1
     field_of_view: tuple[float, float] | None = None
-    caption_facts: bool = False
+    attributes: bool = False
     shard: Shard = (0, 1)
     part_size: int = PART_SIZE
     functions: ModelFunctions = dataclasses.field(default_factory=ModelFunctions)
@@ -84,7 +84,7 @@ class MethodBuilder:
             self.rows,
             tuple(siblings),
             field_of_view=self.field_of_view,
-            caption_facts=self.caption_facts,
+            attributes=self.attributes,
         )
 
     def model(self, folder: str) -> Model:

@@ -21,8 +21,8 @@ from tqdm import tqdm
 
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.sources import SceneSource
-from scjax.language.agreement import fact_agreement
-from scjax.language.facts import extract_facts
+from scjax.language.attributes.draw import full_request
+from scjax.language.attributes.table import GROUPS, measure_attributes, score_attributes
 from scjax.metrics.measure import measure
 from scjax.metrics.placement import field_of_view
 from scjax.metrics.pooling import Ratios
@@ -31,7 +31,7 @@ from scjax.scene import Scene
 
 PART_SIZE = 250  # scenes per measured part
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-FORMAT = 4  # of measured parts; raise it when their content changes
+FORMAT = 5  # of measured parts; raise it when their content changes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Population:
       siblings: further samples for the same conditions, in the same order.
       field_of_view: half angle [degrees] and distance ahead [m] of the camera in whose view agents are matched; None:
         everywhere.
-      caption_facts: whether to compare the caption facts of scene and reference.
+      attributes: whether to compare the attributes of scene and reference.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Population:
     rows: Sequence[int] = ()
     siblings: tuple[SceneSource, ...] = ()
     field_of_view: tuple[float, float] | None = None
-    caption_facts: bool = False
+    attributes: bool = False
 
     def __len__(self) -> int:
         return len(self.source.clusters)
@@ -65,7 +65,7 @@ class Population:
         """A hash of everything that its numbers depend on, except the code."""
         references = "" if self.references is None else self.references.fingerprint
         siblings = [sibling.fingerprint for sibling in self.siblings]
-        options = (str(FORMAT), str(self.field_of_view), str(self.caption_facts))
+        options = (str(FORMAT), str(self.field_of_view), str(self.attributes))
         return content_hash(self.source.fingerprint, references, row_text(self.rows), *options, *siblings)
 
     def clusters(self, start: int, stop: int) -> list[str]:
@@ -140,13 +140,19 @@ def _measure_part(part: _Part) -> None:
         siblings=siblings,
         ego=population.source.ego,
         region=None if population.field_of_view is None else field_of_view(*population.field_of_view),
-        extra_ratios=_fact_ratios if population.caption_facts else None,
+        extra_ratios=_attribute_ratios if population.attributes else None,
     )
     stats.save(path)
 
 
-def _fact_ratios(scene: Scene, reference: Scene | None) -> Ratios:
-    return {} if reference is None else fact_agreement(extract_facts(reference), extract_facts(scene))
+def _attribute_ratios(scene: Scene, reference: Scene | None) -> Ratios:
+    """Group of attributes -> (attributes of the reference that the scene shows, attributes of the reference)."""
+    if reference is None:
+        return {}
+    request = full_request(measure_attributes(reference))
+    shown = request.keys() - score_attributes(scene, request).misses.keys()
+    of_groups = {group: request.keys() & {item.name for item in items} for group, items in GROUPS.items()}
+    return {group: (float(len(names & shown)), float(len(names))) for group, names in of_groups.items()}
 
 
 @contextlib.contextmanager

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from scjax.evaluate.sources import SceneSource
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
-from scjax.language.captioner import write_caption
-from scjax.language.facts import extract_facts
+from scjax.language.attributes.draw import full_request
+from scjax.language.attributes.request_text import request_text
+from scjax.language.attributes.table import measure_attributes
 from scjax.scene import Scene, empty
 
 RequestFunction = Callable[[Scene, int], Condition]
@@ -19,8 +20,8 @@ _AGENT_FIELDS = ("agents", "agent_types", "agent_mask", "agent_known")
 
 
 def caption_of(scene: Scene) -> str:
-    """A caption by rules with every fact of the scene; models and retrieval baselines get the same one."""
-    return write_caption(extract_facts(scene), 0, "long", drop=0.0)
+    """A text with every attribute of the scene; models and retrieval baselines get the same one."""
+    return request_text(full_request(measure_attributes(scene)))
 
 
 def counts_request(model: Model, scene: Scene, domain: str | None) -> Condition:

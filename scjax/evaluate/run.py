@@ -117,7 +117,7 @@ def _builder(config: Any, workdir: Path, functions: ModelFunctions) -> MethodBui
         ),
         consensus=max(config.consensus, 1),
         field_of_view=tuple(config.field_of_view) if config.field_of_view[0] else None,
-        caption_facts=config.caption_facts,
+        attributes=config.attributes,
         shard=tuple(config.shard),
         part_size=config.part_size,
         functions=functions,
@@ -166,8 +166,8 @@ def _sections(config: Any, builder: MethodBuilder, measured: Measured) -> list[t
     sections.append(tables.match_section(stats, draws=draws))
     sections.append(tables.control_section(stats, real, rows, **control_options))
     sections.append(tables.gain_section(stats, real, rows, config.gains, **control_options))
-    if config.caption_facts:
-        sections.append(tables.caption_section(stats, draws=draws))
+    if config.attributes:
+        sections.append(tables.attribute_section(stats, draws=draws))
     sections.append(tables.count_section(stats, real, rows))
     if config.novelty and builder.retrieval_set is not None:
         novel = with_stored_scenes({**methods, REAL: Population(REAL, builder.reference)})
@@ -195,7 +195,7 @@ def _facts(config: Any, builder: MethodBuilder, specs: list[MethodSpec], measure
     }
     if selected := [spec.title for spec in specs if spec.best_of > 1]:
         facts["selection"] = (
-            f"{', '.join(selected)}: the best of several samples by the rules of the prompt parser, repaired. "
+            f"{', '.join(selected)}: the best of several samples by their attributes, repaired. "
             "These rows do not measure the quality of a model."
         )
     return facts

@@ -37,8 +37,8 @@ NOTES = {
     "difference; both methods use the same bootstrap samples. Over a method with shuffled conditions and the "
     "same counts, "
     "the gain in CCS is SPG_prompt, the contribution of the prompt: 0 for a model that ignores it.",
-    "captions": "Facts of a scene and its reference, by the rules of the captioner: F1 for facts that are present or "
-    "absent, otherwise share of scenes that agree. Red lights count where the reference records signals.",
+    "attributes": "Share of the attributes of a reference that the scene shows, numbers exactly, by group "
+    "(docs/attributes.md). Where best_of chose by attributes, the row says nothing about the model.",
     "counts": "Generated against reference: mean absolute error and bias, share exact, within 1 and within 10 percent, "
     "rank correlation. Agents without the ego.",
 }

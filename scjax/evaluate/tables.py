@@ -189,14 +189,14 @@ def control_frame(raw: Descriptor, locations: Sequence[str], seed: int) -> Contr
         return ControlFrame.of(raw, locations, rng, shuffles=0)
 
 
-def caption_section(stats: Stats, *, draws: int = DRAWS) -> Section:
-    """Which facts of the reference's caption the scenes show."""
+def attribute_section(stats: Stats, *, draws: int = DRAWS) -> Section:
+    """Which attributes of the reference the scenes show."""
     rows = {
         name: _row(one, one, "extra/", lambda sums, _: extra_values(sums), draws)
         for name, one in _with_references(stats).items()
         if any(key.startswith("extra/") for key in one.cluster_sums.total)
     }
-    return Section("Facts of the captions", NOTES["captions"], rows)
+    return Section("Attributes", NOTES["attributes"], rows)
 
 
 def count_section(stats: Stats, real: SceneStats, rows: Rows) -> Section:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 from scjax.synthetic.curves import STRAIGHT_END, turn_curve
 from scjax.synthetic.network import Arm, Junction, Lane, Network, Turn
 

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scjax.language.road import wrap_to_pi
 from scjax.scene import TILE_SIZE, Signal
+from scjax.scene.angles import wrap_to_pi
 from scjax.synthetic.network import Junction
 from scjax.synthetic.world import Ego, World
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from scjax.language.events import EVENTS
+from scjax.language.analysis.rare_events import EVENTS
 from scjax.synthetic import actors, domains
 from scjax.synthetic.bystanders import draw_bystanders
 from scjax.synthetic.events import draw_event
@@ -22,11 +22,11 @@ from scjax.synthetic.traffic import TrafficSimulation, draw_fleet
 
 VERSION = 7  # raise it with every change of what a seed gives
 _EVENT_WEIGHTS = {  # the others have 1; few places allow double parking, many scenes see one corridor
-    "double parking": 3.0,
+    "double-parking": 3.0,
     "cut-in": 2.0,
-    "wrong-way driver": 1.1,
-    "work zone": 1.5,
-    "emergency corridor": 1.0,
+    "wrong-way": 1.1,
+    "work-zone": 1.5,
+    "emergency-corridor": 1.0,
 }
 _SIGNALS_RECORDED_SHARE = 0.9  # of the worlds with signals
 _FREIGHT_SHARE, _FREIGHT_FACTOR = 0.09, 9.0  # of worlds with many trucks and buses; times as many

@@ -7,8 +7,8 @@ import itertools
 
 import numpy as np
 
-from scjax.language.road import wrap_to_pi
 from scjax.scene import Signal
+from scjax.scene.angles import wrap_to_pi
 from scjax.synthetic.lane_arrays import CONFLICT_DISTANCE
 from scjax.synthetic.network import Junction, Network
 

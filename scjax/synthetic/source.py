@@ -14,7 +14,7 @@ from scjax.data.ranges import MAX_COUNT, check_number, check_seed
 from scjax.data.readers.base import LogInfo
 from scjax.data.record_source import PosedLog
 from scjax.data.tiles import pose_of
-from scjax.language.events import EVENTS
+from scjax.language.analysis.rare_events import EVENTS
 from scjax.synthetic.domains import draw_domain
 from scjax.synthetic.labels import SceneLabel, label_scene
 from scjax.synthetic.recording import object_index, to_log

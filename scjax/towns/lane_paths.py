@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from scjax.data.readers.opendrive.lane_lines import LaneKey
 from scjax.data.readers.opendrive.road_map import RoadMap
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.polyline import cumulative_length
 from scjax.towns.sumo_network import SumoConnection, SumoLane, SumoNetwork
 

@@ -190,7 +190,7 @@ def test_help_names_commands_and_exit_codes(capsys):
 
 
 def test_synthetic_takes_several_events(tmp_path, capsys):
-    assert main(["synthetic", str(tmp_path), "--worlds", "1", "--workers", "0", "--events", "double parking", "x"]) == 1
+    assert main(["synthetic", str(tmp_path), "--worlds", "1", "--workers", "0", "--events", "double-parking", "x"]) == 1
     assert "unknown event 'x'" in capsys.readouterr().err
 
 

@@ -82,8 +82,9 @@ def test_floor_has_the_metrics_of_its_table(tables):
     assert set(table["floor"]) == set(table["rows"]["unpaired"]["numbers"])
 
 
-def test_caption_facts_and_counts_of_a_copy_agree(tables):
-    assert numbers(tables, "Facts of the captions", "copy")["layout same"] == 1
+def test_attributes_and_counts_of_a_copy_agree(tables):
+    assert set(numbers(tables, "Attributes", "copy").values()) == {1}
+    assert numbers(tables, "Attributes", "other scene, same counts")["Relations to the ego"] < 1
     assert numbers(tables, "Numbers of lanes and agents", "copy")["agents mae"] == 0
 
 

@@ -31,7 +31,7 @@ def test_make_requests_skips_scenes_larger_than_the_bucket(records):
     small = text_requests(records, lanes[-1] - 1)
     assert max(int(scene.num_lanes) for scene in small.references) < lanes[-1]
     assert len(small.references) == sum(number < lanes[-1] for number in lanes) < len(every.references)
-    sizes = {len(field) for field in (small.own, small.shuffled, small.specs, small.clusters, small.references)}
+    sizes = {len(field) for field in (small.own, small.shuffled, small.requests, small.clusters, small.references)}
     assert len(sizes) == 1
 
 
@@ -49,7 +49,7 @@ def test_image_requests_are_forward_with_shuffled_images(records):
         counts = [(one.num_lanes, one.num_agents, one.domain) for one in (own, shuffled)]
         assert counts[0] == counts[1]
         assert not np.array_equal(image.tokens, shuffled.streams["image"].tokens)
-    assert not requests.specs and requests.context == 392
+    assert not requests.requests and requests.context == 392
 
 
 def test_pad_texts_masks_the_padding():

@@ -29,7 +29,7 @@ def cones(*places: tuple[float, float]) -> SceneBuilder:
 
 
 EVENT_SCENES = {
-    "wrong-way driver": (
+    "wrong-way": (
         two_way_road().add_agent(15, 0, 180, 9.0),
         [
             two_way_road().add_agent(15, WIDTH, 180, 9.0),
@@ -41,13 +41,12 @@ EVENT_SCENES = {
         two_way_road().add_agent(14, 0.5, 90, 1.4, AgentType.PEDESTRIAN),
         [
             two_way_road().add_agent(14, -9.0, 90, 1.4, AgentType.PEDESTRIAN),
-            two_way_road().add_agent(14, 0.5, 0, 1.4, AgentType.PEDESTRIAN),
             SceneBuilder()
             .add_intersection((20, 1.75), (0, 90, 180, 270))
             .add_agent(8.5, 0, 90, 1.4, AgentType.PEDESTRIAN),
         ],
     ),
-    "stopped vehicle in lane": (
+    "stopped-in-lane": (
         two_way_road().add_agent(12, 0, 0, 0.0),
         [
             two_way_road().add_agent(12, 0, 0, 0.0).add_agent(19, 0, 0, 0.0),
@@ -56,11 +55,11 @@ EVENT_SCENES = {
             SceneBuilder().add_intersection((20, 1.75), (0, 90, 180, 270)).add_agent(7, 0, 0, 0.0),
         ],
     ),
-    "double parking": (
+    "double-parking": (
         two_way_road().add_agent(12, -WIDTH - 0.8, 0, 0.0).add_agent(12.5, -WIDTH - 3.2, 0, 0.0),
         [two_way_road().add_agent(12, -WIDTH - 3.2, 0, 0.0).add_agent(18, -WIDTH - 3.2, 0, 0.0)],
     ),
-    "emergency corridor": (emergency_corridor(0.8), [emergency_corridor(0.0), emergency_corridor(-0.5)]),
+    "emergency-corridor": (emergency_corridor(0.8), [emergency_corridor(0.0), emergency_corridor(-0.5)]),
     "cut-in": (
         two_way_road().add_agent(10, -2.0, 6, 8.0),
         [
@@ -69,7 +68,7 @@ EVENT_SCENES = {
             two_way_road().add_agent(-12, -2.0, 6, 8.0),
         ],
     ),
-    "work zone": (
+    "work-zone": (
         cones((10, -5.0), (13, -4.2), (16, -3.4), (19, -2.6)),
         [cones((10, -5.0), (13, -5.0)), cones((10, -20.0), (13, -20.0), (16, -20.0))],
     ),

@@ -106,7 +106,7 @@ SHOWS = {
     ),
     "wrong way": (with_agents(straight_road(2, 0), (14, -WIDTH, 180, 9)).scene, {"event": "wrong-way"}),
     "stopped": (with_agents(straight_road(1, 1), (8, 0, 0, 0)).scene, {"event": "stopped-in-lane"}),
-    "double parking": (
+    "double-parking": (
         with_agents(straight_road(1, 1), (8, -0.8, 0, 0), (8, -3.2, 0, 0)).scene,
         {"event": "double-parking"},
     ),

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from scjax.language.analysis.scene_analysis import analyze
 from scjax.language.attributes.contradictions import find_contradictions
+from scjax.language.attributes.draw import full_request
 from scjax.language.attributes.roads import LAYOUTS
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes, measure_attributes, score_attributes
 from scjax.language.grammar import phrasebook as phrasebook_module
@@ -24,6 +25,7 @@ from scjax.language.grammar.compose import compose, compose_freely
 from scjax.language.grammar.noise import add_typing_errors, drop_punctuation
 from scjax.language.grammar.page import captions_page
 from scjax.language.grammar.phrasebook import SLOTS, languages, phrasebook
+from scjax.language.grammar.prompts import written_prompts
 from scjax.language.grammar.quantities import KINDS, UNITS, draw_distance, draw_quantity
 from scjax.language.grammar.wordings import choose_alternatives, fill, number_text, usable_templates
 from scjax.language.reader.numbers import find_numbers
@@ -80,12 +82,7 @@ def test_most_free_compositions_contradict_themselves_where_they_shall():
 def test_scenes_are_free_of_contradictions():
     """Every measurement as a request; a rule that found one would be wrong."""
     for _, measured in analyses():
-        request = {}
-        for name, value in measured.items():
-            if name != "not_layout" and value not in ((), None):
-                kind = ATTRIBUTES[name].kind
-                request[name] = value[0] if kind == "choice" else (value, value) if kind == "range" else value
-        assert find_contradictions(request) == []
+        assert find_contradictions(full_request(measured)) == []
 
 
 @pytest.mark.parametrize(
@@ -311,6 +308,7 @@ def people_prompts():
 
 def test_no_phrasing_is_a_prompt_of_people(people_prompts):
     texts = [text for code in languages() for text in phrasebook(code).templates]
+    texts += [one.text for one in written_prompts()]
     assert [text for text in texts if _plain(text) in people_prompts] == []
 
 

@@ -1,32 +1,31 @@
-"""Texts of requests: the rules that read prompts find in them what was requested."""
+"""Texts of requests say what was requested."""
 
 from __future__ import annotations
 
 import pytest
 
 from scjax.language.attributes.request_text import request_text
-from scjax.language.prompt_parser import parse_prompt
 
 
 @pytest.mark.parametrize("layout", ["straight", "four-way", "T", "roundabout"])
 @pytest.mark.parametrize("signal", ["red", "green", "yellow"])
-def test_prompt_rules_read_layout_and_signal(layout, signal):
-    spec = parse_prompt(request_text({"layout": layout, "signal": signal}))
-    assert (spec.layout, spec.signal) == (layout, signal)
+def test_layout_and_signal_are_named(layout, signal):
+    text = request_text({"layout": layout, "signal": signal})
+    assert layout in text and f"a {signal} traffic light" in text
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 7, 12, 15])
+@pytest.mark.parametrize(("number", "word"), [(0, "no"), (1, "one"), (2, "two"), (12, "twelve"), (15, "15")])
 @pytest.mark.parametrize("name", ["vehicles", "pedestrians", "cyclists"])
-def test_prompt_rules_read_numbers(name, number):
-    assert getattr(parse_prompt(request_text({name: number})), name) == (number, number)
+def test_numbers_are_named(name, number, word):
+    assert request_text({name: number}) == f"A road with {word} {name[:-1] if number == 1 else name}."
 
 
 @pytest.mark.parametrize(
-    ("event", "name"),
-    [("wrong-way", "wrong-way driver"), ("double-parking", "double parking"), ("jaywalker", "jaywalker")],
+    ("event", "words"),
+    [("wrong-way", "wrong-way driver"), ("double-parking", "double-parked"), ("jaywalker", "jaywalker")],
 )
-def test_prompt_rules_read_events(event, name):
-    assert parse_prompt(request_text({"event": [event]})).events == (name,)
+def test_events_are_named(event, words):
+    assert words in request_text({"event": [event]})
 
 
 def test_text_is_whole_sentences():

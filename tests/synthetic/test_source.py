@@ -8,7 +8,7 @@ import pytest
 
 from scjax.data.build_options import BuildOptions
 from scjax.data.record_source import PosedLog
-from scjax.language.events import EVENTS
+from scjax.language.analysis.rare_events import EVENTS
 from scjax.synthetic.labels import SceneLabel
 from scjax.synthetic.source import Worlds
 
@@ -61,14 +61,14 @@ def test_worlds_reject_shares_above_one():
         Worlds(7, 12, 1.5)
 
 
-@pytest.mark.parametrize("events", [("jaywalker",), ("jaywalker", "wrong-way driver")])
+@pytest.mark.parametrize("events", [("jaywalker",), ("jaywalker", "wrong-way")])
 def test_worlds_show_chosen_events_only(events):
     labels = [label for log in load_all(Worlds(5, 12, events=events)) for label in log.labels]
     counts = collections.Counter(label["event"] for label in labels if label["event"])
     assert set(counts) == set(events) and counts.total() >= 5
 
 
-@pytest.mark.parametrize("events", [("jaywalker",), ("jaywalker", "wrong-way driver")])
+@pytest.mark.parametrize("events", [("jaywalker",), ("jaywalker", "wrong-way")])
 def test_worlds_hash_depends_on_events(events):
     """A build that resumes must not take records of other worlds for its own."""
     source, plain = Worlds(5, 12, events=events), Worlds(8, 12)

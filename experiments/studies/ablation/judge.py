@@ -12,9 +12,8 @@ import jax
 
 import scjax
 from experiments.studies.ablation.requests import Requests
+from experiments.studies.prompts import count_shown
 from scjax.generate.conditions import Condition
-from scjax.language.facts import extract_facts
-from scjax.language.prompt_parser import check
 from scjax.metrics.measure import control_values, distribution_values, match_values, measure, scene_values
 from scjax.metrics.placement import field_of_view
 from scjax.metrics.pooling import Values, ratio
@@ -103,11 +102,7 @@ def measure_run(scenes: Sequence[Scene], requests: Requests, real: SceneStats, l
     values = distribution_values(sums, real.cluster_sums.total, "strict") | scene_values(sums) | match_values(sums)
     values |= control_values(stats, real, shuffles=0)
     values["control"] = (values["lane CCS"] + values["agent CCS"]) / 2
-    # Images ask for nothing in words: they have no specs.
-    shown = [
-        met
-        for spec, scene in zip(requests.specs, scenes, strict=False)
-        for met in check(spec, extract_facts(scene)).values()
-    ]
-    values["prompt"], values["loss"] = ratio(float(sum(shown)), float(len(shown))), loss
+    # Images ask for nothing in words: they have no requests.
+    counts = [count_shown(scene, request) for request, scene in zip(requests.requests, scenes, strict=False)]
+    values["prompt"], values["loss"] = ratio(*map(sum, zip(*counts, strict=True))) if counts else math.nan, loss
     return {name: float(values.get(name, math.nan)) for name in METRICS}

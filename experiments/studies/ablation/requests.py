@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.sources import LARGEST_COUNTS, RecordScenes
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
-from scjax.language.prompt_parser import PromptSpec, parse_prompt
+from scjax.language.grammar.compose import Composition
 from scjax.metrics.control import derangements
 from scjax.scene import Crop, Scene
 
@@ -34,7 +35,7 @@ class Requests:
       own: counts, domain and condition of each scene.
       shuffled: the same counts and domain with the condition of a scene at another location. A model that reads its
         condition is worse with these; one that does not is equally good.
-      specs: what the own prompt asks for; empty for images.
+      requests: what the own prompt asks for; empty for images.
       context: mean number of condition tokens.
       fingerprint: a hash of all of it.
     """
@@ -43,7 +44,7 @@ class Requests:
     clusters: list[str]
     own: list[Condition]
     shuffled: list[Condition]
-    specs: list[PromptSpec]
+    requests: list[dict[str, Any]]
     context: float
     fingerprint: str
 
@@ -73,15 +74,13 @@ def make_requests(
     rows, scenes = rows[fits], list(itertools.compress(candidates, fits))
     if not scenes:
         raise ValueError(f"{folder}: none of {len(fits)} held-out records has at most {most} agents and lanes")
-    specs: list[PromptSpec] = []
-    texts: list[str] = []
+    stated: list[Composition] = []
     context = 2.0 * GRID[0] * GRID[1]
     if modality == "text":
         captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
         rng = np.random.default_rng(_SEED)
         prompts = [draw_prompt(store, captions[row], int(row), rng) for row in rows]
-        texts = [text for text, _ in prompts]
-        specs = [parse_prompt(text) for text in texts]
+        stated = [composition for composition, _ in prompts]
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
         streams = [{"text": Stream(tokens)} for _, tokens in prompts]
     else:
@@ -100,8 +99,10 @@ def make_requests(
     ]
     own = [Condition(**count, streams=one) for count, one in zip(counts, streams, strict=True)]
     shuffled = [Condition(**count, streams=streams[row]) for count, row in zip(counts, others, strict=True)]
-    fingerprint = content_hash(modality, source.fingerprint, row_text(rows), row_text(others), "\n".join(texts))
-    return Requests(scenes, clusters, own, shuffled, specs, context, fingerprint)
+    fingerprint = content_hash(
+        modality, source.fingerprint, row_text(rows), row_text(others), "\n".join(one.text for one in stated)
+    )
+    return Requests(scenes, clusters, own, shuffled, [one.request for one in stated], context, fingerprint)
 
 
 def pad_texts(conditions: Sequence[Condition], slots: int) -> list[Condition]:

@@ -17,8 +17,8 @@ from scjax.cli.data.command import NOTHING_WRITTEN, DataCommand, workers_option
 def data_caption(records: str, workers: int, texts: int, seed: int) -> int:
     """Describes every record: texts as people write them, each with the request that its words make.
 
-    RECORDS receives captions-train.jsonl.gz and captions-val.jsonl.gz, one line per record in record order: its facts
-    and texts in ten styles and eleven languages, drawn at random. docs/captions.md shows examples.
+    RECORDS receives captions-train.jsonl.gz and captions-val.jsonl.gz, one line per record in record order:
+    texts in ten styles and eleven languages, drawn at random. docs/captions.md shows examples.
     """
     from scjax.data.captions import add_captions
 

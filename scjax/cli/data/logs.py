@@ -96,7 +96,7 @@ def data_logs(
 
 
 def _world_logs(seed: int, worlds: int, events: tuple[str, ...]) -> Iterator[Log]:
-    from scjax.language.events import EVENTS
+    from scjax.language.analysis.rare_events import EVENTS
     from scjax.synthetic.motion import world_logs
 
     check_number("worlds", worlds, 1, MAX_COUNT, "make at least one world")

@@ -30,7 +30,7 @@ from scjax.data.build_options import BuildOptions
     "--events",
     multiple=True,
     metavar="EVENT...",
-    help='Show one of these, as "double parking", in every world that has a place for it. An event named twice comes '
+    help='Show one of these, as "double-parking", in every world that has a place for it. An event named twice comes '
     "twice as often; an unknown one is answered with the list of all. [default: any, in some worlds]",
 )
 @workers_option

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.language.analysis.lane_lines import LaneLines
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _MAX_HEIGHT = 3.5  # m between a lane and an agent on it
 ON_LANE = 1.8  # m between a vehicle and the middle of its lane

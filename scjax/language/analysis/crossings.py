@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.language.analysis.lane_lines import LaneLines
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 MAX_LEVEL = 2.5  # m of height between lanes of one level
 _MIN_CLEARANCE = 3.3  # m of height between lanes that pass over each other

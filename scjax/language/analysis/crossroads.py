@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from scjax.language.analysis.crossings import MAX_LEVEL, Crossings
 from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.partings import Parting
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _CLUSTER_DISTANCE = 11.0  # m between neighboring points of one junction
 _CONNECTOR_TURN = np.deg2rad(32.0)  # at least, of a lane that turns in a junction

@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from scjax.language.analysis.agent_lanes import AgentLanes
 from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.routes import Route, straightest_route
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _MAX_DISTANCE, _MAX_ANGLE = 2.5, np.deg2rad(50.0)  # m, rad between the ego and its lane
 _ANGLE_COST = 2.0  # m per rad

@@ -8,8 +8,8 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from scjax.language.road import wrap_to_pi
 from scjax.scene import Link, Scene
+from scjax.scene.angles import wrap_to_pi
 
 _STEP = 1.0  # m
 _MIN_LENGTH = 1e-3  # m, shorter lanes are left out

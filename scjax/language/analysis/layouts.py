@@ -9,7 +9,7 @@ from scjax.language.analysis.crossroads import Crossroad
 from scjax.language.analysis.ego_route import EgoRoute
 from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.partings import Parting
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 REACH = 32.0  # m around the ego, within which a junction names the road
 _CURVE_TURN, _WINDING_TURN = np.deg2rad(12.0), np.deg2rad(13.0)

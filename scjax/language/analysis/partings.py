@@ -9,7 +9,7 @@ import numpy as np
 
 from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.routes import pose_after
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _COMPARISON_DISTANCE = 22.0  # m from the fork, at which its branches are compared
 _SAME_PLACE, _SAME_HEADING, _SAME_HEIGHT = 1.0, np.deg2rad(30.0), 1.5  # m, rad, m of lanes that begin together

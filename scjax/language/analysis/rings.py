@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.language.analysis.lane_lines import LaneLines
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _MIN_RADIUS, _MAX_RADIUS = 5.0, 34.0  # m
 _MIN_ARC_TURN = np.deg2rad(15.0)  # of a lane that may be part of a ring

@@ -13,7 +13,7 @@ from scjax.language.analysis.crossroads import Crossroad
 from scjax.language.analysis.ego_route import EgoRoute
 from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.rings import Ring
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _PLACES = (0, 3, -3, 6, -6, 9, -9, 12, -12, 16, -16, 20, -20, 24, -24, 28, -28)  # m along the way
 _NUM_PLACES = 3

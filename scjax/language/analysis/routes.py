@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.language.analysis.lane_lines import LaneLines
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _LOOK_AHEAD = 15  # points of a lane, at most, over which its direction is compared
 

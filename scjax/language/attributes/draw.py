@@ -1,4 +1,4 @@
-"""Random requests that a measured scene fulfills: what somebody who wants such a scene might ask for."""
+"""Requests that a measured scene fulfills: what somebody who wants such a scene might ask for."""
 
 from __future__ import annotations
 
@@ -34,6 +34,16 @@ def draw_attributes(measured: Mapping[str, Any], rng: np.random.Generator) -> di
             value = _draw_value(attribute, measured[name], rng)
             if value is not None:
                 request[name] = value
+    return request
+
+
+def full_request(measured: Mapping[str, Any]) -> dict[str, Any]:
+    """All that a scene of these measurements shows, as a request in its normal form: numbers exactly."""
+    request = {}
+    for name, value in measured.items():
+        kind = ATTRIBUTES[name].kind
+        if name != "not_layout" and value is not None and value != ():
+            request[name] = value[0] if kind == "choice" else (value, value) if kind == "range" else value
     return request
 
 

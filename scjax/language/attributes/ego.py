@@ -7,7 +7,7 @@ import numpy as np
 from scjax.language.analysis.routes import pose_after
 from scjax.language.analysis.scene_analysis import Analysis
 from scjax.language.attributes.base import Attribute
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _STANDING, _SLOW, _FAST = 0.5, 4.0, 12.0  # m/s
 _TURN = np.deg2rad(35.0)

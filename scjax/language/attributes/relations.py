@@ -7,7 +7,7 @@ import numpy as np
 from scjax.language.analysis.platoons import leader_gaps, longest_platoon
 from scjax.language.analysis.scene_analysis import Analysis
 from scjax.language.attributes.base import Attribute, count_of
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 _REACH = 32.0  # m along the way
 _OWN_LATERAL = 1.8  # m

@@ -7,8 +7,8 @@ from typing import Any
 
 from scjax.language.attributes.base import Bounds
 from scjax.language.attributes.table import check_attributes
-from scjax.language.wording import number_word
 
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _LAYOUTS = {
     "straight": "a straight road",
     "curve": "a curved road",
@@ -83,7 +83,7 @@ def _lanes(normal: Mapping[str, Any]) -> str:
     same, opposite = (normal.get(name, (0, None)) for name in ("lanes_same", "lanes_opposite"))
     if same[0] != same[1]:
         return ""
-    number = number_word(int(same[0]))
+    number = _number_word(int(same[0]))
     noun = "lane" if same[0] == 1 else "lanes"
     if same == opposite:
         return f"{number} {noun} in each direction"
@@ -99,5 +99,9 @@ def _count(bounds: Bounds, one: str, many: str) -> str:
     if most == 0:
         return f"no {many}"
     if most - least <= 2:
-        return f"one {one}" if middle <= 1 else f"{number_word(middle)} {many}"
+        return f"one {one}" if middle <= 1 else f"{_number_word(middle)} {many}"
     return f"a few {many}" if most <= 5 else f"several {many}" if least < 6 else f"many {many}"
+
+
+def _number_word(count: int) -> str:
+    return _NUMBERS[count] if count < len(_NUMBERS) else str(count)

@@ -7,7 +7,7 @@ import numpy as np
 from scjax.language.analysis.layouts import REACH, route_turns
 from scjax.language.analysis.scene_analysis import Analysis
 from scjax.language.attributes.base import Attribute
-from scjax.language.road import wrap_to_pi
+from scjax.scene.angles import wrap_to_pi
 
 LAYOUTS = (
     "straight",

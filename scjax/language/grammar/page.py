@@ -13,6 +13,7 @@ import numpy as np
 
 from scjax.language.grammar.compose import Composition, compose_freely
 from scjax.language.grammar.phrasebook import languages, phrasebook
+from scjax.language.grammar.prompts import written_prompts
 from scjax.language.grammar.styles import STYLES
 from scjax.scene.files import write_text
 
@@ -24,6 +25,9 @@ Captions are composed from hand-written phrasings: {count} templates in {languag
 `scjax/language/grammar/phrases/`. Each comes with the request that its words make, in the form of
 `Condition(attributes=...)` ([all attributes](attributes.md)). Vague words become generous ranges; an exact number of
 four or more may be off by one. `scjax data caption RECORDS` writes captions of records.
+
+Beside them {prompts} whole prompts were written by hand, in `scjax/language/grammar/prompts/`. They are about no scene:
+the reader of prompts learns from them what people mean ([training](train.md)).
 
 ```python
 import numpy as np
@@ -45,7 +49,7 @@ Twenty examples about no scene, by `python -m scjax.language.grammar.page docs/c
 """
 _TAIL = """
 To add a phrasing, add a line to a file of `phrases/`; to add a language, add a folder. `phrasebook.py` explains the
-form of the files.
+form of the files. To add a prompt, add a line to a file of `prompts/`: the text, a tab, its request as JSON.
 """
 
 
@@ -59,7 +63,7 @@ def captions_page() -> str:
     pairs += [("languages", others[row % len(others)]) for row in range(20 - len(pairs))] if others else []
     rows = "".join(_row(_example(name, code, rng)) for name, code in pairs)
     count = sum(len(phrasebook(code).templates) for code in codes)
-    return _HEAD.format(count=count, languages=len(codes)) + rows + _TAIL
+    return _HEAD.format(count=count, languages=len(codes), prompts=f"{len(written_prompts()):,}") + rows + _TAIL
 
 
 def _example(style: str, language: str, rng: np.random.Generator) -> Composition:

@@ -1,7 +1,7 @@
 """Rare events in synthetic worlds: one file per event.
 
-To add an event that ``scjax.language.events`` knows, write a file with a ``StagedEvent`` subclass and add the class to
-``EVENT_CLASSES``.
+To add an event that ``scjax.language.analysis.rare_events`` knows, write a file with a ``StagedEvent`` subclass and add
+the class to ``EVENT_CLASSES``.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ _LEADER_LATERAL = 1.8  # m
 
 
 class StoppedVehicle(StagedEvent):
-    event = "stopped vehicle in lane"
+    event = "stopped-in-lane"
 
     def prepare_traffic(self, fleet: Fleet, rng: np.random.Generator) -> Fleet:
         return self._block(fleet, rng.normal(0, 0.15), rng)
@@ -45,7 +45,7 @@ class StoppedVehicle(StagedEvent):
 class DoubleParking(StoppedVehicle):
     """A vehicle that stops at the edge of its lane, beside a parked one."""
 
-    event = "double parking"
+    event = "double-parking"
 
     def __init__(self, *place):
         super().__init__(*place)

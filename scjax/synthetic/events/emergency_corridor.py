@@ -23,7 +23,7 @@ _VIEW = 22.0  # m
 
 
 class EmergencyCorridor(StagedEvent):
-    event = "emergency corridor"
+    event = "emergency-corridor"
     clearance = 110.0  # the jam is long
 
     def __init__(self, *place):

@@ -20,7 +20,7 @@ _VIEW = 26.0  # m
 
 
 class WorkZone(StagedEvent):
-    event = "work zone"
+    event = "work-zone"
 
     def __init__(self, *place):
         super().__init__(*place)

@@ -19,7 +19,7 @@ _MIN_SPEED = 3.0  # m/s at the moment
 
 
 class WrongWayDriver(StagedEvent):
-    event = "wrong-way driver"
+    event = "wrong-way"
     _place, _speed, _size = 0.0, 0.0, np.zeros((1, 3))
 
     def start(self, simulation: TrafficSimulation, rng: np.random.Generator) -> None:
