@@ -25,7 +25,7 @@ from experiments.reader_texts import Texts, reader_texts
 from experiments.studies.page import script_parser
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
-from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, reader_config, save_reader
+from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, load_reader, reader_config, save_reader
 from scjax.language.grammar.prompts import written_prompts
 from scjax.language.reader.targets import is_set, read_outputs, value_mask
 from scjax.models.reader import ReaderConfig, reader_network
@@ -44,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--texts", type=int, default=48_000, help="texts of the grammar")
     parser.add_argument("--copies", type=int, default=4, help="of every written prompt, with other typing mistakes")
     parser.add_argument("--prompt-share", type=float, default=0.5, help="share of a batch that is written prompts")
+    parser.add_argument("--start", type=Path, help="folder of a reader to begin with (default: fresh weights)")
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--held-back", type=int, default=1000, help="composed texts that are only evaluated")
     parser.add_argument("--steps", type=int, default=12_000)
@@ -67,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stop=stop,
         )
         if not stop:
-            run = {name: value for name, value in vars(args).items() if name != "folder"}
+            run = {name: value for name, value in vars(args).items() if name not in ("folder", "start")}
             check_resume(args.folder / "checkpoints", run, {"texts": digest})
             with Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
                 _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
@@ -85,7 +86,7 @@ def _train(
         weight_decay=1e-2,
         clip=1.0,
     )
-    params = reader_network(config).init(jax.random.key(args.seed))
+    params = _first_params(config, args.start, args.seed)
     state, first = (params, optimizer.init(params)), checkpoints.latest or 0
     if first:
         state, _ = checkpoints.restore(state)
@@ -109,6 +110,20 @@ def _train(
                 notes["validation"] = values
                 save_reader(PromptReader(config, state[0], encoder.name), folder, notes)
     checkpoints.save(number, state, {}, wait=True)
+
+
+def _first_params(config: ReaderConfig, start: Path | None, seed: int) -> Params:
+    """The weights of the reader in ``start``, or fresh ones.
+
+    Raises:
+      ValueError: that reader has another size.
+    """
+    if start is None:
+        return reader_network(config).init(jax.random.key(seed))
+    reader = load_reader(start)
+    if reader.config != config:
+        raise ValueError(f"--start {start} is a reader of another size: begin with another")
+    return jax.tree.map(lambda array: array.astype(jnp.float32), reader.params)
 
 
 def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from experiments import train_reader
+from experiments import reader_texts, train_reader
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import load_text_encoder
 from scjax.generate.prompt_reader import (
@@ -21,6 +21,7 @@ from scjax.generate.prompt_reader import (
     token_inputs,
 )
 from scjax.language.attributes.table import check_attributes
+from scjax.language.grammar.prompts import written_prompts
 from scjax.models.reader import reader_network
 from tests.factories.encoder_folders import CONFIG, write_encoder
 
@@ -130,14 +131,20 @@ def test_saved_readings_need_no_encoder(encoder, tmp_path):
 def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     """A run that was killed after its second step ends as one that was not."""
     folders, numbers = [tmp_path / "whole", tmp_path / "killed"], []
-    words = ["--texts", "40", "--held-back", "8", "--evaluate-every", "2", "--steps", "4"]
+    words = ["--texts", "40", "--held-back", "8", "--copies", "2", "--evaluate-every", "2", "--steps", "4"]
     batch = train_reader._batch
+    prompts = written_prompts()[::200]
+    for module in (train_reader, reader_texts):
+        monkeypatch.setattr(module, "written_prompts", lambda: prompts)
 
-    def counted(texts, seed, number):
+    def counted(texts, prompt_share, seed, number):
         if number == 3 and len(numbers) == 6:
             raise MemoryError
         numbers.append(number)
-        return batch(texts, seed, number)
+        rows = texts.trained["prompts"]
+        assert len(rows) == 2 * (len(prompts) - len(texts.held_back["prompts"]))
+        assert not set(rows) & {*texts.held_back["prompts"], *texts.held_back["composed"]}
+        return batch(texts, prompt_share, seed, number)
 
     monkeypatch.setattr(train_reader, "_batch", counted)
     train_reader.main([str(folders[0]), *words])
@@ -150,6 +157,9 @@ def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     assert all(map(np.array_equal, jax.tree.leaves(whole), jax.tree.leaves(killed)))
     with pytest.raises(ValueError, match=r"another run.*config\.seed is 11 there and 5 here"):
         train_reader.main([str(folders[1]), *words, "--seed", "5"])
+    begun = [str(tmp_path / "begun"), *words, "--start", str(folders[0] / "model")]
+    train_reader.main(begun)
+    assert load_reader(tmp_path / "begun" / "model").config == load_reader(folders[0] / "model").config
     model = ["--reader", str(folders[0] / "model")]
     code, out, _ = run("read", "a road with two cars", *model, "--json")
     assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "contradictions"}
