@@ -152,21 +152,23 @@ def generate(
         given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
         return read_prompts([Condition(prompt=entry.prompt, **given) for entry in some], model)
 
+    def announce(some: Sequence[ListedPrompt], requested: Sequence[Condition]) -> None:
+        for entry, condition in zip(some, requested, strict=True) if reads_requests(model) else ():
+            if condition.attributes and not entry.id:
+                say(f"understood: {shown_request(condition.attributes)}", quiet=as_json)
+            for warning in prompt_warnings(condition):
+                say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")
+
     def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
         with clock.part("scenes"):
             requested = conditions(some)
+            announce(some, requested)
             scenes = sample_scenes(key, requested, model=model, **sampling)
         with clock.part("files"):
             return files.write(some, [condition.attributes for condition in requested], scenes)
 
     files, key = SceneFiles(out, seed, sampling["num_scenes"], formats), jax.random.key(seed)
     results = []
-    if prompt_file is None and reads_requests(model):
-        for condition in conditions(entries):
-            if condition.attributes:
-                say(f"understood: {shown_request(condition.attributes)}", quiet=as_json)
-            for warning in prompt_warnings(condition):
-                say(f"scjax: warning: {warning}")
     for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
         if number is not None and all(files.is_complete(entry) for entry in some):
             continue

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import msgspec
 
-CHUNK = 32
-"""Prompts that are sampled together. Scenes depend on the place of their prompt in the file alone."""
+CHUNK = 128
+"""Prompts that are sampled together, in batches by size. Scenes depend on the place of their prompt in the file."""
 
 _ID = re.compile(r"\w[\w.-]{0,99}")
 _CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}'

@@ -9,6 +9,7 @@ import pytest
 
 import scjax
 from scjax.cli import prompt_lists
+from scjax.cli.demo import PROMPTS
 from scjax.cli.prompt_lists import read_prompt_list
 from scjax.generate import sample
 from scjax.models.denoiser.config import TextCondition
@@ -75,6 +76,15 @@ def test_lists_are_generated_once_and_continued(tmp_path, run, monkeypatch):
     code, out, _ = run(*words, "--out", str(tmp_path / "out"))
     assert code == 0 and [len(some) for some in calls] == [1] and out.strip() == str(files[0])
     assert [path.read_bytes() for path in files] == before
+
+
+def test_warnings_name_the_entry(tmp_path, run):
+    """Of a prompt of the demo, whose reading ships."""
+    lines = [{"id": "few", "prompt": PROMPTS[0]}]
+    words = ["generate", "--prompts", _write(tmp_path / "list.jsonl", lines), "--agents", "1", "--lanes", "8"]
+    code, _, err = run(*words, "--num-steps", "2", "--best-of", "1", "--out", str(tmp_path / "out"))
+    assert code == 0 and "scjax: warning: few: " in err and "the given number is taken" in err
+    assert "understood" not in err
 
 
 def test_either_prompts_or_a_list(run, tmp_path):
