@@ -1,4 +1,4 @@
-"""Trains the base model: worlds, their attributes, the autoencoder, then the denoiser on requests for attributes.
+"""Trains the base model: worlds, their attributes, the autoencoder, counts, then the denoiser, on requests.
 
     nice -n 15 python -m experiments.base_model runs/base
 
@@ -6,7 +6,7 @@ The same command continues where it was stopped, also within a training (Ctrl-C 
 starts from the one that ships and learns the wider world, with lane ends that links join as one point. The denoiser
 starts from the one that ships, without its text, with noise levels down to 0.005 (docs/results/low_noise.md). Its
 learning rate is constant, so that it can go on as long as there is time: a last training with a rate that falls to zero
-starts from its model.
+starts from its model. ``experiments.package_model --model DENOISER --counter COUNTS`` joins the two.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _AUTOENCODER = (
     "--config.loss.typical_counts=(8.0,18.0)",
     _BUCKETS,
 )
+_COUNTS = ("--config=counts:small", "--config.condition=attributes", "--config.steps=1500")
 _DENOISER = (
     "--config=denoiser:small",
     "--config.attributes=True",
@@ -71,6 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _run(*scjax, "train", *_AUTOENCODER, f"--workdir={autoencoder.parent}", f"--config.records={records}", steps)
     if not start.is_dir():
         _run(sys.executable, "-m", "benchmarks.low_noise.base", start, "--octaves", 9)
+    counts = args.folder / "counts"
+    if not (counts / "model").is_dir():
+        base = f"--config.denoiser={start}"
+        _run(*scjax, "train", *_COUNTS, f"--workdir={counts}", f"--config.records={records}", base)
     inputs = f"--config.records={records}", f"--config.autoencoder={autoencoder}", f"--config.init_from={start}"
     workdir, steps = f"--workdir={args.folder / 'denoiser'}", f"--config.steps={args.denoiser_steps}"
     _run(*scjax, "train", *_DENOISER, *inputs, workdir, steps)
