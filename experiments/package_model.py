@@ -89,7 +89,7 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
     """Writes the folder and returns file name -> megabytes.
 
     Args:
-      encoder: of the demo's prompts; by default the one that is found or fetched.
+      encoder: of the demo's prompts; by default the one that is found or fetched. A model without text needs none.
 
     Raises:
       ValueError: a part is missing, a domain is not of the synthetic world, or the files are too large.
@@ -100,10 +100,7 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
     foreign = set(model.domains) - {domain.name for domain in DOMAINS}
     if foreign:
         raise ValueError(f"the model was trained on {', '.join(sorted(foreign))}: only the synthetic world may ship")
-    encoder = encoder or load_text_encoder()
-    if encoder.name != model.text_encoder:
-        raise ValueError(f"the model was trained with {model.text_encoder}, but the encoder here is {encoder.name}")
-    prompts = {text: np.asarray(one.features) for text, one in zip(PROMPTS, encoder(PROMPTS), strict=True)}
+    prompts = _demo_features(model, encoder or load_text_encoder()) if model.text_encoder else {}
     card = (out / _CARD).read_text() if (out / _CARD).is_file() else None
     network = dataclasses.replace(model.denoiser.config, compute="float32")
     shipped = model.with_component("denoiser", network, model.denoiser.params)
@@ -115,6 +112,12 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
     if sum(files.values()) > _ALL:
         raise ValueError(f"{out} has {sum(files.values()):.0f} MB, more than {_ALL:.0f}: train a smaller model")
     return files
+
+
+def _demo_features(model: Model, encoder: TextEncoder) -> dict[str, np.ndarray]:
+    if encoder.name != model.text_encoder:
+        raise ValueError(f"the model was trained with {model.text_encoder}, but the encoder here is {encoder.name}")
+    return {text: np.asarray(one.features) for text, one in zip(PROMPTS, encoder(PROMPTS), strict=True)}
 
 
 def public_notes(notes: dict[str, Any]) -> dict[str, Any]:

@@ -27,8 +27,10 @@ from scjax.generate.prompt_reader import PromptReader, reader_config
 from scjax.language.attributes.vector import feature_names
 from scjax.language.reader.targets import Reading
 from scjax.models import codec as presets
+from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.nn.cross_attention.windowed import WindowedOptions
 from scjax.nn.functional import flatten
+from scjax.synthetic.domains import DOMAINS
 from scjax.train.loop import train
 from scjax.train.objectives import make_objective
 from scjax.train.objectives.validation_examples import validation_examples
@@ -201,6 +203,17 @@ def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, 
     exact = jax.tree.leaves((prompt_model.denoiser.params, prompt_model.count_predictor.params))
     for a, b in zip(jax.tree.leaves((shipped.denoiser.params, shipped.count_predictor.params)), exact, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+
+
+def test_a_model_without_text_ships_without_an_encoder(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.package_model.load_text_encoder", None)
+    names = feature_names()
+    model = tiny_model(attributes=names)
+    sizes = CountPredictorConfig(text_width=len(names), attributes=names, domains=2, width=8, queries=1, heads=1)
+    model = model.with_component("count_predictor", sizes, count_predictor(sizes).init(jax.random.key(0)))
+    domains = tuple(domain.name for domain in DOMAINS[:2])
+    ship(dataclasses.replace(model, domains=domains), tmp_path / "out")
+    assert not scjax.load(tmp_path / "out").prompts
 
 
 def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_path, monkeypatch):
