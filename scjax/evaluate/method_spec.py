@@ -44,7 +44,7 @@ class MethodSpec:
         the autoencoder encodes and decodes the reference.
       baseline: one of ``BASELINES``: a retrieval rule in the retrieval set, a rung of the corruption ladder, random
         vehicles on the reference's lanes, or a copy of the reference.
-      best_of: number of samples per prompt, of which the best by the rules of the prompt parser is repaired and kept.
+      best_of: number of samples per prompt, of which the best by its attributes is repaired and kept.
         Such a row shows what this selection yields; it is no measure of model quality.
       energy_guidance: whether to sample with energy guidance; None: as the model does by default.
     """
