@@ -14,12 +14,13 @@ from tqdm import tqdm
 from scjax.encoders.text import FrozenTextEncoder, clean_text
 from scjax.generate.prompt_reader import token_inputs
 from scjax.language.grammar.compose import Composition, compose_freely
-from scjax.language.grammar.prompts import retype, written_prompts
+from scjax.language.grammar.prompts import join_prompts, retype, written_prompts
 from scjax.language.reader.numbers import token_numbers
 from scjax.language.reader.targets import Targets, request_targets
 from scjax.scene.files import write_file
 
 _PART = 256  # texts that are encoded together
+_JOINED_SHARE = 0.5
 _HELD_BACK_EVERY = 20  # of the prompts, one is not trained on
 
 
@@ -63,7 +64,7 @@ def reader_texts(
     Args:
       folder: of the features; those that are there are read.
       composed: number of texts of the grammar.
-      copies: of every written prompt: the first as it is, the others retyped.
+      copies: of every written prompt: the first as it is, the others retyped, some joined with another prompt.
       held_back: composed texts that are not trained on; of the written prompts it is one of twenty.
       seed: of the texts.
       stop: ends the work early where it is not empty.
@@ -73,8 +74,9 @@ def reader_texts(
     prompts = written_prompts()
     held = [row for row in range(len(prompts)) if row % _HELD_BACK_EVERY == 0]
     kept = [row for row in range(len(prompts)) if row % _HELD_BACK_EVERY]
-    texts += [prompts[row] for row in (*held, *kept)]
-    texts += [retype(prompts[row], rng) for _ in range(copies - 1) for row in kept]
+    trained = [prompts[row] for row in kept]
+    texts += [*(prompts[row] for row in held), *trained]
+    texts += [_copy(trained, place, rng) for _ in range(copies - 1) for place in range(len(trained))]
     ends = np.cumsum([0, held_back, composed - held_back, len(held), copies * len(kept)])
     rows = [np.arange(*pair) for pair in itertools.pairwise(ends)]
     features, numbers, digest = _encode(folder, encoder, texts, stop)
@@ -92,6 +94,16 @@ def reader_texts(
         ),
         digest,
     )
+
+
+def _copy(prompts: list[Composition], place: int, rng: np.random.Generator) -> Composition:
+    """A prompt retyped, in half of the cases with another one of its language in the same text, if they go together."""
+    prompt = prompts[place]
+    if rng.random() < _JOINED_SHARE:
+        other = prompts[int(rng.integers(len(prompts)))]
+        joined = join_prompts(prompt, other) if other.language == prompt.language else None
+        prompt = joined or prompt
+    return retype(prompt, rng)
 
 
 def _encode(
