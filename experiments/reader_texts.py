@@ -14,6 +14,7 @@ from tqdm import tqdm
 from scjax.encoders.text import FrozenTextEncoder, clean_text
 from scjax.generate.prompt_reader import token_inputs
 from scjax.language.grammar.compose import Composition, compose_freely
+from scjax.language.grammar.phrasebook import languages
 from scjax.language.grammar.prompts import join_prompts, retype, written_prompts
 from scjax.language.reader.numbers import token_numbers
 from scjax.language.reader.targets import Targets, request_targets
@@ -76,7 +77,8 @@ def reader_texts(
     kept = [row for row in range(len(prompts)) if row % _HELD_BACK_EVERY]
     trained = [prompts[row] for row in kept]
     texts += [*(prompts[row] for row in held), *trained]
-    texts += [_copy(trained, place, rng) for _ in range(copies - 1) for place in range(len(trained))]
+    of_language = {code: [one for one in trained if one.language == code] for code in languages()}
+    texts += [_copy(one, of_language[one.language], rng) for _ in range(copies - 1) for one in trained]
     ends = np.cumsum([0, held_back, composed - held_back, len(held), copies * len(kept)])
     rows = [np.arange(*pair) for pair in itertools.pairwise(ends)]
     features, numbers, digest = _encode(folder, encoder, texts, stop)
@@ -96,13 +98,10 @@ def reader_texts(
     )
 
 
-def _copy(prompts: list[Composition], place: int, rng: np.random.Generator) -> Composition:
-    """A prompt retyped, in half of the cases with another one of its language in the same text, if they go together."""
-    prompt = prompts[place]
+def _copy(prompt: Composition, others: list[Composition], rng: np.random.Generator) -> Composition:
+    """A prompt retyped, in half of the cases with one of the others in the same text, if they go together."""
     if rng.random() < _JOINED_SHARE:
-        other = prompts[int(rng.integers(len(prompts)))]
-        joined = join_prompts(prompt, other) if other.language == prompt.language else None
-        prompt = joined or prompt
+        prompt = join_prompts(prompt, others[int(rng.integers(len(others)))]) or prompt
     return retype(prompt, rng)
 
 
