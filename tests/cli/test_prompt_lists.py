@@ -12,6 +12,7 @@ from scjax.cli import prompt_lists
 from scjax.cli.demo import PROMPTS
 from scjax.cli.prompt_lists import read_prompt_list
 from scjax.generate import sample
+from scjax.language.attributes.vector import feature_names
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene.io import load_npz
 from tests.factories.words import Words
@@ -80,8 +81,10 @@ def test_lists_are_generated_once_and_continued(tmp_path, run, monkeypatch):
 
 def test_warnings_name_the_entry(tmp_path, run):
     """Of a prompt of the demo, whose reading ships."""
+    scjax.save(tiny_model(attributes=feature_names()), tmp_path / "model")
     lines = [{"id": "few", "prompt": PROMPTS[0]}]
-    words = ["generate", "--prompts", _write(tmp_path / "list.jsonl", lines), "--agents", "1", "--lanes", "8"]
+    words = ["generate", "--prompts", _write(tmp_path / "list.jsonl", lines), "--agents", "1", "--lanes", "3"]
+    words += ["--model", str(tmp_path / "model")]
     code, _, err = run(*words, "--num-steps", "2", "--best-of", "1", "--out", str(tmp_path / "out"))
     assert code == 0 and "scjax: warning: few: " in err and "the given number is taken" in err
     assert "understood" not in err

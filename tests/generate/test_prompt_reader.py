@@ -133,7 +133,7 @@ def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     folders, numbers = [tmp_path / "whole", tmp_path / "killed"], []
     words = ["--texts", "40", "--held-back", "8", "--copies", "2", "--evaluate-every", "2", "--steps", "4"]
     batch = train_reader._batch
-    prompts = written_prompts()[::200]
+    prompts = written_prompts()[::500]
     for module in (train_reader, reader_texts):
         monkeypatch.setattr(module, "written_prompts", lambda: prompts)
 

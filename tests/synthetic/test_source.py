@@ -76,5 +76,5 @@ def test_worlds_hash_depends_on_events(events):
 
 
 def test_worlds_reject_unknown_events():
-    with pytest.raises(ValueError, match="unknown event 'accident': choose of wrong-way driver, jaywalker"):
+    with pytest.raises(ValueError, match="unknown event 'accident': choose of wrong-way, jaywalker"):
         Worlds(8, 12, events=("accident",))
