@@ -175,4 +175,7 @@ def _evaluate(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarr
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.train_reader: {error}")

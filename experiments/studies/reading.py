@@ -12,19 +12,28 @@ Writes OUT.md and OUT.json.
 from __future__ import annotations
 
 import itertools
-import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import msgspec
 
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.generate.prompt_reader import load_reader
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
 from scjax.language.reader.targets import Reading
 from scjax.nn.startup import start_jax
+from scjax.scene.document import parse_document
 
 _TOLERANCE = 3.0  # meters between ends of distances
 _BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+
+
+class _Line(msgspec.Struct):
+    style: str
+    prompt: str
+    asks: dict[str, Any]
 
 
 class Answer(NamedTuple):
@@ -98,9 +107,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
     start_jax()
-    lines = [json.loads(line) for line in args.prompts.read_text(encoding="utf-8").splitlines()]
-    reader = load_reader(args.reader)
-    answers = compare_readings(lines, reader([line["prompt"] for line in lines]))
+    try:
+        lines = _read_lines(args.prompts)
+        answers = compare_readings(lines, load_reader(args.reader)([line["prompt"] for line in lines]))
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.studies.reading: {error}")
     rows = {"all": summarize(answers, len(lines))}
     for style in sorted({line["style"] for line in lines}):
         number = sum(line["style"] == style for line in lines)
@@ -108,6 +119,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     attributes = {name: summarize(group, 0) for name, group in _grouped(answers, lambda one: one.attribute).items()}
     page = _page(rows, attributes, answers, command_line("reading", arguments))
     write_page(args.out, page, {"styles": rows, "attributes": attributes})
+
+
+def _read_lines(path: Path) -> list[dict[str, Any]]:
+    lines = []
+    for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        line = parse_document(text.encode(), _Line, f"{path}, line {number}", "write style, prompt and asks")
+        lines.append(msgspec.structs.asdict(line))
+    return lines
 
 
 def _grouped(answers: Iterable[Answer], key: Callable[[Answer], str]) -> dict[str, list[Answer]]:

@@ -20,9 +20,8 @@ MAX_PANELS = 400
 @click.argument("file")
 @click.option(
     "--style",
-    default="caption",
-    show_default=True,
-    help="Way of writing, such as terse, everyday or engineer; an unknown one is answered with the list of all.",
+    help="Way of writing English, such as terse, everyday or engineer; an unknown one is answered with the list. "
+    "[default: caption]",
 )
 @click.option("--language", default="en", show_default=True, help='Code of a language, such as "de".')
 @seed_option
@@ -38,7 +37,7 @@ def caption(file, style, language, seed, strict, as_json) -> None:
     from scjax.language.attributes.table import measure_attributes
     from scjax.language.grammar.compose import compose
 
-    style, rng = style if language == "en" else "languages", np.random.default_rng(seed)
+    style, rng = style or ("caption" if language == "en" else "languages"), np.random.default_rng(seed)
     captions = [
         compose(measure_attributes(scene), rng, style=style, language=language)
         for scene in read_scenes(file, strict=strict)

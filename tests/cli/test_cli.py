@@ -171,6 +171,8 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         assert caption["style"] == "terse" and not score_attributes(scenes[row], caption["request"]).misses
     code, out, _ = run("caption", "scenes.npz", "--language", "de", "--json")
     assert code == 0 and {caption["language"] for caption in json.loads(out)} == {"de"}
+    code, _, err = run("caption", "scenes.npz", "--language", "de", "--style", "terse")
+    assert code == 1 and "style 'terse' is none of language 'de'" in err
     code, _, err = run("caption", "scenes.npz", "--style", "song")
     assert code == 1 and "there is no style 'song': choose from terse" in err
     code, out, _ = run("plot", "scenes.npz", "--speeds")

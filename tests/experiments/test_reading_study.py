@@ -53,3 +53,14 @@ def test_page_has_a_row_for_every_style(tmp_path):
     assert content["styles"]["all"] == content["styles"]["everyday"]
     assert content["styles"]["all"]["prompts"] == len(texts)
     assert "| everyday |" in (tmp_path / "page.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "line", ["{", '{"style": "terse", "prompt": "a"}', '{"style": "a", "prompt": "b", "asks": {"cars": 1}}']
+)
+def test_wrong_lines_end_the_command_with_one_line(line, tmp_path):
+    path = tmp_path / "prompts.jsonl"
+    path.write_text(line)
+    with pytest.raises(SystemExit, match=r"^experiments\.studies\.reading: .+"):
+        reading.main([str(path), "--out", str(tmp_path / "page")])
+    assert not (tmp_path / "page.md").exists()
