@@ -49,7 +49,8 @@ def main(arguments: list[str] | None = None) -> None:
             matches[name].append(value)
     for name, values in sorted(matches.items()):
         print(f"{name:<34}{sum(values)} of {len(values)} ({100 * np.mean(values):.1f} %)")
-    print(f"{'all labels':<34}{100 * np.mean(np.concatenate(list(matches.values()))):.1f} %")
+    named = [value for name, values in matches.items() if name != "no other event" for value in values]
+    print(f"{'all labels':<34}{100 * np.mean(named):.1f} %")
 
 
 def label_matches(label: Mapping[str, Any], measured: Mapping[str, Any]) -> Iterator[tuple[str, bool]]:
@@ -60,10 +61,12 @@ def label_matches(label: Mapping[str, Any], measured: Mapping[str, Any]) -> Iter
     """
     if label["layout"] is not None:
         yield f"layout {label['layout']}", label["layout"] in measured["layout"]
-    if label["signal"]:
-        yield f"signal {label['signal']}", label["signal"] in measured["signal"]
+    if label["signal"] is not None:
+        colors = {"red", "yellow", "green"} & set(measured["signal"])
+        yield f"signal {label['signal'] or 'none'}", colors == {label["signal"]} - {""}
     if label["event"] is not None:
         yield f"event {label['event']}", label["event"] in measured["event"]
+    yield "no other event", not set(measured["event"]) - {label["event"]}
 
 
 if __name__ == "__main__":

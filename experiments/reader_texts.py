@@ -14,14 +14,12 @@ from tqdm import tqdm
 from scjax.encoders.text import FrozenTextEncoder, clean_text
 from scjax.generate.prompt_reader import token_inputs
 from scjax.language.grammar.compose import Composition, compose_freely
-from scjax.language.grammar.phrasebook import languages
-from scjax.language.grammar.prompts import join_prompts, retype, written_prompts
+from scjax.language.grammar.prompts import retype, written_prompts
 from scjax.language.reader.numbers import token_numbers
 from scjax.language.reader.targets import Targets, request_targets
 from scjax.scene.files import write_file
 
 _PART = 256  # texts that are encoded together
-_JOINED_SHARE = 0.5
 _HELD_BACK_EVERY = 20  # of the prompts, one is not trained on
 
 
@@ -65,7 +63,7 @@ def reader_texts(
     Args:
       folder: of the features; those that are there are read.
       composed: number of texts of the grammar.
-      copies: of every written prompt: the first as it is, the others retyped, some joined with another prompt.
+      copies: of every written prompt: the first as it is, the others retyped.
       held_back: composed texts that are not trained on; of the written prompts it is one of twenty.
       seed: of the texts.
       stop: ends the work early where it is not empty.
@@ -77,8 +75,7 @@ def reader_texts(
     kept = [row for row in range(len(prompts)) if row % _HELD_BACK_EVERY]
     trained = [prompts[row] for row in kept]
     texts += [*(prompts[row] for row in held), *trained]
-    of_language = {code: [one for one in trained if one.language == code] for code in languages()}
-    texts += [_copy(one, of_language[one.language], rng) for _ in range(copies - 1) for one in trained]
+    texts += [retype(one, rng) for _ in range(copies - 1) for one in trained]
     ends = np.cumsum([0, held_back, composed - held_back, len(held), copies * len(kept)])
     rows = [np.arange(*pair) for pair in itertools.pairwise(ends)]
     features, numbers, digest = _encode(folder, encoder, texts, stop)
@@ -96,13 +93,6 @@ def reader_texts(
         ),
         digest,
     )
-
-
-def _copy(prompt: Composition, others: list[Composition], rng: np.random.Generator) -> Composition:
-    """A prompt retyped, in half of the cases with one of the others in the same text, if they go together."""
-    if rng.random() < _JOINED_SHARE:
-        prompt = join_prompts(prompt, others[int(rng.integers(len(others)))]) or prompt
-    return retype(prompt, rng)
 
 
 def _encode(

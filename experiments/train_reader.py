@@ -23,6 +23,7 @@ from tqdm import tqdm
 
 from experiments.reader_texts import Texts, reader_texts
 from experiments.studies.page import script_parser
+from experiments.studies.reading import compare_readings, summarize
 from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
 from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, load_reader, reader_config, save_reader
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.train_reader", __doc__)
     parser.add_argument("folder", type=Path, help="receives features, checkpoints and the model")
     parser.add_argument("--texts", type=int, default=48_000, help="texts of the grammar")
-    parser.add_argument("--copies", type=int, default=4, help="of every written prompt, with other typing mistakes")
+    parser.add_argument("--copies", type=int, default=3, help="of every written prompt, with other typing mistakes")
     parser.add_argument("--prompt-share", type=float, default=0.5, help="share of a batch that is written prompts")
     parser.add_argument("--start", type=Path, help="folder of a reader to begin with (default: fresh weights)")
     parser.add_argument("--seed", type=int, default=11)
@@ -163,15 +164,12 @@ def _batch(texts: Texts, prompt_share: float, seed: int, number: int) -> tuple[n
 
 def _evaluate(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> dict[str, float]:
     """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
-    apply = jax.jit(reader_network(config).apply)
-    right = read = stated = full = 0
+    apply, readings = jax.jit(reader_network(config).apply), []
     for row in rows:
         outputs = jax.device_get(apply(params, *texts.inputs(row)))
-        found, expected = read_outputs(outputs.named[0], outputs.ends[0]).request, texts.requests[row]
-        same = sum(found[name] == expected.get(name) for name in found)
-        right, read, stated = right + same, read + len(found), stated + len(expected)
-        full += found == expected
-    return {"precision": right / max(read, 1), "recall": right / max(stated, 1), "full": full / max(len(rows), 1)}
+        readings.append(read_outputs(outputs.named[0], outputs.ends[0]))
+    values = summarize(compare_readings([texts.requests[row] for row in rows], readings), len(rows))
+    return {name: values[name] for name in ("precision", "recall", "full")}
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python -m experiments.studies.reading ../shared/prompts/dev.jsonl --out=docs/results/reading
 
-The file has one prompt a line: {"style", "prompt", "asks"}. An answer is right if it equals what is asked; ends of
-distances may differ by 3 m. Attributes that the file never asks for are left out: it does not know them. The last table
-compares the share that the reader gives with how often such answers are right.
+The file has one prompt a line: {"style", "prompt", "asks"}. An answer is right if it equals what is stated; ends of
+distances may differ by 3 m. Attributes that no line of the file states are left out: it does not know them. The last
+table compares the share that the reader gives with how often such answers are right.
 
 Writes OUT.md and OUT.json.
 """
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +40,6 @@ class Answer(NamedTuple):
     """One attribute of one prompt: what is stated and what is read; None where it is not there."""
 
     prompt: int
-    style: str
     attribute: str
     stated: Any
     read: Any
@@ -61,22 +60,24 @@ def _near(one: float | None, other: float | None) -> bool:
     return abs(one - other) <= _TOLERANCE
 
 
-def compare_readings(lines: Sequence[dict[str, Any]], readings: Sequence[Reading]) -> list[Answer]:
-    """All attributes that are asked or read."""
-    known = {name for line in lines for name in line["asks"]}
+def compare_readings(requests: Sequence[Mapping[str, Any]], readings: Sequence[Reading]) -> list[Answer]:
+    """All attributes that are stated or read, of those that some request states."""
+    known = {name for request in requests for name in request}
     answers = []
-    for row, (line, reading) in enumerate(zip(lines, readings, strict=True)):
-        stated = check_attributes(line["asks"])
+    for row, (request, reading) in enumerate(zip(requests, readings, strict=True)):
+        stated = check_attributes(request)
         for name in sorted(known & {*stated, *reading.request}):
             read, share = reading.request.get(name), reading.shares.get(name, 0.0)
-            answers.append(Answer(row, line["style"], name, stated.get(name), read, share))
+            answers.append(Answer(row, name, stated.get(name), read, share))
     return answers
 
 
 def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
     """Precision, recall and share of the prompts that are read in full, with what they are shares of."""
     some = list(answers)
-    right, read, stated = (sum(map(is_so, some)) for is_so in (_is_right, _is_read, _is_stated))
+    right = sum(one.right for one in some)
+    read = sum(one.read is not None for one in some)
+    stated = sum(one.stated is not None for one in some)
     wrong = len({one.prompt for one in some if not one.right})
     return {
         "prompts": prompts,
@@ -88,18 +89,6 @@ def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
     }
 
 
-def _is_right(answer: Answer) -> bool:
-    return answer.right
-
-
-def _is_read(answer: Answer) -> bool:
-    return answer.read is not None
-
-
-def _is_stated(answer: Answer) -> bool:
-    return answer.stated is not None
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.studies.reading", __doc__)
     parser.add_argument("prompts", type=Path, help="JSONL file of prompts with what they ask for")
@@ -109,24 +98,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_jax()
     try:
         lines = _read_lines(args.prompts)
-        answers = compare_readings(lines, load_reader(args.reader)([line["prompt"] for line in lines]))
+        readings = load_reader(args.reader)([line.prompt for line in lines])
+        answers = compare_readings([line.asks for line in lines], readings)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.reading: {error}")
     rows = {"all": summarize(answers, len(lines))}
-    for style in sorted({line["style"] for line in lines}):
-        number = sum(line["style"] == style for line in lines)
-        rows[style] = summarize((one for one in answers if one.style == style), number)
+    for style in sorted({line.style for line in lines}):
+        own = {row for row, line in enumerate(lines) if line.style == style}
+        rows[style] = summarize((one for one in answers if one.prompt in own), len(own))
     attributes = {name: summarize(group, 0) for name, group in _grouped(answers, lambda one: one.attribute).items()}
     page = _page(rows, attributes, answers, command_line("reading", arguments))
     write_page(args.out, page, {"styles": rows, "attributes": attributes})
 
 
-def _read_lines(path: Path) -> list[dict[str, Any]]:
-    lines = []
-    for number, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-        line = parse_document(text.encode(), _Line, f"{path}, line {number}", "write style, prompt and asks")
-        lines.append(msgspec.structs.asdict(line))
-    return lines
+def _read_lines(path: Path) -> list[_Line]:
+    return [
+        parse_document(line, _Line, f"{path}, line {number}", "write style, prompt and asks")
+        for number, line in enumerate(path.read_bytes().splitlines(), 1)
+    ]
 
 
 def _grouped(answers: Iterable[Answer], key: Callable[[Answer], str]) -> dict[str, list[Answer]]:
@@ -160,7 +149,7 @@ def _page(rows: dict[str, Any], attributes: dict[str, Any], answers: Sequence[An
             "",
             *table_lines(["style", "prompts", "asks", "precision", "recall", "read in full"], styles),
             "",
-            *table_lines(["attribute", "asked", "read", "precision", "recall"], kinds),
+            *table_lines(["attribute", "stated", "read", "precision", "recall"], kinds),
             "",
             *table_lines(["share given by the reader", "answers", "right"], bins),
             "",

@@ -84,7 +84,7 @@ class MethodBuilder:
             self.rows,
             tuple(siblings),
             field_of_view=self.field_of_view,
-            attributes=self.attributes,
+            attributes=self.attributes and spec.best_of == 1,  # what chose scenes does not judge them
         )
 
     def model(self, folder: str) -> Model:

@@ -20,7 +20,7 @@ _AGENT_FIELDS = ("agents", "agent_types", "agent_mask", "agent_known")
 
 
 def caption_of(scene: Scene) -> str:
-    """A text with every attribute of the scene; models and retrieval baselines get the same one."""
+    """The text of a request for all that the scene shows; models and retrieval baselines get the same one."""
     return request_text(full_request(measure_attributes(scene)))
 
 

@@ -38,7 +38,7 @@ NOTES = {
     "same counts, "
     "the gain in CCS is SPG_prompt, the contribution of the prompt: 0 for a model that ignores it.",
     "attributes": "Share of the attributes of a reference that the scene shows, numbers exactly, by group "
-    "(docs/attributes.md). Where best_of chose by attributes, the row says nothing about the model.",
+    "(docs/attributes.md). Methods whose scenes were chosen by attributes have no row.",
     "counts": "Generated against reference: mean absolute error and bias, share exact, within 1 and within 10 percent, "
     "rank correlation. Agents without the ego.",
 }

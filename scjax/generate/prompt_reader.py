@@ -77,8 +77,9 @@ class PromptReader:
         cleaned = [clean_text(text) for text in texts]
         missing = [text for text in dict.fromkeys(cleaned) if text not in self.readings]
         known = self.readings | (dict(zip(missing, self._read(missing), strict=True)) if missing else {})
-        if len(known) <= _MOST_KEPT:
-            self.readings.update(known)
+        for text in list(self.readings)[max(_MOST_KEPT - len(missing), 0) :]:
+            del self.readings[text]  # the latest of earlier calls: the first ones ship
+        self.readings.update({text: known[text] for text in missing[:_MOST_KEPT]})
         return [known[text] for text in cleaned]
 
     @functools.cached_property

@@ -10,11 +10,7 @@ from experiments.studies import reading
 from scjax.generate.prompt_reader import load_reader
 from scjax.language.reader.targets import Reading
 
-LINES = [
-    {"style": "terse", "prompt": "two cars, no people", "asks": {"vehicles": 2, "pedestrians": 0}},
-    {"style": "terse", "prompt": "gap of ten meters", "asks": {"gap_ahead": [7, 13]}},
-    {"style": "caption", "prompt": "A pretty scene.", "asks": {}},
-]
+REQUESTS = [{"vehicles": 2, "pedestrians": 0}, {"gap_ahead": [7, 13]}, {}]
 
 
 def test_right_answers_are_those_that_are_equal_or_near():
@@ -23,7 +19,7 @@ def test_right_answers_are_those_that_are_equal_or_near():
         Reading({"gap_ahead": (9, 15), "pedestrians": (1, None)}, {"gap_ahead": 0.8, "pedestrians": 0.5}),
         Reading({}, {}),
     ]
-    answers = reading.compare_readings(LINES, readings)
+    answers = reading.compare_readings(REQUESTS, readings)
     found = {(one.prompt, one.attribute): one.right for one in answers}
     assert found == {
         (0, "vehicles"): True,
@@ -38,7 +34,7 @@ def test_right_answers_are_those_that_are_equal_or_near():
 
 @pytest.mark.parametrize(("ends", "right"), [((5, 13), True), ((3, 13), False), ((7, None), False)])
 def test_ends_of_distances_may_differ_a_little(ends, right):
-    (answer,) = reading.compare_readings(LINES[1:2], [Reading({"gap_ahead": ends}, {"gap_ahead": 1.0})])
+    (answer,) = reading.compare_readings(REQUESTS[1:2], [Reading({"gap_ahead": ends}, {"gap_ahead": 1.0})])
     assert answer.right is right
 
 

@@ -120,6 +120,15 @@ def test_the_end_of_a_long_prompt_is_not_read(encoder, tmp_path, monkeypatch):
     assert check_attributes(long.request) == long.request
 
 
+def test_readings_of_the_last_call_are_remembered(encoder, tmp_path, monkeypatch):
+    """And the first ones, which are those that ship."""
+    monkeypatch.setattr("scjax.generate.prompt_reader._MOST_KEPT", 3)
+    reader = load_reader(_save(encoder, tmp_path / "reader"))
+    for texts in (["a road"], ["one", "two"], ["three", "four"]):
+        reader(texts)
+    assert list(reader.readings) == ["a road", "three", "four"]
+
+
 def test_saved_readings_need_no_encoder(encoder, tmp_path):
     reader = load_reader(_save(encoder, tmp_path / "reader"))
     read = reader(["a  road", "two cars"])

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from scjax.language.attributes.contradictions import find_contradictions
-from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from scjax.language.attributes.table import check_attributes
 from scjax.language.grammar.compose import Composition
 from scjax.language.grammar.noise import make_mistakes
 from scjax.language.grammar.phrasebook import phrasebook
@@ -50,16 +50,6 @@ def _prompt(line: str, style: str, language: str, place: str) -> Composition:
     if pairs := find_contradictions(normal):
         raise ValueError(f"{place}: {' and '.join(pairs[0])} contradict each other: mend the request")
     return Composition(text, normal, style, language)
-
-
-def join_prompts(one: Composition, other: Composition) -> Composition | None:
-    """Both prompts in one text, which asks for what both ask; None if they do not go together."""
-    request = one.request | other.request
-    if len(request) < len(one.request) + len(other.request) or find_contradictions(request):
-        return None
-    end = "" if one.text.endswith((".", "!", "?", "。", "।")) else "."
-    normal = {name: request[name] for name in ATTRIBUTES if name in request}
-    return one._replace(text=f"{one.text}{end} {other.text}", request=normal)
 
 
 def retype(prompt: Composition, rng: np.random.Generator) -> Composition:
