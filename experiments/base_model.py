@@ -1,12 +1,13 @@
-"""Trains the base model: worlds, their attributes, the autoencoder, counts, then the denoiser, on requests.
+"""Trains the base model: worlds, captions, attributes, the autoencoder, counts, then the denoiser.
 
     nice -n 15 python -m experiments.base_model runs/base
 
 The same command continues where it was stopped, also within a training (Ctrl-C and SIGTERM save first). The autoencoder
 starts from the one that ships and learns the wider world, with lane ends that links join as one point. The denoiser
-starts from the one that ships, without its text, with noise levels down to 0.005 (docs/results/low_noise.md). Its
-learning rate is constant, so that it can go on as long as there is time: a last training with a rate that falls to zero
-starts from its model. ``experiments.package_model --model DENOISER --counter COUNTS`` joins the two.
+starts from the one that ships, with noise levels down to 0.005 (docs/results/low_noise.md), and reads captions, requests
+for attributes and kinds of agents. Its learning rate is constant, so that it can go on as long as there is time: a last
+training with a rate that falls to zero starts from its model. ``experiments.package_model --model DENOISER --counter
+COUNTS`` joins the two.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ _AUTOENCODER = (
 _COUNTS = ("--config=counts:small", "--config.condition=attributes", "--config.steps=1500")
 _DENOISER = (
     "--config=denoiser:small",
+    "--config.condition=text",
     "--config.attributes=True",
     "--config.model.blocks=3",
     "--config.model.fourier_features=16",
@@ -41,6 +43,7 @@ _DENOISER = (
     "--config.batch.crops=(6.0,1.0,1.0)",
     "--config.batch.jitter_position=1.0",
     "--config.batch.jitter_heading=4.0",
+    "--config.batch.text_slots=64",
     "--config.optimizer.schedule=constant",
     "--config.optimizer.warmup=100",
     "--config.ema_decay=0.999",
@@ -67,11 +70,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     _run(*scjax, "data", "synthetic", records, "--worlds", args.worlds, "--seed", args.seed)
     if not all((records / f"attributes-{split}.jsonl.gz").is_file() for split in ("train", "val")):
         _run(*scjax, "data", "attributes", records)
+    if not all((records / f"text-{split}.npz").is_file() for split in ("train", "val")):
+        _run(*scjax, "data", "caption", records, "--texts", 2)
+        _run(*scjax, "data", "embed", records)
     if not autoencoder.is_dir():
         steps = f"--config.steps={args.autoencoder_steps}"
         _run(*scjax, "train", *_AUTOENCODER, f"--workdir={autoencoder.parent}", f"--config.records={records}", steps)
     if not start.is_dir():
-        _run(sys.executable, "-m", "benchmarks.low_noise.base", start, "--octaves", 9)
+        _run(sys.executable, "-m", "benchmarks.low_noise.base", start, "--octaves", 9, "--keep-text")
     counts = args.folder / "counts"
     if not (counts / "model").is_dir():
         base = f"--config.denoiser={start}"

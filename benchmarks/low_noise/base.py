@@ -1,7 +1,7 @@
 """The denoiser to start from: python -m benchmarks.low_noise.base OUT --octaves 9 --fit-heads RECORDS
 
-The model that ships, without its condition. Further octaves of Fourier features start at zero, so that the network is
-the same function. With --fit-heads its position heads are fitted anew.
+The model that ships, without its condition (with --keep-text: with it). Further octaves of Fourier features start at
+zero, so that the network is the same function. With --fit-heads its position heads are fitted anew.
 """
 
 from __future__ import annotations
@@ -31,9 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.low_noise.base", description=__doc__)
     parser.add_argument("out", help="model folder")
     parser.add_argument("--octaves", type=int, default=6, help="6 (the default) or more")
+    parser.add_argument("--keep-text", action="store_true", help="the network goes on reading text")
     parser.add_argument("--fit-heads", metavar="RECORDS", help="records to fit position heads to")
     args = parser.parse_args(arguments)
-    model = unconditional(scjax.load(), args.octaves)
+    model = with_octaves(scjax.load(), args.octaves)
+    if not args.keep_text:
+        model = unconditional(model)
     if args.fit_heads:
         model = with_heads(model, args.fit_heads)
     scjax.save(model, args.out)
@@ -56,10 +59,10 @@ def with_heads(model: Model, records: str) -> Model:
     return model.with_component("denoiser", model.denoiser.config, {**model.denoiser.params, "position_heads": heads})
 
 
-def unconditional(model: Model, octaves: int) -> Model:
-    """The model without condition, whose Fourier features have so many octaves."""
+def with_octaves(model: Model, octaves: int) -> Model:
+    """The model whose Fourier features have so many octaves, without its count predictor."""
     old, before = flatten(model.denoiser.params), model.denoiser.config
-    config = dataclasses.replace(before, condition=None, fourier_octaves=octaves)
+    config = dataclasses.replace(before, fourier_octaves=octaves)
     shapes = flatten(jax.eval_shape(denoiser(config).init, jax.random.key(0)))
     params = {path: np.asarray(old[path], np.float32) for path in shapes}
     for path, shape in shapes.items():
@@ -67,7 +70,15 @@ def unconditional(model: Model, octaves: int) -> Model:
             rows = params[path].reshape(2, config.fourier_features, before.fourier_octaves, -1)
             more = ((0, 0), (0, 0), (0, octaves - before.fourier_octaves), (0, 0))
             params[path] = np.pad(rows, more).reshape(shape.shape)
-    model = model.with_component("denoiser", config, unflatten(params)).without("count_predictor")
+    return model.with_component("denoiser", config, unflatten(params)).without("count_predictor")
+
+
+def unconditional(model: Model) -> Model:
+    """The model without its condition."""
+    old, config = flatten(model.denoiser.params), dataclasses.replace(model.denoiser.config, condition=None)
+    shapes = flatten(jax.eval_shape(denoiser(config).init, jax.random.key(0)))
+    params = unflatten({path: old[path] for path in shapes})
+    model = model.with_component("denoiser", config, params)
     return dataclasses.replace(model, text_encoder="", prompts={})
 
 

@@ -47,11 +47,13 @@ class DenoiserInputs:
     Attributes:
       masks: True at valid tokens [B, tokens] per type.
       known: True at known tokens [B, tokens] per type; None: none.
+      agent_kinds: kinds of the agents [B, agents], see ``Denoiser.__call__``; None: none is given.
       conditional, unconditional: the branches of guidance; without guidance the second is None.
     """
 
     masks: PerType
     known: PerType | None
+    agent_kinds: Int[Array, "b agents"] | None
     conditional: Branch
     unconditional: Branch | None
 
@@ -67,6 +69,7 @@ def prepare_denoiser_inputs(
     guided: bool,
     known: PerType | None = None,
     attributes: Float[Array, "b a"] | None = None,
+    agent_kinds: Int[Array, "b agents"] | None = None,
     features: ConditionFeatures | None = None,
     negative: TextFeatures | None = None,
     max_precomputed: int = MAX_PRECOMPUTED,
@@ -80,6 +83,7 @@ def prepare_denoiser_inputs(
       guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
       attributes: features of requests [B, features]; None: nothing is requested.
+      agent_kinds: kinds of the agents [B, agents], in both branches; None: none is given.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
       max_precomputed: limit on precomputed modulation values; above it, every step computes its own modulation.
@@ -103,6 +107,7 @@ def prepare_denoiser_inputs(
     return DenoiserInputs(
         masks=masks,
         known=known,
+        agent_kinds=agent_kinds,
         conditional=Branch(
             label=label, attributes=attributes, cache=cache, modulation=jax.tree.map(lambda x: x[:scenes], table)
         ),
@@ -135,13 +140,15 @@ def denoise_fn(
       guidance_scale: scale for all scenes or per scene [B]; may be traced.
     """
 
-    def evaluate(branch: Branch, masks: PerType, known: PerType | None, z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(
-            params, z, t, branch.label, masks, known, branch.cache, branch.modulation, branch.attributes
-        )
+    tokens = inputs.masks, inputs.known, inputs.agent_kinds
+
+    def evaluate(branch: Branch, tokens: tuple, z: PerType, t: Real[Array, " b"]) -> PerType:
+        masks, known, agent_kinds = tokens
+        context = branch.cache, branch.modulation, branch.attributes
+        return network.apply(params, z, t, branch.label, masks, known, *context, agent_kinds)
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        return evaluate(_at_time(inputs.conditional, times, t), inputs.masks, inputs.known, z, t)
+        return evaluate(_at_time(inputs.conditional, times, t), tokens, z, t)
 
     if guidance is None:
         return denoise
@@ -150,8 +157,7 @@ def denoise_fn(
 
     def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
         branch = _concat(_at_time(inputs.conditional, times, t), _at_time(unconditional, times, t))
-        masks, known = concat_branches((inputs.masks, inputs.known), (inputs.masks, inputs.known))
-        return evaluate(branch, masks, known, z, t)
+        return evaluate(branch, concat_branches(tokens, tokens), z, t)
 
     return with_guidance(
         denoise_both,

@@ -22,6 +22,9 @@ from scjax.nn.functional import Functional, Params
 from scjax.scene.per_type import PerType
 from scjax.scene.pytree import pytree
 
+_CONDITION_ALONE, _REQUEST_ALONE = 0.2, 0.3
+"""Shares of scenes without their request, or without their condition, where a batch has both."""
+
 Penalty = Callable[[PerType, NoiseLevel], Float[Array, " b"]]
 """(x0 estimate [B, tokens, latent] per type, noise level [B]) -> penalty per scene [B], added to the loss."""
 
@@ -36,6 +39,7 @@ class LatentBatch:
       known: True at known tokens, which stay clean (the first half of partitioned scenes) [B, tokens] per type.
       label: rows of the label table [B].
       attributes: features of requests [B, features], or None.
+      agent_kinds: kinds of the agents [B, agents], which the network is given, or None.
       condition: features for ``encode_condition``, or None.
       has_condition: True for scenes with a condition [B]; None: all.
       agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
@@ -46,6 +50,7 @@ class LatentBatch:
     known: PerType
     label: Int[Array, " b"]
     attributes: Float[Array, "b features"] | None = None
+    agent_kinds: Int[Array, "b agents"] | None = None
     condition: Any = None
     has_condition: Bool[Array, " b"] | None = None
     agent_weight: Float[Array, "b agents"] | None = None
@@ -129,24 +134,29 @@ def training_loss(
 
     Args:
       null_label: row of the label table that replaces dropped labels.
-      label_dropout, condition_dropout: share of scenes without their label, and without condition and attributes.
+      label_dropout: share of scenes without their label.
+      condition_dropout: share without condition and attributes, and share without kinds of agents. Where a batch has
+        both condition and attributes, more scenes are without one of them.
       prediction, count_known, penalty: as in ``diffusion_loss``.
 
     Returns:
       The loss, and batch means of its terms: agent, lane, total, and penalty if there is one. Losses of the cross
       attention itself are added to the loss and reported as ``cross_attention``.
     """
-    key_level, key_agents, key_lanes, key_label, key_condition = (random.fold_in(key, i) for i in range(5))
+    key_level, key_agents, key_lanes, key_label, key_condition, key_kinds = (random.fold_in(key, i) for i in range(6))
     scenes = batch.label.shape
     level = sample_noise_levels(key_level, len(batch.label), schedule, prediction, timestep_sampling)
     noise = jax.tree.map(
         lambda k, x: random.normal(k, x.shape, x.dtype), PerType(agents=key_agents, lanes=key_lanes), batch.latents
     )
     label = jnp.where(random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
-    cache, attributes = None, batch.attributes
     dropped = random.bernoulli(key_condition, condition_dropout, scenes)
-    if attributes is not None:
-        attributes = jnp.where(dropped[:, None], 0, attributes)
+    attributes, dropped = _drop_one(batch, dropped, key_condition)
+    agent_kinds = batch.agent_kinds
+    if agent_kinds is not None:
+        no_kinds = random.bernoulli(key_kinds, condition_dropout, scenes)
+        agent_kinds = jnp.where(no_kinds[:, None], -1, agent_kinds)
+    cache = None
     if batch.condition is not None:
         if batch.has_condition is not None:
             dropped = dropped | ~batch.has_condition
@@ -155,7 +165,8 @@ def training_loss(
     aux: dict[str, AuxOutputs] = {}
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        return network.apply(params, z, t, label, batch.masks, batch.known, cache, attributes=attributes, aux=aux)
+        options = {"attributes": attributes, "agent_kinds": agent_kinds, "aux": aux}
+        return network.apply(params, z, t, label, batch.masks, batch.known, cache, **options)
 
     loss, terms = diffusion_loss(
         denoise,
@@ -175,6 +186,24 @@ def training_loss(
         means["cross_attention"] = jnp.stack(aux_losses).sum()
         loss = loss + means["cross_attention"]
     return loss, means
+
+
+def _drop_one(
+    batch: LatentBatch, dropped: Bool[Array, " b"], key: Array
+) -> tuple[Float[Array, "b features"] | None, Bool[Array, " b"]]:
+    """The requests, zeros where they are dropped, and the scenes whose condition is dropped.
+
+    Args:
+      dropped: scenes without both. Of the others some are without one, if the batch has both.
+    """
+    if batch.attributes is None:
+        return None, dropped
+    no_request = dropped
+    if batch.condition is not None:
+        shares = random.uniform(random.fold_in(key, 0), dropped.shape)
+        no_request = dropped | (shares < _CONDITION_ALONE)
+        dropped = dropped | (shares > 1 - _REQUEST_ALONE)
+    return jnp.where(no_request[:, None], 0, batch.attributes), dropped
 
 
 def _token_error(

@@ -101,12 +101,19 @@ def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> 
 
 @functools.lru_cache(maxsize=8)
 def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
-    """(parameters; loop inputs, crop, domain, attributes, features, negative features) -> the denoiser's inputs in all
-    steps."""
+    """(parameters; loop inputs, crop, domain, attributes, agent kinds, features, negative features) -> the denoiser's
+    inputs in all steps."""
     times = sampling_loop(sampler, config, num_steps).schedule.levels.time
 
     def prepare(
-        params: Params, inputs: LoopInputs, crop: Array, domain: Array, attributes: Array | None, features, negative
+        params: Params,
+        inputs: LoopInputs,
+        crop: Array,
+        domain: Array,
+        attributes: Array | None,
+        agent_kinds: Array | None,
+        features,
+        negative,
     ) -> DenoiserInputs:
         return prepare_denoiser_inputs(
             denoiser(config),
@@ -118,6 +125,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
             guided=guided,
             known=inputs.known,
             attributes=attributes,
+            agent_kinds=agent_kinds,
             features=features,
             negative=negative,
         )

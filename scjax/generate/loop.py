@@ -52,6 +52,7 @@ class Batch:
       masks: True at valid tokens [B, tokens] per type.
       known_scenes: known elements in token order, padded; None: none.
       attributes: features of the requests [B, features]; None: the network reads none.
+      agent_kinds: kinds of the agents [B, agents], -1 where none is given; None: the network reads none.
       features: of the conditions and of the negative prompts (``network_inputs``).
     """
 
@@ -61,6 +62,7 @@ class Batch:
     domain: Int[np.ndarray, " b"]
     known_scenes: Scene | None
     attributes: Float[np.ndarray, "b features"] | None
+    agent_kinds: Int[np.ndarray, "b agents"] | None
     features: NetworkInputs
 
     @classmethod
@@ -84,6 +86,9 @@ class Batch:
             attributes=np.stack([request_vector(request.attributes, config.attributes) for request in requests])
             if config.attributes
             else None,
+            agent_kinds=np.stack([_padded_kinds(request, bucket[0]) for request in requests])
+            if config.agent_kinds
+            else None,
             features=network_inputs([request.streams for request in requests], config.condition),
         )
 
@@ -101,7 +106,8 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
         known, known_latents = compiled.encode_program(*coder)(coder_params, *statistics, batch.known_scenes)
     inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
     prepare = compiled.prepare_program(*options, settings.guidance is not None)
-    denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, batch.attributes, *batch.features)
+    given = batch.attributes, batch.agent_kinds
+    denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *given, *batch.features)
     advance = compiled.advance_program(*options, settings.guidance)
 
     # Other decoders do not read known scenes, and would be compiled once more for them.
@@ -152,6 +158,13 @@ def _descend(
         links = scenes.links if links is None else links
         descent = energy_step(descent, scenes.replace(links=links), inputs)
     return descent.latents
+
+
+def _padded_kinds(request: Request, slots: int) -> Int[np.ndarray, " slots"]:
+    kinds = np.full(slots, -1, np.int32)
+    if request.agent_kinds is not None:
+        kinds[: request.num_agents] = request.agent_kinds
+    return kinds
 
 
 def _valid(slots: int, counts: Sequence[int]) -> Bool[np.ndarray, "b slots"]:

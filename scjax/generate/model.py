@@ -41,7 +41,8 @@ DEFAULT_MODEL = Path(__file__).parents[1] / "pretrained"
 INDEX, PROMPTS = "model.json", "prompts.safetensors"
 _CURE = "copy or export the model again"
 _ATTEMPTS = 20
-_WEIGHTS, _COUNTS = "weights.safetensors", "counts"
+_WEIGHTS = "weights.safetensors"
+_TABLES = ("counts", "kind_counts")
 
 
 def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, largest: float | None = None) -> Path:
@@ -73,12 +74,12 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
     }
     params = {name: component.params for name, component in model.components.items()}
     arrays = array_names(params)
-    if model.counts is not None:
-        arrays[_COUNTS] = np.asarray(model.counts)
+    tables = {name: getattr(model, name) for name in _TABLES}
+    arrays |= {name: np.asarray(table) for name, table in tables.items() if table is not None}
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file: choose another folder for the model")
     with whole_folder(folder, "the model") as temporary:
-        index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=(_COUNTS,))
+        index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=_TABLES)
         if model.prompts:
             write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)
             index["prompts"] = sha256_of(temporary / PROMPTS)
@@ -151,7 +152,7 @@ def _read_once(folder: Path) -> Model:
 
 def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Path) -> Model:
     index = convert_document(content, ModelIndex, "the index", "")
-    counts = arrays.pop(_COUNTS, None)
+    tables = {name: arrays.pop(name, None) for name in _TABLES}
     params = named_arrays(arrays)
     components = {}
     for name, fields in index.components.items():
@@ -166,7 +167,7 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         codec=read_part("codec", codec_from_json, index.codec),
         latents=LatentStatistics(mean=index.latents.mean.to_per_type(), std=index.latents.std.to_per_type()),
         domains=tuple(index.domains),
-        counts=counts,
+        **tables,
         text_encoder=index.text_encoder,
         reads_prompts=index.reads_prompts,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),

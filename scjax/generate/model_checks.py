@@ -12,6 +12,7 @@ import numpy as np
 
 from scjax.generate.components import COMPONENTS, Model
 from scjax.models.codec import SceneCodec
+from scjax.models.counts.kinds import KINDS
 from scjax.nn.functional import flatten
 from scjax.scene import Crop
 from scjax.scene.arguments import finite_number
@@ -45,6 +46,8 @@ def check_model(model: Model) -> None:
         finite_number(value, "temperature", 1e-6, 100.0)
     if model.counts is not None:
         _check_counts(model)
+    if model.kind_counts is not None:
+        _check_kind_counts(np.asarray(model.kind_counts))
 
 
 def check_network_config(name: str, config: Any) -> None:
@@ -179,3 +182,13 @@ def _check_counts(model: Model) -> None:
             raise ValueError(f"counts has shape {table.shape}: the denoiser has fewer lanes or agents at most")
     if not math.isfinite(float(table.sum())):
         raise ValueError("counts sums to infinity")
+
+
+def _check_kind_counts(table: np.ndarray) -> None:
+    if table.ndim != 2 or table.shape[1] != len(KINDS) + 1:
+        raise ValueError(f"kind_counts has shape {table.shape}: it must be [rows, {len(KINDS) + 1}]")
+    if table.dtype.kind not in "iu" or (table < 0).any():
+        raise ValueError("kind_counts must hold whole numbers of at least 0")
+    counts = dict(zip(KINDS, table.T, strict=False))
+    if (counts["large"] > counts["vehicles"]).any():
+        raise ValueError("kind_counts: more large vehicles than vehicles")

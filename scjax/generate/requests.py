@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 from scjax.data.token_order import sort_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
+from scjax.generate.kinds import draw_kinds
 from scjax.generate.model import Model
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
@@ -49,6 +50,7 @@ class Request:
     num_agents: int
     num_lanes: int
     known: KnownElements | None
+    agent_kinds: Int[np.ndarray, " agents"] | None = None
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -97,18 +99,22 @@ def draw_request(
     domain = _domain_index(condition, model)
     most, reads = model.denoiser.config.max_agents, tables.read_attributes
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
+    rng = np.random.default_rng(seed.astype(np.uint32))
+    table = tables(streams.get("text"), condition.attributes, domain, condition.crop)
+    num_agents = condition.num_agents if reads else _num_agents(condition, num_known[0], most)
+    elements = None if known is None else KnownElements(known, *sort_tokens(known))
+    kinds = draw_kinds(rng, condition, None if elements is None else elements.tokens, model, table)
     domain, num_lanes, num_agents = draw_counts(
-        np.random.default_rng(seed.astype(np.uint32)),
-        tables(streams.get("text"), condition.attributes, domain, condition.crop),
+        rng,
+        table,
         condition.crop,
         domain=domain,
         num_lanes=condition.num_lanes,
-        num_agents=condition.num_agents if reads else _num_agents(condition, num_known[0], most),
+        num_agents=num_agents if kinds is None else len(kinds),
         least_lanes=num_known[1],
         least_agents=min(max(num_known[0], _least_agents(condition) if reads else 0), most),
     )
-    elements = None if known is None else KnownElements(known, *sort_tokens(known))
-    return Request(key, streams, condition.crop, domain, num_agents, num_lanes, elements, condition.attributes)
+    return Request(key, streams, condition.crop, domain, num_agents, num_lanes, elements, kinds, condition.attributes)
 
 
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:

@@ -22,6 +22,7 @@ POINTS_PER_LANE = 20
 MAX_LANES = 100
 MAX_AGENTS = 61
 TILE_SIZE = 64.0  # m, edge of the square window
+LARGE_LENGTH = 7.0  # m; longer vehicles, such as buses and trucks, are large
 
 
 class AgentType(enum.IntEnum):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scjax.diffusion.loss import LatentBatch, diffusion_loss, training_loss
+from scjax.diffusion.loss import LatentBatch, _drop_one, diffusion_loss, training_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.models.denoiser.config import DenoiserConfig, TextCondition
@@ -111,6 +111,36 @@ def test_a_scene_without_condition_is_a_dropped_condition():
     batch = _batch()
     unconditional = batch.replace(has_condition=jnp.zeros_like(batch.has_condition))
     assert _loss(unconditional, 0.0, 0.0) == _loss(batch, 0.0, 1.0)
+
+
+def test_some_scenes_have_a_request_or_a_condition_alone():
+    dropped = jnp.arange(10_000) < 1000
+    batch = _batch().replace(attributes=jnp.ones((10_000, 1)))
+    attributes, no_condition = _drop_one(batch, dropped, jax.random.key(0))
+    no_request = ~np.asarray(attributes[:, 0] > 0)
+    assert no_request[:1000].all() and no_condition[:1000].all()
+    assert no_request[1000:].mean() == pytest.approx(0.2, abs=0.02)
+    assert no_condition[1000:].mean() == pytest.approx(0.3, abs=0.02)
+    assert not (no_request & no_condition)[1000:].any()
+    attributes, no_condition = _drop_one(batch.replace(condition=None), dropped, jax.random.key(0))
+    np.testing.assert_array_equal(attributes[:, 0] == 0, dropped)
+    np.testing.assert_array_equal(no_condition, dropped)
+
+
+def test_kinds_are_dropped_with_the_condition():
+    network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=2))
+    params = jax.tree.map(lambda leaf: leaf + 0.1, network.init(jax.random.key(0)))
+    batch = _batch().replace(condition=None, has_condition=None)
+
+    @golden.jit
+    def loss(kinds, condition_dropout):
+        options = {"null_label": CONFIG.null_label, "condition_dropout": condition_dropout}
+        given = batch.replace(agent_kinds=kinds)
+        return training_loss(network, params, SCHEDULE, given, jax.random.key(3), **options)[0]
+
+    kinds, nothing = jnp.ones((2, 4), jnp.int32), jnp.full((2, 4), -1)
+    assert loss(kinds, 0.0) != loss(nothing, 0.0)
+    assert loss(kinds, 1.0) == loss(nothing, 0.0)
 
 
 def test_random_choices_follow_the_key():

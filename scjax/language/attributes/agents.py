@@ -9,8 +9,8 @@ import numpy as np
 from scjax.language.analysis.scene_analysis import Analysis
 from scjax.language.attributes.base import Attribute, count_of
 from scjax.scene import AgentType
+from scjax.scene.scene import LARGE_LENGTH
 
-LARGE_LENGTH = 7.0  # m
 _STANDING = 0.5  # m/s
 _ROAD_HALF_WIDTH = 1.75  # m
 _AHEAD_ANGLE = np.deg2rad(30.0)

@@ -19,6 +19,7 @@ Prediction = Literal["noise", "velocity", "flow"]
 """The network's target: the noise (official); the velocity sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho
 2022); or noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
+_MAY_BE_ZERO = ("fourier_features", "agent_kinds")
 MAX_OCTAVES = 20
 """Largest ``DenoiserConfig.fourier_octaves``."""
 
@@ -85,6 +86,8 @@ class DenoiserConfig:
       cross_attention: how scene tokens read the condition: options of a mechanism (``scjax.nn.cross_attention``).
       attributes: names of the features of a request that are added to the label's embedding; () for none. Not in the
         release.
+      agent_kinds: number of kinds of agents, of which the network may be given each agent's (``Denoiser.__call__``);
+        0: it is given none. Not in the release.
       known_embedding: add a learned vector per type (zero at first) to known tokens. Not in the release.
       fourier_features: number of learned projections of a token's latents whose sines and cosines are added to its
         embedding; 0 for none (official).
@@ -115,6 +118,7 @@ class DenoiserConfig:
     condition: ConditionConfig = None
     cross_attention: CrossAttentionOptions = _RELEASED
     attributes: tuple[str, ...] = ()
+    agent_kinds: int = 0
     known_embedding: bool = False
     fourier_features: int = 0
     fourier_octaves: int = 6
@@ -127,7 +131,7 @@ class DenoiserConfig:
 
     def __post_init__(self):
         integers = [field.name for field in dataclasses.fields(self) if field.type == "int"]
-        _positive(self, *(name for name in integers if name != "fourier_features" or self.fourier_features != 0))
+        _positive(self, *(name for name in integers if name not in _MAY_BE_ZERO or getattr(self, name) != 0))
         if self.fourier_octaves > MAX_OCTAVES:
             raise ValueError(
                 f"fourier_octaves must be at most {MAX_OCTAVES}, where the wavelength is that of float32 rounding, "

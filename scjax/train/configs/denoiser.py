@@ -30,8 +30,8 @@ VARIANTS = {
 
 
 def size_fields(model: DenoiserConfig) -> dict:
-    """All fields but ``cross_attention``, whose options depend on its name, and ``attributes``."""
-    apart = ("cross_attention", "attributes")
+    """All fields but those that follow from other options of the config."""
+    apart = ("cross_attention", "attributes", "agent_kinds")
     return {name: value for name, value in dataclasses.asdict(model).items() if name not in apart}
 
 
@@ -54,7 +54,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
     config.condition = "none"
-    # Whether requests for attributes are read as well, drawn from what python -m scjax.data attributes has measured.
+    # Whether kinds of agents are read as well, and requests for attributes, drawn from what python -m scjax.data
+    # attributes has measured.
     config.attributes = False
     # Model folder of a denoiser to start from, e.g. the unconditional base of a text model; "shipped": the package's.
     config.init_from = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -29,7 +29,9 @@ from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
+from scjax.models.counts.kinds import kind_table
 from scjax.models.counts.prior import count_table
+from scjax.models.denoiser.agent_kinds import agent_kinds, num_kinds
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.model import denoiser
@@ -253,6 +255,7 @@ class DenoiserObjective:
             self.base.with_component("denoiser", self.model, params),
             domains=tuple(self.manifest["domains"]),
             counts=_count_table(self.manifest, self.model),
+            kind_counts=None if self.measurements is None else kind_table(self._measured),
             text_encoder="" if self.texts is None else self.texts.encoder,
         )
 
@@ -268,8 +271,14 @@ class DenoiserObjective:
             known=PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | all_lanes),
             label=jnp.asarray(self.model.domains * tokens.crop + tokens.domain),
             attributes=None if batch.attributes is None else jnp.asarray(batch.attributes),
+            agent_kinds=agent_kinds(batch.scene, self.codec) if self.model.agent_kinds else None,
             condition=condition_features(batch),
         )
+
+    @property
+    def _measured(self) -> Iterator[dict[str, Any]]:
+        assert self.measurements is not None
+        return (self.measurements[row] for row in range(len(self.measurements)))
 
     @functools.cached_property
     def _autoencoder_params(self) -> Params:
@@ -335,6 +344,7 @@ def _network_config(config, base: Model, manifest: dict[str, Any], texts: TextSt
     fields = config.model.to_dict() | {
         "condition": condition,
         "attributes": feature_names() if config.attributes else (),
+        "agent_kinds": num_kinds(base.codec) if config.attributes else 0,
         "cross_attention": from_name(name, **(options[name].to_dict() if name in options else {})),
         "lane_latent": base.autoencoder.config.lane_latent,
         "agent_latent": base.autoencoder.config.agent_latent,
