@@ -3,11 +3,12 @@
     python -m experiments.studies.attribute_adherence --model=runs/base/denoiser/model --records=runs/base/records \\
         --out=docs/results/attribute_adherence --scenes=runs/adherence
 
-Requests are drawn from held-out records, which fulfill them. Rows: raw single samples at each guidance scale,
-whose numbers of lanes and agents are those of the record; the same at the first scale, where the network is not given
-which agent is of which kind; the same without the request; and the record itself. Nothing chooses among samples. They are judged by scjax.language, which also made the requests. With --scenes the scenes of the
-first scale are written as FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for the judge of the shared prompts, which is
-independent of scjax. It knows fewer attributes; the others are left out of that file.
+Requests are drawn from held-out records, which fulfill them. Rows: raw single samples at each guidance scale, whose
+numbers of lanes and agents are those of the record; the same at the first scale, where the network is not given which
+agent is of which kind; the same without the request; and the record itself. Nothing chooses among samples. They are
+judged by scjax.language, which also made the requests. With --scenes the scenes of the first scale are written as
+FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for the judge of the shared prompts, which is independent of scjax. It
+knows fewer attributes; the others are left out of that file.
 
 Writes OUT.md and OUT.json.
 """
