@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -255,7 +255,7 @@ class DenoiserObjective:
             self.base.with_component("denoiser", self.model, params),
             domains=tuple(self.manifest["domains"]),
             counts=_count_table(self.manifest, self.model),
-            kind_counts=None if self.measurements is None else kind_table(self._measured),
+            kind_counts=self._kind_counts,
             text_encoder="" if self.texts is None else self.texts.encoder,
         )
 
@@ -275,10 +275,10 @@ class DenoiserObjective:
             condition=condition_features(batch),
         )
 
-    @property
-    def _measured(self) -> Iterator[dict[str, Any]]:
-        assert self.measurements is not None
-        return (self.measurements[row] for row in range(len(self.measurements)))
+    @functools.cached_property
+    def _kind_counts(self) -> np.ndarray | None:
+        measured = self.measurements
+        return None if measured is None else kind_table(measured[row] for row in range(len(measured)))
 
     @functools.cached_property
     def _autoencoder_params(self) -> Params:
