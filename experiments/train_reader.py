@@ -21,6 +21,7 @@ import numpy as np
 import optax
 from tqdm import tqdm
 
+from experiments.reader_calibration import calibrate, reader_losses
 from experiments.reader_texts import Texts, reader_texts
 from experiments.studies.page import script_parser
 from experiments.studies.reading import compare_readings, summarize
@@ -28,8 +29,8 @@ from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
 from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, load_reader, reader_config, save_reader
 from scjax.language.grammar.prompts import written_prompts
-from scjax.language.reader.targets import is_set, read_outputs, value_mask
-from scjax.models.reader import ReaderConfig, reader_network
+from scjax.language.reader.targets import read_outputs
+from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
 from scjax.nn.functional import Params
 from scjax.scene.files import locked_folder
 from scjax.train.checkpoint import Checkpoints, check_resume
@@ -103,13 +104,16 @@ def _train(
                 mean, losses = float(np.mean(jax.device_get(losses))), []
                 if not np.isfinite(mean):
                     raise FloatingPointError(f"the loss is not finite at step {number}: give another --seed")
-                values = {kind: _evaluate(config, state[0], texts, rows) for kind, rows in texts.held_back.items()}
+                outputs = {kind: _outputs(config, state[0], texts, rows) for kind, rows in texts.held_back.items()}
+                values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
                 seconds = time.perf_counter() - start
                 tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
                 checkpoints.save(number, state, {})
                 notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
                 notes["validation"] = values
-                save_reader(PromptReader(config, state[0], encoder.name), folder, notes)
+                targets = [texts.targets[row] for row in texts.held_back["prompts"]]
+                params = calibrate(state[0], outputs["prompts"], targets)
+                save_reader(PromptReader(config, params, encoder.name), folder, notes)
     checkpoints.save(number, state, {}, wait=True)
 
 
@@ -136,13 +140,8 @@ def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:
 
 def reader_loss(config: ReaderConfig, params: Params, features, numbers, mask, named, ends) -> jax.Array:
     """Sum over the attributes of the cross-entropies, mean over the texts."""
-    outputs = reader_network(config).apply(params, features, numbers, mask)
-    allowed, sets = value_mask()[None], is_set()
-    logits = jnp.where(allowed, outputs.named, -1e9)
-    one = optax.softmax_cross_entropy(logits[:, ~sets], named[:, ~sets])
-    some = jnp.where(allowed[:, sets], optax.sigmoid_binary_cross_entropy(outputs.named[:, sets], named[:, sets]), 0.0)
-    bounds = optax.softmax_cross_entropy_with_integer_labels(outputs.ends, ends)
-    return one.sum(1).mean() + some.sum((1, 2)).mean() + bounds.sum((1, 2)).mean()
+    losses = reader_losses(reader_network(config).apply(params, features, numbers, mask), named, ends)
+    return losses.named.mean() + losses.ends.mean()
 
 
 def _batch(texts: Texts, prompt_share: float, seed: int, number: int) -> tuple[np.ndarray, ...]:
@@ -162,12 +161,14 @@ def _batch(texts: Texts, prompt_share: float, seed: int, number: int) -> tuple[n
     return *padded, named, ends
 
 
-def _evaluate(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> dict[str, float]:
+def _outputs(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> list[ReaderOutputs]:
+    apply = jax.jit(reader_network(config).apply)
+    return [jax.device_get(apply(params, *texts.inputs(row))) for row in rows]
+
+
+def _evaluate(outputs: Sequence[ReaderOutputs], texts: Texts, rows: np.ndarray) -> dict[str, float]:
     """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
-    apply, readings = jax.jit(reader_network(config).apply), []
-    for row in rows:
-        outputs = jax.device_get(apply(params, *texts.inputs(row)))
-        readings.append(read_outputs(outputs.named[0], outputs.ends[0]))
+    readings = [read_outputs(one.named[0], one.ends[0]) for one in outputs]
     values = summarize(compare_readings([texts.requests[row] for row in rows], readings), len(rows))
     return {name: values[name] for name in ("precision", "recall", "full")}
 
