@@ -47,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--copies", type=int, default=3, help="of every written prompt, with other typing mistakes")
     parser.add_argument("--prompt-share", type=float, default=0.5, help="share of a batch that is written prompts")
     parser.add_argument("--start", type=Path, help="folder of a reader to begin with (default: fresh weights)")
+    parser.add_argument(
+        "--keep-start", type=float, default=0.3, help="share of the weights of --start in the reader that is saved"
+    )
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--held-back", type=int, default=1000, help="composed texts that are only evaluated")
     parser.add_argument("--steps", type=int, default=12_000)
@@ -58,6 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--copies is {args.copies}: give 1 or more")
     if not 0 <= args.prompt_share < 1:
         parser.error(f"--prompt-share is {args.prompt_share}: give a share from 0 to below 1")
+    if not 0 <= args.keep_start < 1:
+        parser.error(f"--keep-start is {args.keep_start}: give a share from 0 to below 1")
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
     with locked_folder(args.folder), stop_signals() as stop:
         texts, digest = reader_texts(
@@ -70,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stop=stop,
         )
         if not stop:
-            run = {name: value for name, value in vars(args).items() if name not in ("folder", "start")}
+            run = {name: value for name, value in vars(args).items() if name not in ("folder", "start", "keep_start")}
             check_resume(args.folder / "checkpoints", run, {"texts": digest})
             with Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
                 _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
@@ -88,10 +93,24 @@ def _train(
         weight_decay=1e-2,
         clip=1.0,
     )
-    params = _first_params(config, args.start, args.seed)
-    state, first = (params, optimizer.init(params)), checkpoints.latest or 0
+    first_params = _first_params(config, args.start, args.seed)
+    state, first = (first_params, optimizer.init(first_params)), checkpoints.latest or 0
     if first:
         state, _ = checkpoints.restore(state)
+    kept = args.keep_start if args.start else 0.0
+
+    def save(number: int) -> dict[str, Any]:
+        """Writes the reader and returns how well it reads."""
+        params = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, first_params, state[0])
+        outputs = {kind: _outputs(config, params, texts, rows) for kind, rows in texts.held_back.items()}
+        values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
+        params = calibrate(params, outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
+        notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
+        save_reader(PromptReader(config, params, encoder.name), folder, {**notes, "validation": values})
+        return values
+
+    if first >= args.steps and not folder.is_dir():
+        save(first)
     step = jax.jit(lambda state, *batch: _step(config, optimizer, state, *batch))
     losses, number, start = [], first, time.perf_counter()
     with tqdm(total=args.steps, initial=first, desc="steps") as bar:
@@ -104,16 +123,9 @@ def _train(
                 mean, losses = float(np.mean(jax.device_get(losses))), []
                 if not np.isfinite(mean):
                     raise FloatingPointError(f"the loss is not finite at step {number}: give another --seed")
-                outputs = {kind: _outputs(config, state[0], texts, rows) for kind, rows in texts.held_back.items()}
-                values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
-                seconds = time.perf_counter() - start
+                values, seconds = save(number), time.perf_counter() - start
                 tqdm.write(f"step {number}: loss {mean:.3f}, {json.dumps(values)}, {seconds:.0f} s", file=sys.stderr)
                 checkpoints.save(number, state, {})
-                notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
-                notes["validation"] = values
-                targets = [texts.targets[row] for row in texts.held_back["prompts"]]
-                params = calibrate(state[0], outputs["prompts"], targets)
-                save_reader(PromptReader(config, params, encoder.name), folder, notes)
     checkpoints.save(number, state, {}, wait=True)
 
 

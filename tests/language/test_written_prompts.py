@@ -15,7 +15,7 @@ from scjax.language.grammar.prompts import retype, written_prompts
 def test_prompts_are_many_and_distinct():
     prompts = written_prompts()
     texts = collections.Counter(one.text.lower() for one in prompts)
-    assert len(prompts) > 10_000 and max(texts.values()) == 1
+    assert len(prompts) > 20_000 and max(texts.values()) == 1
     assert {one.language for one in prompts} == set(languages())
 
 
