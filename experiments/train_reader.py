@@ -2,8 +2,10 @@
 
     nice -n 15 python -m experiments.train_reader runs/reader
 
-Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. The same command
-continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is the reader of the last evaluation.
+Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. The same
+command continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is the reader of the last
+evaluation: a mean of the weights of --start and of the trained ones (Wortsman et al. 2022), calibrated on prompts that
+were held back.
 """
 
 from __future__ import annotations
