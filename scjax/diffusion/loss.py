@@ -15,6 +15,7 @@ from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.process import estimate_x0, prediction_target, q_sample
 from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.diffusion.timestep_sampling import TimestepSampling, sample_noise_levels
+from scjax.models.denoiser.agent_kinds import NO_KIND
 from scjax.models.denoiser.config import Prediction
 from scjax.nn import random
 from scjax.nn.cross_attention import AuxOutputs
@@ -155,7 +156,7 @@ def training_loss(
     agent_kinds = batch.agent_kinds
     if agent_kinds is not None:
         no_kinds = random.bernoulli(key_kinds, condition_dropout, scenes)
-        agent_kinds = jnp.where(no_kinds[:, None], -1, agent_kinds)
+        agent_kinds = jnp.where(no_kinds[:, None], NO_KIND, agent_kinds)
     cache = None
     if batch.condition is not None:
         if batch.has_condition is not None:

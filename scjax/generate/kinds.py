@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
+from scjax.language.attributes.contradictions import least_numbers
 from scjax.models.codec import SceneCodec
 from scjax.models.counts.kinds import KINDS, KindCounts, draw_kind_counts
 from scjax.models.counts.prior import Table
@@ -33,19 +34,19 @@ def draw_kinds(
     if model.kind_counts is None or not config.agent_kinds or condition.crop != Crop.CENTERED or table is None:
         return None
     first = _kinds_of_known(known, model.codec)
-    least = _counts_of(first[1:], model.codec)
+    known_counts, requested = _counts_of(first[1:], model.codec), least_numbers(condition.attributes)
     counts = draw_kind_counts(
         rng,
         model.kind_counts,
         _totals(table, condition),
         condition.attributes,
-        least=least,
+        least=np.maximum(known_counts, [int(requested.get(name, 0)) for name in KINDS]),
         most=config.max_agents,
         total=condition.num_agents,
     )
     if counts is None:
         return None
-    cars, *others = counts - least
+    cars, *others = counts - known_counts
     more = np.repeat(_kind_of_columns(model.codec), [cars - others[-1], *others])
     return np.concatenate([first, rng.permutation(more)]).astype(np.int32)
 

@@ -21,6 +21,7 @@ from scjax.generate.encode import NetworkInputs, network_inputs
 from scjax.generate.model import Model
 from scjax.generate.requests import Request
 from scjax.language.attributes.vector import request_vector
+from scjax.models.denoiser.agent_kinds import NO_KIND
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.scene import Scene, empty, pad, stack
 from scjax.scene.per_type import PerType
@@ -161,7 +162,7 @@ def _descend(
 
 
 def _padded_kinds(request: Request, slots: int) -> Int[np.ndarray, " slots"]:
-    kinds = np.full(slots, -1, np.int32)
+    kinds = np.full(slots, NO_KIND, np.int32)
     if request.agent_kinds is not None:
         kinds[: request.num_agents] = request.agent_kinds
     return kinds

@@ -54,6 +54,24 @@ def find_contradictions(request: Mapping[str, Any]) -> list[tuple[str, str]]:
     return list(dict.fromkeys(pairs))
 
 
+def least_numbers(request: Mapping[str, Any]) -> dict[str, int | float]:
+    """Least numbers that a request in its normal form calls for, those of its parts, events and queue included."""
+    least = {name: value[0] for name, value in request.items() if ATTRIBUTES[name].kind == "range"}
+
+    def raise_to(name: str, number: int | float) -> None:
+        least[name] = max(least.get(name, 0), number)
+
+    for event in request.get("event", ()):
+        for name, number in _NEEDS[event].items():
+            raise_to(name, number)
+    if request.get("queue"):
+        raise_to("vehicles", _QUEUE_SIZE)
+    for whole in reversed(_PARTS):  # parked vehicles are a part of the stopped ones, and these of all
+        for part in _PARTS[whole]:
+            raise_to(whole, least.get(part, 0))
+    return least
+
+
 def find_clashes(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """Attributes of which two requests in their normal form ask what no scene shows at once."""
     return [name for name in one if name in other and _clash(name, one[name], other[name])]

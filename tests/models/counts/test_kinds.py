@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.models.counts.kinds import KINDS, draw_kind_counts, kind_table, least_counts
+from scjax.language.attributes.contradictions import least_numbers
+from scjax.models.counts.kinds import KINDS, draw_kind_counts, kind_table
 
 NOBODY = np.zeros(len(KINDS), np.int32)
 ROWS = [(3, 0, 0, 0, 0)] * 4 + [(5, 2, 0, 0, 1), (5, 0, 1, 0, 0), (1, 6, 0, 3, 0), (12, 1, 0, 0, 4)]
@@ -13,8 +14,13 @@ TABLE = kind_table([dict(zip(KINDS, row, strict=True)) for row in ROWS])
 TOTALS = np.full(20, 0.05)
 
 
+def _least(request):
+    least = least_numbers(request)
+    return np.array([least.get(name, 0) for name in KINDS], np.int32)
+
+
 def _draws(request, *, number=40, totals=TOTALS, least=NOBODY, most=61, **options):
-    rng = np.random.default_rng(0)
+    rng, least = np.random.default_rng(0), np.maximum(least, _least(request))
     drawn = [draw_kind_counts(rng, TABLE, totals, request, least=least, most=most, **options) for _ in range(number)]
     return {tuple(row.tolist()) for row in drawn}
 
@@ -65,6 +71,7 @@ def test_requests_that_no_scene_fulfills_get_the_least():
 
 def test_parts_and_events_need_agents():
     request = {"ahead": (2, 3), "stopped": (4, None), "pedestrians_on_road": (1, 1), "event": ("work-zone", "cut-in")}
-    assert least_counts(request).tolist() == [4, 1, 0, 3, 0]
-    assert least_counts({"queue": True}).tolist() == [3, 0, 0, 0, 0]
-    assert not least_counts({"queue": False, "vehicles": (0, 5)}).any()
+    assert _least(request).tolist() == [4, 1, 0, 3, 0]
+    assert _least({"queue": True}).tolist() == [3, 0, 0, 0, 0]
+    assert _least({"parked": (2, 2)}).tolist() == [2, 0, 0, 0, 0]
+    assert not _least({"queue": False, "vehicles": (0, 5)}).any()
