@@ -47,13 +47,13 @@ class DenoiserInputs:
     Attributes:
       masks: True at valid tokens [B, tokens] per type.
       known: True at known tokens [B, tokens] per type; None: none.
-      agent_kinds: kinds of the agents [B, agents], see ``Denoiser.__call__``; None: none is given.
+      kinds: of the tokens [B, tokens] per type, see ``Denoiser.__call__``; None: none is given.
       conditional, unconditional: the branches of guidance; without guidance the second is None.
     """
 
     masks: PerType
     known: PerType | None
-    agent_kinds: Int[Array, "b agents"] | None
+    kinds: PerType | None
     conditional: Branch
     unconditional: Branch | None
 
@@ -69,7 +69,7 @@ def prepare_denoiser_inputs(
     guided: bool,
     known: PerType | None = None,
     attributes: Float[Array, "b a"] | None = None,
-    agent_kinds: Int[Array, "b agents"] | None = None,
+    kinds: PerType | None = None,
     features: ConditionFeatures | None = None,
     negative: TextFeatures | None = None,
     max_precomputed: int = MAX_PRECOMPUTED,
@@ -83,7 +83,7 @@ def prepare_denoiser_inputs(
       guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
       attributes: features of requests [B, features]; None: nothing is requested.
-      agent_kinds: kinds of the agents [B, agents], in both branches; None: none is given.
+      kinds: of the tokens [B, tokens] per type, in both branches; None: none is given.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
       max_precomputed: limit on precomputed modulation values; above it, every step computes its own modulation.
@@ -107,7 +107,7 @@ def prepare_denoiser_inputs(
     return DenoiserInputs(
         masks=masks,
         known=known,
-        agent_kinds=agent_kinds,
+        kinds=kinds,
         conditional=Branch(
             label=label, attributes=attributes, cache=cache, modulation=jax.tree.map(lambda x: x[:scenes], table)
         ),
@@ -140,12 +140,12 @@ def denoise_fn(
       guidance_scale: scale for all scenes or per scene [B]; may be traced.
     """
 
-    tokens = inputs.masks, inputs.known, inputs.agent_kinds
+    tokens = inputs.masks, inputs.known, inputs.kinds
 
     def evaluate(branch: Branch, tokens: tuple, z: PerType, t: Real[Array, " b"]) -> PerType:
-        masks, known, agent_kinds = tokens
+        masks, known, kinds = tokens
         context = branch.cache, branch.modulation, branch.attributes
-        return network.apply(params, z, t, branch.label, masks, known, *context, agent_kinds)
+        return network.apply(params, z, t, branch.label, masks, known, *context, kinds)
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
         return evaluate(_at_time(inputs.conditional, times, t), tokens, z, t)

@@ -15,8 +15,8 @@ from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.process import estimate_x0, prediction_target, q_sample
 from scjax.diffusion.schedule import DiffusionSchedule
 from scjax.diffusion.timestep_sampling import TimestepSampling, sample_noise_levels
-from scjax.models.denoiser.agent_kinds import NO_KIND
 from scjax.models.denoiser.config import Prediction
+from scjax.models.denoiser.kinds import NO_KIND
 from scjax.nn import random
 from scjax.nn.cross_attention import AuxOutputs
 from scjax.nn.functional import Functional, Params
@@ -40,7 +40,7 @@ class LatentBatch:
       known: True at known tokens, which stay clean (the first half of partitioned scenes) [B, tokens] per type.
       label: rows of the label table [B].
       attributes: features of requests [B, features], or None.
-      agent_kinds: kinds of the agents [B, agents], which the network is given, or None.
+      kinds: of the tokens [B, tokens] per type, which the network is given, or None.
       condition: features for ``encode_condition``, or None.
       has_condition: True for scenes with a condition [B]; None: all.
       agent_weight: weights of the agents in the loss [B, agents] (field-of-view dropout); None: 1.
@@ -51,7 +51,7 @@ class LatentBatch:
     known: PerType
     label: Int[Array, " b"]
     attributes: Float[Array, "b features"] | None = None
-    agent_kinds: Int[Array, "b agents"] | None = None
+    kinds: PerType | None = None
     condition: Any = None
     has_condition: Bool[Array, " b"] | None = None
     agent_weight: Float[Array, "b agents"] | None = None
@@ -136,7 +136,8 @@ def training_loss(
     Args:
       null_label: row of the label table that replaces dropped labels.
       label_dropout: share of scenes without their label.
-      condition_dropout: share without condition and attributes, and share without kinds of agents. Where a batch has
+      condition_dropout: share without condition and attributes, and of each type of tokens share without
+        kinds. Where a batch has
         both condition and attributes, more scenes are without one of them.
       prediction, count_known, penalty: as in ``diffusion_loss``.
 
@@ -153,10 +154,14 @@ def training_loss(
     label = jnp.where(random.bernoulli(key_label, label_dropout, scenes), null_label, batch.label)
     dropped = random.bernoulli(key_condition, condition_dropout, scenes)
     attributes, dropped = _drop_one(batch, dropped, key_condition)
-    agent_kinds = batch.agent_kinds
-    if agent_kinds is not None:
-        no_kinds = random.bernoulli(key_kinds, condition_dropout, scenes)
-        agent_kinds = jnp.where(no_kinds[:, None], NO_KIND, agent_kinds)
+    kinds = batch.kinds
+    if kinds is not None:
+        keys = PerType(agents=random.fold_in(key_kinds, 0), lanes=random.fold_in(key_kinds, 1))
+        kinds = jax.tree.map(
+            lambda k, kind: jnp.where(random.bernoulli(k, condition_dropout, scenes)[:, None], NO_KIND, kind),
+            keys,
+            kinds,
+        )
     cache = None
     if batch.condition is not None:
         if batch.has_condition is not None:
@@ -166,7 +171,7 @@ def training_loss(
     aux: dict[str, AuxOutputs] = {}
 
     def denoise(z: PerType, t: Real[Array, " b"]) -> PerType:
-        options = {"attributes": attributes, "agent_kinds": agent_kinds, "aux": aux}
+        options = {"attributes": attributes, "kinds": kinds, "aux": aux}
         return network.apply(params, z, t, label, batch.masks, batch.known, cache, **options)
 
     loss, terms = diffusion_loss(

@@ -101,7 +101,7 @@ def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> 
 
 @functools.lru_cache(maxsize=8)
 def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
-    """(parameters; loop inputs, crop, domain, attributes, agent kinds, features, negative features) -> the denoiser's
+    """(parameters; loop inputs, crop, domain, attributes, kinds, features, negative features) -> the denoiser's
     inputs in all steps."""
     times = sampling_loop(sampler, config, num_steps).schedule.levels.time
 
@@ -111,7 +111,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
         crop: Array,
         domain: Array,
         attributes: Array | None,
-        agent_kinds: Array | None,
+        kinds: PerType | None,
         features,
         negative,
     ) -> DenoiserInputs:
@@ -125,7 +125,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
             guided=guided,
             known=inputs.known,
             attributes=attributes,
-            agent_kinds=agent_kinds,
+            kinds=kinds,
             features=features,
             negative=negative,
         )

@@ -17,6 +17,7 @@ from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.latents import LatentStatistics
+from scjax.models.outlines import Outlines
 from scjax.nn.functional import Functional, Params
 from scjax.nn.sharding import replicated, scene_mesh
 from scjax.scene.per_type import PerType
@@ -65,7 +66,7 @@ class Model:
       latents: mean and standard deviation of the latents, per type.
       domains: names behind the domain labels.
       counts: [domains, crops, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
-      kind_counts: numbers of agents of each kind in scenes of the training (``models.counts.kinds``), or None.
+      outlines: kinds of lanes and agents in scenes of the training, for networks that read kinds, or None.
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
       prompts: text -> token features [tokens, width] of prompts that need no encoder.
       reads_prompts: whether prompts become requests for attributes (``generate.readings``), which the network then
@@ -80,7 +81,7 @@ class Model:
     latents: LatentStatistics
     domains: tuple[str, ...]
     counts: np.ndarray | None = None
-    kind_counts: np.ndarray | None = None
+    outlines: Outlines | None = None
     text_encoder: str = ""
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reads_prompts: bool = False

@@ -21,8 +21,8 @@ from scjax.generate.encode import NetworkInputs, network_inputs
 from scjax.generate.model import Model
 from scjax.generate.requests import Request
 from scjax.language.attributes.vector import request_vector
-from scjax.models.denoiser.agent_kinds import NO_KIND
 from scjax.models.denoiser.config import DenoiserConfig
+from scjax.models.denoiser.kinds import NO_KIND
 from scjax.scene import Scene, empty, pad, stack
 from scjax.scene.per_type import PerType
 
@@ -53,7 +53,7 @@ class Batch:
       masks: True at valid tokens [B, tokens] per type.
       known_scenes: known elements in token order, padded; None: none.
       attributes: features of the requests [B, features]; None: the network reads none.
-      agent_kinds: kinds of the agents [B, agents], -1 where none is given; None: the network reads none.
+      kinds: of the tokens [B, tokens] per type, -1 where none is given; None: the network reads none.
       features: of the conditions and of the negative prompts (``network_inputs``).
     """
 
@@ -63,7 +63,7 @@ class Batch:
     domain: Int[np.ndarray, " b"]
     known_scenes: Scene | None
     attributes: Float[np.ndarray, "b features"] | None
-    agent_kinds: Int[np.ndarray, "b agents"] | None
+    kinds: PerType | None
     features: NetworkInputs
 
     @classmethod
@@ -87,9 +87,7 @@ class Batch:
             attributes=np.stack([request_vector(request.attributes, config.attributes) for request in requests])
             if config.attributes
             else None,
-            agent_kinds=np.stack([_padded_kinds(request, bucket[0]) for request in requests])
-            if config.agent_kinds
-            else None,
+            kinds=_padded_kinds(requests, bucket) if config.agent_kinds else None,
             features=network_inputs([request.streams for request in requests], config.condition),
         )
 
@@ -107,7 +105,7 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
         known, known_latents = compiled.encode_program(*coder)(coder_params, *statistics, batch.known_scenes)
     inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
     prepare = compiled.prepare_program(*options, settings.guidance is not None)
-    given = batch.attributes, batch.agent_kinds
+    given = batch.attributes, batch.kinds
     denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *given, *batch.features)
     advance = compiled.advance_program(*options, settings.guidance)
 
@@ -161,11 +159,13 @@ def _descend(
     return descent.latents
 
 
-def _padded_kinds(request: Request, slots: int) -> Int[np.ndarray, " slots"]:
-    kinds = np.full(slots, NO_KIND, np.int32)
-    if request.agent_kinds is not None:
-        kinds[: request.num_agents] = request.agent_kinds
-    return kinds
+def _padded_kinds(requests: Sequence[Request], bucket: Bucket) -> PerType:
+    kinds = [np.full((len(requests), slots), NO_KIND, np.int32) for slots in bucket]
+    for row, request in enumerate(requests):
+        if request.kinds is not None:
+            kinds[0][row, : len(request.kinds.agents)] = request.kinds.agents
+            kinds[1][row, : len(request.kinds.lanes)] = request.kinds.lanes
+    return PerType(agents=kinds[0], lanes=kinds[1])
 
 
 def _valid(slots: int, counts: Sequence[int]) -> Bool[np.ndarray, "b slots"]:

@@ -31,6 +31,7 @@ from scjax.generate.model_format import (
 )
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.latents import LatentStatistics
+from scjax.models.outlines import ARRAYS, Outlines
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
 from scjax.scene.files import whole_folder
@@ -42,7 +43,7 @@ INDEX, PROMPTS = "model.json", "prompts.safetensors"
 _CURE = "copy or export the model again"
 _ATTEMPTS = 20
 _WEIGHTS = "weights.safetensors"
-_TABLES = ("counts", "kind_counts")
+_OUTLINES = "outlines."  # begins the names of their arrays
 
 
 def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, largest: float | None = None) -> Path:
@@ -74,12 +75,15 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
     }
     params = {name: component.params for name, component in model.components.items()}
     arrays = array_names(params)
-    tables = {name: getattr(model, name) for name in _TABLES}
-    arrays |= {name: np.asarray(table) for name, table in tables.items() if table is not None}
+    tables = {} if model.counts is None else {"counts": np.asarray(model.counts)}
+    if model.outlines is not None:
+        tables |= {f"{_OUTLINES}{name}": getattr(model.outlines, name) for name in ARRAYS}
+        index["outline_values"] = dict(model.outlines.values)
+    arrays |= tables
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file: choose another folder for the model")
     with whole_folder(folder, "the model") as temporary:
-        index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=_TABLES)
+        index["files"] = write_arrays(arrays, temporary, dtype=dtype, largest=largest, exact=tables)
         if model.prompts:
             write_prompts(model.prompts, model.text_encoder, temporary / PROMPTS)
             index["prompts"] = sha256_of(temporary / PROMPTS)
@@ -152,7 +156,8 @@ def _read_once(folder: Path) -> Model:
 
 def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Path) -> Model:
     index = convert_document(content, ModelIndex, "the index", "")
-    tables = {name: arrays.pop(name, None) for name in _TABLES}
+    counts = arrays.pop("counts", None)
+    parts = {name.removeprefix(_OUTLINES): arrays.pop(name) for name in list(arrays) if name.startswith(_OUTLINES)}
     params = named_arrays(arrays)
     components = {}
     for name, fields in index.components.items():
@@ -167,7 +172,10 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         codec=read_part("codec", codec_from_json, index.codec),
         latents=LatentStatistics(mean=index.latents.mean.to_per_type(), std=index.latents.std.to_per_type()),
         domains=tuple(index.domains),
-        **tables,
+        counts=counts,
+        outlines=read_part("outlines", lambda values: Outlines.from_files(parts, values), index.outline_values)
+        if parts
+        else None,
         text_encoder=index.text_encoder,
         reads_prompts=index.reads_prompts,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),

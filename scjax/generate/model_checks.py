@@ -12,7 +12,7 @@ import numpy as np
 
 from scjax.generate.components import COMPONENTS, Model
 from scjax.models.codec import SceneCodec
-from scjax.models.counts.kinds import KINDS
+from scjax.models.denoiser.kinds import NO_KIND
 from scjax.nn.functional import flatten
 from scjax.scene import Crop
 from scjax.scene.arguments import finite_number
@@ -46,8 +46,8 @@ def check_model(model: Model) -> None:
         finite_number(value, "temperature", 1e-6, 100.0)
     if model.counts is not None:
         _check_counts(model)
-    if model.kind_counts is not None:
-        _check_kind_counts(np.asarray(model.kind_counts))
+    if model.outlines is not None:
+        _check_outlines(model)
 
 
 def check_network_config(name: str, config: Any) -> None:
@@ -184,11 +184,19 @@ def _check_counts(model: Model) -> None:
         raise ValueError("counts sums to infinity")
 
 
-def _check_kind_counts(table: np.ndarray) -> None:
-    if table.ndim != 2 or table.shape[1] != len(KINDS) + 1:
-        raise ValueError(f"kind_counts has shape {table.shape}: it must be [rows, {len(KINDS) + 1}]")
-    if table.dtype.kind not in "iu" or (table < 0).any():
-        raise ValueError("kind_counts must hold whole numbers of at least 0")
-    counts = dict(zip(KINDS, table.T, strict=False))
-    if (counts["large"] > counts["vehicles"]).any():
-        raise ValueError("kind_counts: more large vehicles than vehicles")
+def _check_outlines(model: Model) -> None:
+    outlines = model.outlines
+    assert outlines is not None
+    outlines.check()
+    if "denoiser" in model.components:
+        config = model.components["denoiser"].config
+        for name, kinds, sizes in (
+            ("lanes", outlines.lanes, config.lane_kinds),
+            ("agents", outlines.agents, config.agent_kinds),
+        ):
+            if ((kinds < NO_KIND) | (kinds >= max(math.prod(sizes), 1))).any():
+                raise ValueError(f"outlines: {name} has kinds that the denoiser does not know")
+        if outlines.lanes.shape[1] > config.max_lanes or outlines.agents.shape[1] > config.max_agents:
+            raise ValueError("outlines: the denoiser has fewer lanes or agents at most")
+    if not ((outlines.domains >= 0) & (outlines.domains < max(len(model.domains), 1))).all():
+        raise ValueError("outlines: domains are outside those of the model")

@@ -116,6 +116,7 @@ class ModelIndex(Struct):
     temperature: PerTypeFields | None = None
     energy_guidance: dict[str, Any] | None = None
     prompts: str = ""
+    outline_values: dict[str, list[Any]] = {}
 
 
 def codec_from_json(fields: dict[str, Any]) -> SceneCodec:

@@ -13,10 +13,11 @@ from jaxtyping import Array, Int
 from scjax.data.token_order import sort_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
-from scjax.generate.kinds import draw_kinds
 from scjax.generate.model import Model
+from scjax.generate.outlines import draw_outline
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
+from scjax.scene.per_type import PerType
 
 _COUNTS_KEY = 0xC0  # folded into a scene's key for the draw of its counts
 _AGENT_COUNTS = ("vehicles", "pedestrians", "cyclists")
@@ -50,7 +51,7 @@ class Request:
     num_agents: int
     num_lanes: int
     known: KnownElements | None
-    agent_kinds: Int[np.ndarray, " agents"] | None = None
+    kinds: PerType | None = None
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -103,14 +104,19 @@ def draw_request(
     table = tables(streams.get("text"), condition.attributes, domain, condition.crop)
     num_agents = condition.num_agents if reads else _num_agents(condition, num_known[0], most)
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
-    kinds = draw_kinds(rng, condition, None if elements is None else elements.tokens, model, table)
+    outline = draw_outline(rng, condition, domain, None if elements is None else elements.tokens, model)
+    num_lanes, kinds = condition.num_lanes, None
+    if outline is not None:
+        kinds = PerType(agents=outline.agents, lanes=outline.lanes)
+        domain, num_agents = outline.domain, len(outline.agents)
+        num_lanes = num_lanes if num_known[1] else len(outline.lanes)
     domain, num_lanes, num_agents = draw_counts(
         rng,
         table,
         condition.crop,
         domain=domain,
-        num_lanes=condition.num_lanes,
-        num_agents=num_agents if kinds is None else len(kinds),
+        num_lanes=num_lanes,
+        num_agents=num_agents,
         least_lanes=num_known[1],
         least_agents=min(max(num_known[0], _least_agents(condition) if reads else 0), most),
     )

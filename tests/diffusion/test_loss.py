@@ -128,17 +128,18 @@ def test_some_scenes_have_a_request_or_a_condition_alone():
 
 
 def test_kinds_are_dropped_with_the_condition():
-    network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=2))
+    network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=(2,), lane_kinds=(2,)))
     params = jax.tree.map(lambda leaf: leaf + 0.1, network.init(jax.random.key(0)))
     batch = _batch().replace(condition=None, has_condition=None)
 
     @golden.jit
     def loss(kinds, condition_dropout):
         options = {"null_label": CONFIG.null_label, "condition_dropout": condition_dropout}
-        given = batch.replace(agent_kinds=kinds)
+        given = batch.replace(kinds=kinds)
         return training_loss(network, params, SCHEDULE, given, jax.random.key(3), **options)[0]
 
-    kinds, nothing = jnp.ones((2, 4), jnp.int32), jnp.full((2, 4), -1)
+    kinds = jax.tree.map(lambda mask: jnp.ones(mask.shape, jnp.int32), batch.masks)
+    nothing = jax.tree.map(lambda kind: -kind, kinds)
     assert loss(kinds, 0.0) != loss(nothing, 0.0)
     assert loss(kinds, 1.0) == loss(nothing, 0.0)
 

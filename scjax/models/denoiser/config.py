@@ -19,7 +19,7 @@ Prediction = Literal["noise", "velocity", "flow"]
 """The network's target: the noise (official); the velocity sqrt(abar_t) noise - sqrt(1 - abar_t) x_0 (Salimans & Ho
 2022); or noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
-_MAY_BE_ZERO = ("fourier_features", "agent_kinds")
+_MAY_BE_ZERO = ("fourier_features",)
 MAX_OCTAVES = 20
 """Largest ``DenoiserConfig.fourier_octaves``."""
 
@@ -86,8 +86,8 @@ class DenoiserConfig:
       cross_attention: how scene tokens read the condition: options of a mechanism (``scjax.nn.cross_attention``).
       attributes: names of the features of a request that are added to the label's embedding; () for none. Not in the
         release.
-      agent_kinds: number of kinds of agents, of which the network may be given each agent's (``Denoiser.__call__``);
-        0: it is given none. Not in the release.
+      agent_kinds, lane_kinds: sizes of the digits of kinds (``denoiser.kinds``), of which the network may be given
+        each token's; (): it is given none. Not in the release.
       known_embedding: add a learned vector per type (zero at first) to known tokens. Not in the release.
       fourier_features: number of learned projections of a token's latents whose sines and cosines are added to its
         embedding; 0 for none (official).
@@ -118,7 +118,8 @@ class DenoiserConfig:
     condition: ConditionConfig = None
     cross_attention: CrossAttentionOptions = _RELEASED
     attributes: tuple[str, ...] = ()
-    agent_kinds: int = 0
+    agent_kinds: tuple[int, ...] = ()
+    lane_kinds: tuple[int, ...] = ()
     known_embedding: bool = False
     fourier_features: int = 0
     fourier_octaves: int = 6
@@ -187,8 +188,10 @@ class DenoiserConfig:
             condition = condition_type(
                 **{name: tuple(value) if isinstance(value, list) else value for name, value in condition.items()}
             )
-        changes = {"condition": condition, "attributes": tuple(fields.get("attributes", ()))}
-        return cls(**{**fields, **changes, "cross_attention": from_name(**fields["cross_attention"])})
+        tuples = {name: tuple(value) for name, value in fields.items() if isinstance(value, list)}
+        return cls(
+            **{**fields, **tuples, "condition": condition, "cross_attention": from_name(**fields["cross_attention"])}
+        )
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> DenoiserConfig:

@@ -18,6 +18,7 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ConditionFeatures, ImageContext, ImageFeatures, TextContext, TextFeatures
 from scjax.models.denoiser.embed import TIME_CODE, position_table, time_code
 from scjax.models.denoiser.fourier_features import FourierFeatures
+from scjax.models.denoiser.kind_embedding import KindEmbedding
 from scjax.models.denoiser.position_head import PositionHeads
 from scjax.models.denoiser.relative_geometry import RelativeGeometry
 from scjax.models.denoiser.stage import AttentionStage, Head
@@ -140,7 +141,8 @@ class Denoiser(nnx.Module):
         self.time_out = Linear(lane, lane, init=init, compute=compute, std=_STD)
         self.labels = table(config.null_label + 1, lane)
         self.attributes = AttributeEmbedding(len(config.attributes), lane, init=init) if config.attributes else None
-        self.agent_kinds = nnx.Param(jnp.zeros((config.agent_kinds, agent))) if config.agent_kinds else None
+        self.agent_kinds = KindEmbedding(config.agent_kinds, agent) if config.agent_kinds else None
+        self.lane_kinds = KindEmbedding(config.lane_kinds, lane) if config.lane_kinds else None
         self.lane_counts = table(config.max_lanes + 1, lane)
         self.agent_counts = table(config.max_agents + 1, lane)
         self.narrow = Linear(lane, agent, init=init, compute=compute)
@@ -229,7 +231,7 @@ class Denoiser(nnx.Module):
         cache: list | None = None,
         modulation: dict | None = None,
         attributes: Float[Array, "b a"] | None = None,
-        agent_kinds: Int[Array, "b agents"] | None = None,
+        kinds: PerType | None = None,
         trace: dict | None = None,
         aux: dict[str, AuxOutputs] | None = None,
     ) -> PerType:
@@ -247,7 +249,7 @@ class Denoiser(nnx.Module):
             unless ``attend_padding``.)
           modulation: precomputed by ``modulation``; then ``t``, ``label`` and ``attributes`` are ignored.
           attributes: features of requests, by the names of ``config.attributes``; None, as zeros, asks nothing.
-          agent_kinds: kind of each agent (``denoiser.agent_kinds``), -1 where the network decides; None: it
+          kinds: kind of each token [B, tokens] per type (``denoiser.kinds``), -1 where the network decides; None: it
             decides on all.
           trace: receives intermediate arrays, named as in the golden vectors, if it is a dict.
           aux: receives losses and metrics of the conditioning, by block and stage, if it is a dict.
@@ -272,9 +274,9 @@ class Denoiser(nnx.Module):
             tokens = jax.tree.map(
                 lambda x, flag, vector: x + jnp.where(flag[..., None], vector[None, None], 0), tokens, known, vectors
             )
-        if self.agent_kinds is not None and agent_kinds is not None:
-            kind = jnp.where(agent_kinds[..., None] >= 0, self.agent_kinds[...][agent_kinds], 0)
-            tokens = tokens.replace(agents=tokens.agents + kind)
+        if self.agent_kinds is not None and self.lane_kinds is not None and kinds is not None:
+            vectors = PerType(agents=self.agent_kinds(kinds.agents), lanes=self.lane_kinds(kinds.lanes))
+            tokens = jax.tree.map(jnp.add, tokens, vectors)
         if modulation is None:
             counts = jax.tree.map(lambda mask: mask.sum(-1, dtype=jnp.int32), masks)
             modulation = self.modulation(t, label, counts, attributes, trace)

@@ -31,7 +31,7 @@ VARIANTS = {
 
 def size_fields(model: DenoiserConfig) -> dict:
     """All fields but those that follow from other options of the config."""
-    apart = ("cross_attention", "attributes", "agent_kinds")
+    apart = ("cross_attention", "attributes", "agent_kinds", "lane_kinds")
     return {name: value for name, value in dataclasses.asdict(model).items() if name not in apart}
 
 

@@ -147,7 +147,7 @@ class _DenoiserRun(_Run, kw_only=True):
     attributes: bool
     init_from: str
     freeze: bool
-    model: _fields_of(DenoiserConfig, "cross_attention", "attributes", "agent_kinds")  # pyright: ignore[reportInvalidTypeForm]
+    model: _fields_of(DenoiserConfig, "cross_attention", "attributes", "agent_kinds", "lane_kinds")  # pyright: ignore[reportInvalidTypeForm]
     cross_attention: str
     cross_attention_options: dict[str, dict[str, Any]]
     loss: _DenoiserLoss

@@ -29,12 +29,12 @@ from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
-from scjax.models.counts.kinds import kind_table
 from scjax.models.counts.prior import count_table
-from scjax.models.denoiser.agent_kinds import agent_kinds, num_kinds
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
+from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
 from scjax.models.denoiser.model import denoiser
+from scjax.models.outlines import Outlines
 from scjax.nn import random
 from scjax.nn.cross_attention import from_name
 from scjax.nn.functional import Functional, Params, Path, flatten, unflatten
@@ -43,6 +43,7 @@ from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
+from scjax.train.objectives.record_outlines import outlines_of_records, scene_kinds
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
 from scjax.train.resume import captions_hash, model_hash, params_hash
 from scjax.train.warm_start import denoiser_base, load_config_model, load_init_model, warm_start
@@ -255,7 +256,7 @@ class DenoiserObjective:
             self.base.with_component("denoiser", self.model, params),
             domains=tuple(self.manifest["domains"]),
             counts=_count_table(self.manifest, self.model),
-            kind_counts=self._kind_counts,
+            outlines=self._outlines,
             text_encoder="" if self.texts is None else self.texts.encoder,
         )
 
@@ -271,14 +272,15 @@ class DenoiserObjective:
             known=PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | all_lanes),
             label=jnp.asarray(self.model.domains * tokens.crop + tokens.domain),
             attributes=None if batch.attributes is None else jnp.asarray(batch.attributes),
-            agent_kinds=agent_kinds(batch.scene, self.codec) if self.model.agent_kinds else None,
+            kinds=scene_kinds(batch.scene, self.codec) if self.model.agent_kinds else None,
             condition=condition_features(batch),
         )
 
     @functools.cached_property
-    def _kind_counts(self) -> np.ndarray | None:
+    def _outlines(self) -> Outlines | None:
         measured = self.measurements
-        return None if measured is None else kind_table(measured[row] for row in range(len(measured)))
+        bucket = self.model.max_agents, self.model.max_lanes
+        return None if measured is None else outlines_of_records(self.records, measured, self.codec, bucket)
 
     @functools.cached_property
     def _autoencoder_params(self) -> Params:
@@ -344,7 +346,8 @@ def _network_config(config, base: Model, manifest: dict[str, Any], texts: TextSt
     fields = config.model.to_dict() | {
         "condition": condition,
         "attributes": feature_names() if config.attributes else (),
-        "agent_kinds": num_kinds(base.codec) if config.attributes else 0,
+        "agent_kinds": agent_digits(base.codec) if config.attributes else (),
+        "lane_kinds": LANE_DIGITS if config.attributes else (),
         "cross_attention": from_name(name, **(options[name].to_dict() if name in options else {})),
         "lane_latent": base.autoencoder.config.lane_latent,
         "agent_latent": base.autoencoder.config.agent_latent,

@@ -1,0 +1,127 @@
+"""Outlines of scenes: the kinds of all lanes and agents in token order, with the attributes of each scene.
+
+An outline says what is there, not where. A model keeps those of scenes of its training; one that fulfills a request is
+drawn before sampling.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from scjax.language.attributes.table import ATTRIBUTES
+from scjax.models.denoiser.kinds import NO_KIND
+
+ARRAYS = ("lanes", "agents", "domains", "measured")
+
+_TENTHS = 10  # lengths are kept to 0.1 m
+
+
+@dataclasses.dataclass(frozen=True)
+class Outlines:
+    """Outlines of many scenes.
+
+    Attributes:
+      lanes, agents: kinds in token order, the ego first, then ``NO_KIND`` [scenes, tokens].
+      domains: index of each scene's domain [scenes].
+      measured: of every scene and attribute, the position of its measurement in ``values`` [scenes, attributes].
+      values: attribute -> its different measurements.
+    """
+
+    lanes: np.ndarray
+    agents: np.ndarray
+    domains: np.ndarray
+    measured: np.ndarray
+    values: Mapping[str, Sequence[Any]]
+
+    @classmethod
+    def of_scenes(
+        cls,
+        lanes: Int[np.ndarray, "scenes lanes"],
+        agents: Int[np.ndarray, "scenes agents"],
+        domains: Int[np.ndarray, " scenes"],
+        measured: Sequence[Mapping[str, Any]],
+    ) -> Outlines:
+        """Outlines of scenes with these measurements (``measure_attributes``)."""
+        columns, values = [], {}
+        for name in ATTRIBUTES:
+            column = [_rounded(scene[name]) for scene in measured]
+            values[name] = list(dict.fromkeys(column))
+            place = {value: k for k, value in enumerate(values[name])}
+            columns.append([place[value] for value in column])
+        places = np.array(columns, np.int16).reshape(len(ATTRIBUTES), len(measured)).T
+        return cls(lanes.astype(np.int16), agents.astype(np.int16), domains.astype(np.int16), places, values)
+
+    @classmethod
+    def from_files(cls, arrays: Mapping[str, np.ndarray], values: Mapping[str, Sequence[Any]]) -> Outlines:
+        """The inverse of ``arrays`` and ``values``, whose measurements JSON turned into lists.
+
+        Raises:
+          ValueError: the parts do not fit each other; names the part.
+        """
+        if values.keys() != ATTRIBUTES.keys():
+            raise ValueError("outlines were measured with another table of attributes")
+        checked = {
+            name: [attribute.check_measured(value) for value in values[name]] for name, attribute in ATTRIBUTES.items()
+        }
+        outlines = cls(**{name: arrays[name] for name in ARRAYS}, values=checked)
+        outlines.check()
+        return outlines
+
+    def check(self) -> None:
+        """Whether the parts fit each other.
+
+        Raises:
+          ValueError: names the part.
+        """
+        scenes = len(self.domains)
+        for name, ndim in (("lanes", 2), ("agents", 2), ("domains", 1), ("measured", 2)):
+            array = np.asarray(getattr(self, name))
+            if array.dtype.kind != "i" or array.ndim != ndim or len(array) != scenes or not scenes:
+                raise ValueError(f"outlines: {name} has shape {array.shape} and type {array.dtype}")
+        sizes = np.array([len(self.values.get(name, ())) for name in ATTRIBUTES])
+        if self.measured.shape[1:] != sizes.shape or ((self.measured < 0) | (self.measured >= sizes)).any():
+            raise ValueError("outlines: measured points outside values")
+
+    def __len__(self) -> int:
+        return len(self.domains)
+
+    def count_held(self, request: Mapping[str, Any]) -> Int[np.ndarray, " scenes"]:
+        """Of every scene, how many attributes of a request in its normal form it shows."""
+        held = np.zeros(len(self), np.int32)
+        for column, (name, attribute) in enumerate(ATTRIBUTES.items()):
+            if name in request:
+                fits = np.array([attribute.holds(request[name], value) for value in self.values[name]], bool)
+                held += fits[self.measured[:, column]]
+        return held
+
+    def draw(
+        self,
+        rng: np.random.Generator,
+        request: Mapping[str, Any],
+        *,
+        domain: int | None = None,
+        num_lanes: int | None = None,
+        num_agents: int | None = None,
+    ) -> int:
+        """A scene of those that show most of the request, of this domain if any of them is, and nearest in numbers."""
+        held = self.count_held(request)
+        rows = np.flatnonzero(held == held.max())
+        rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
+        for kinds, number in ((self.lanes, num_lanes), (self.agents, num_agents)):
+            if number is not None:
+                distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
+                rows = rows[distance == distance.min()]
+        return int(rng.choice(rows))
+
+
+def _those(rows: Int[np.ndarray, " n"], selected: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    return rows[selected] if selected.any() else rows
+
+
+def _rounded(value: Any) -> Any:
+    return round(value * _TENTHS) / _TENTHS if isinstance(value, float) else value

@@ -1,0 +1,82 @@
+"""Outlines of scenes: which scene fulfills a request, and draws of one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from scjax.language.attributes.draw import draw_attributes
+from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from scjax.models.outlines import ARRAYS, Outlines
+from tests.factories.outlines import measurements, outlines
+
+ROWS = [
+    ((1, 2), (0, 1), {"layout": ("T", "intersection"), "vehicles": 1, "gap_ahead": 12.34}),
+    ((1, 2, 3), (0, 1, 1), {"layout": ("T", "intersection"), "vehicles": 2, "signal": ("red",)}),
+    ((1,), (0,), {"layout": ("straight",), "event": ("work-zone", "jaywalker"), "queue": True}),
+]
+
+
+def _draws(number=60, request=None, **options):
+    rng, known = np.random.default_rng(0), outlines(*ROWS, domains=options.pop("domains", None))
+    return {known.draw(rng, check_attributes(request or {}), **options) for _ in range(number)}
+
+
+def test_scenes_hold_what_their_measurements_hold():
+    known, rng = outlines(*ROWS), np.random.default_rng(0)
+    for _ in range(50):
+        request = draw_attributes(measurements(**ROWS[rng.integers(3)][2]), rng)
+        expected = [
+            sum(ATTRIBUTES[name].holds(value, measurements(**row[2])[name]) for name, value in request.items())
+            for row in ROWS
+        ]
+        held = known.count_held(request)
+        assert np.abs(held - expected).max() <= int("gap_ahead" in request)  # kept to 0.1 m
+    assert known.count_held({"layout": "T", "event": ("jaywalker",)}).tolist() == [1, 1, 1]
+
+
+def test_draws_show_most_of_the_request():
+    assert _draws(request={"layout": "T"}) == {0, 1}
+    assert _draws(request={"layout": "T", "signal": "red"}) == {1}
+    assert _draws(request={"layout": "straight", "vehicles": 5}) == {2}
+    assert _draws() == {0, 1, 2}
+
+
+def test_draws_are_of_the_domain_and_nearest_in_numbers():
+    assert _draws(domains=[0, 1, 1], domain=1) == {1, 2}
+    assert _draws(domains=[0, 0, 0], domain=1) == {0, 1, 2}
+    assert _draws(num_lanes=9) == {1}
+    assert _draws(num_agents=1) == {2}
+    assert _draws(request={"layout": "T"}, num_lanes=1) == {0}
+
+
+def test_outlines_survive_files():
+    known = outlines(*ROWS)
+    arrays = {name: getattr(known, name) for name in ARRAYS}
+    again = Outlines.from_files(arrays, {name: [_json(value) for value in known.values[name]] for name in known.values})
+    request = {"layout": "T", "gap_ahead": (12, 13)}
+    assert again.count_held(request).tolist() == known.count_held(request).tolist() == [2, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"measured": np.full((3, len(ATTRIBUTES)), 50, np.int16)}, "measured points outside values"),
+        ({"domains": np.zeros(2, np.int16)}, r"lanes has shape \(3, 4\)"),
+        ({"agents": np.zeros((3, 2))}, "agents has shape"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(outlines(*ROWS), **change).check()
+
+
+def test_outlines_of_another_table_are_refused():
+    with pytest.raises(ValueError, match="another table of attributes"):
+        Outlines.from_files({}, {"layout": []})
+
+
+def _json(value):
+    return list(value) if isinstance(value, tuple) else value
