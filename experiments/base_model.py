@@ -5,9 +5,9 @@
 The same command continues where it was stopped, also within a training (Ctrl-C and SIGTERM save first). The
 autoencoder starts from the one that ships and learns the wider world, with lane ends that links join as one point.
 The denoiser starts from the one that ships, with noise levels down to 0.005 (docs/results/low_noise.md), and reads
-captions, requests for attributes and kinds of agents. Its learning rate is constant, so that it can go on as long as
-there is time: a last training with a rate that falls to zero starts from its model. ``experiments.package_model
---model DENOISER --counter COUNTS`` joins the two.
+captions, requests for attributes, and kinds of lanes and agents. Its learning rate is constant, so that it can go on
+as long as there is time: a last training with a rate that falls to zero starts from its model.
+``experiments.package_model --model DENOISER --counter COUNTS`` joins the two.
 """
 
 from __future__ import annotations

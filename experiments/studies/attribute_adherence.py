@@ -4,8 +4,8 @@
         --out=docs/results/attribute_adherence --scenes=runs/adherence
 
 Requests are drawn from held-out records, which fulfill them. Rows: raw single samples at each guidance scale, whose
-numbers of lanes and agents are those of the record; the same at the first scale, where the network is not given which
-agent is of which kind; the same without the request; and the record itself. Nothing chooses among samples. They are
+numbers of lanes and agents are those of the record; the same at the first scale, where the network is given no outline;
+the same without the request; and the record itself. Nothing chooses among samples. They are
 judged by scjax.language, which also made the requests. With --scenes the scenes of the first scale are written as
 FOLDER/<id>/0.npz, with FOLDER/requests.jsonl, for the judge of the shared prompts, which is independent of scjax. It
 knows fewer attributes; the others are left out of that file.
@@ -100,9 +100,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows[title] = measure_shown(scenes, requested)
         if args.scenes and scale == args.guidance[0]:
             _write_for_judge(args.scenes, scenes, requested)
-    if model.kind_counts is not None:
-        title, conditions = "raw samples without kinds of agents", [_condition(one, one.request) for one in requested]
-        without, scale = dataclasses.replace(model, kind_counts=None), args.guidance[0]
+    if model.outlines is not None:
+        title, conditions = "raw samples without outlines", [_condition(one, one.request) for one in requested]
+        without, scale = dataclasses.replace(model, outlines=None), args.guidance[0]
         scenes = sample_in_calls(conditions, title, args.seed, model=without, guidance=scale, **options)
         rows[title] = measure_shown(scenes, requested)
     title, conditions = "raw samples without the request", [_condition(one, {}) for one in requested]

@@ -69,6 +69,7 @@ def prepare_denoiser_inputs(
     guided: bool,
     known: PerType | None = None,
     attributes: Float[Array, "b a"] | None = None,
+    negative_attributes: Float[Array, "b a"] | None = None,
     kinds: PerType | None = None,
     features: ConditionFeatures | None = None,
     negative: TextFeatures | None = None,
@@ -83,6 +84,7 @@ def prepare_denoiser_inputs(
       guided: whether there are two branches.
       known: True at known tokens [B, tokens] per type; None: none.
       attributes: features of requests [B, features]; None: nothing is requested.
+      negative_attributes: those of the unconditional branch; None: nothing is requested there.
       kinds: of the tokens [B, tokens] per type, in both branches; None: none is given.
       features: features of the condition; None: unconditional.
       negative: features of negative prompts, which replace the unconditional branch; None: no negative prompts.
@@ -99,6 +101,8 @@ def prepare_denoiser_inputs(
             null_cache = network.apply(params, features, ~keep_condition, method="encode_condition")
     null_label = jnp.full_like(label, config.null_label)
     no_request = None if attributes is None else jnp.zeros_like(attributes)
+    if attributes is not None and negative_attributes is not None:
+        no_request = negative_attributes
     rows = (label, masks, attributes)
     if guided:
         rows = concat_branches(rows, (null_label, masks, no_request))

@@ -101,8 +101,8 @@ def update_program(sampler: Sampler, config: DenoiserConfig, num_steps: int) -> 
 
 @functools.lru_cache(maxsize=8)
 def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, guided: bool) -> StoredProgram:
-    """(parameters; loop inputs, crop, domain, attributes, kinds, features, negative features) -> the denoiser's
-    inputs in all steps."""
+    """(parameters; loop inputs, crop, domain, attributes, negative attributes, kinds, features, negative
+    features) -> the denoiser's inputs in all steps."""
     times = sampling_loop(sampler, config, num_steps).schedule.levels.time
 
     def prepare(
@@ -111,6 +111,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
         crop: Array,
         domain: Array,
         attributes: Array | None,
+        negative_attributes: Array | None,
         kinds: PerType | None,
         features,
         negative,
@@ -125,6 +126,7 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
             guided=guided,
             known=inputs.known,
             attributes=attributes,
+            negative_attributes=negative_attributes,
             kinds=kinds,
             features=features,
             negative=negative,

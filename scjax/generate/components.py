@@ -10,6 +10,7 @@ import numpy as np
 
 from scjax.diffusion.defaults import DEFAULT_TEMPERATURE
 from scjax.diffusion.energy_guidance import EnergyGuidance
+from scjax.generate.outlines import Outlines
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import SceneCodec
@@ -17,7 +18,6 @@ from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
 from scjax.models.latents import LatentStatistics
-from scjax.models.outlines import Outlines
 from scjax.nn.functional import Functional, Params
 from scjax.nn.sharding import replicated, scene_mesh
 from scjax.scene.per_type import PerType

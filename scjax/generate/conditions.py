@@ -152,6 +152,7 @@ class Condition:
         What a prompt asks for joins them where the model takes prompts as requests (``generate.readings``). A model
         that reads text alone gets a text made of them; ``best_of`` chooses by them; numbers of vehicles, people and
         cyclists set ``num_agents`` where it is not given.
+      negative_attributes: what guidance leads away from; what a negative prompt asks for joins them in the same way.
     """
 
     num_lanes: int | None = None
@@ -163,6 +164,7 @@ class Condition:
     negative_prompt: str | None = None
     streams: Mapping[str, Stream] = dataclasses.field(default_factory=dict)
     attributes: Any = dataclasses.field(default_factory=dict)
+    negative_attributes: Any = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
         for name in ("num_lanes", "num_agents"):
@@ -173,10 +175,11 @@ class Condition:
             object.__setattr__(self, "domain", whole_number(self.domain, "Condition.domain", 0, 10_000))
         object.__setattr__(self, "crop", _crop(self.crop))
         self._check_known()
-        try:
-            object.__setattr__(self, "attributes", check_attributes(self.attributes))
-        except ValueError as error:
-            raise ValueError(f"Condition.attributes: {error}") from error
+        for name in ("attributes", "negative_attributes"):
+            try:
+                object.__setattr__(self, name, check_attributes(getattr(self, name)))
+            except ValueError as error:
+                raise ValueError(f"Condition.{name}: {error}") from error
         if not isinstance(self.streams, Mapping):
             raise ValueError(f"Condition.streams must map names to streams, not be a {type(self.streams).__name__}")
         for name, text in self.prompts.items():

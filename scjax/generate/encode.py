@@ -58,11 +58,14 @@ def _texts(condition: Condition, model: Model) -> dict[str, str]:
     """
     texts = condition.prompts
     if not model.text_encoder:
-        return {name: text for name, text in texts.items() if name != "text"} if reads_requests(model) else texts
-    if model.denoiser.config.attributes or "text" in condition.streams:
+        return {} if reads_requests(model) else texts
+    if model.denoiser.config.attributes:
         return texts
-    if "text" not in texts or (model.reads_prompts and texts["text"] not in model.prompts):
-        return texts | {"text": text} if (text := request_text(condition.attributes)) else texts
+    requests = {"text": condition.attributes, "negative_text": condition.negative_attributes}
+    for name, request in requests.items():
+        is_open = name not in texts or (model.reads_prompts and texts[name] not in model.prompts)
+        if name not in condition.streams and is_open and (text := request_text(request)):
+            texts = texts | {name: text}
     return texts
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +53,8 @@ class Batch:
     Attributes:
       masks: True at valid tokens [B, tokens] per type.
       known_scenes: known elements in token order, padded; None: none.
-      attributes: features of the requests [B, features]; None: the network reads none.
+      attributes, negative_attributes: features of the requests and of what guidance leads away from [B, features];
+        None: the network reads none.
       kinds: of the tokens [B, tokens] per type, -1 where none is given; None: the network reads none.
       features: of the conditions and of the negative prompts (``network_inputs``).
     """
@@ -63,6 +65,7 @@ class Batch:
     domain: Int[np.ndarray, " b"]
     known_scenes: Scene | None
     attributes: Float[np.ndarray, "b features"] | None
+    negative_attributes: Float[np.ndarray, "b features"] | None
     kinds: PerType | None
     features: NetworkInputs
 
@@ -84,9 +87,8 @@ class Batch:
             crop=crop,
             domain=np.array([request.domain for request in requests], np.int32),
             known_scenes=known,
-            attributes=np.stack([request_vector(request.attributes, config.attributes) for request in requests])
-            if config.attributes
-            else None,
+            attributes=_features([request.attributes for request in requests], config),
+            negative_attributes=_features([request.negative_attributes for request in requests], config),
             kinds=_padded_kinds(requests, bucket) if config.agent_kinds else None,
             features=network_inputs([request.streams for request in requests], config.condition),
         )
@@ -105,7 +107,7 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
         known, known_latents = compiled.encode_program(*coder)(coder_params, *statistics, batch.known_scenes)
     inputs = LoopInputs(keys=batch.keys, masks=batch.masks, known=known, known_latents=known_latents)
     prepare = compiled.prepare_program(*options, settings.guidance is not None)
-    given = batch.attributes, batch.kinds
+    given = batch.attributes, batch.negative_attributes, batch.kinds
     denoiser_inputs = prepare(params, inputs, batch.crop, batch.domain, *given, *batch.features)
     advance = compiled.advance_program(*options, settings.guidance)
 
@@ -157,6 +159,11 @@ def _descend(
         links = scenes.links if links is None else links
         descent = energy_step(descent, scenes.replace(links=links), inputs)
     return descent.latents
+
+
+def _features(requests: Sequence[Mapping[str, Any]], config: DenoiserConfig) -> Float[np.ndarray, "b a"] | None:
+    names = config.attributes
+    return np.stack([request_vector(request, names) for request in requests]) if names else None
 
 
 def _padded_kinds(requests: Sequence[Request], bucket: Bucket) -> PerType:

@@ -29,9 +29,9 @@ from scjax.generate.model_format import (
     read_part,
     upgrade,
 )
+from scjax.generate.outlines import ARRAYS, Outlines
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.latents import LatentStatistics
-from scjax.models.outlines import ARRAYS, Outlines
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
 from scjax.scene.files import whole_folder

@@ -1,142 +1,133 @@
-"""The kinds of all tokens of a scene to sample, for networks that read kinds: an outline fitted to the request."""
+"""Outlines of scenes: the kinds of all lanes and agents in token order, with the attributes of each scene.
+
+An outline says what is there, not where. A model keeps those of scenes of its training; one that fulfills a request is
+drawn before sampling.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
-from scjax.generate.components import Model
-from scjax.generate.conditions import Condition
-from scjax.language.attributes.contradictions import least_numbers
-from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import NO_KIND, agent_digits, agent_kinds, lane_kinds
-from scjax.scene import AgentType, Crop, Scene
+from scjax.language.attributes.table import ATTRIBUTES
+from scjax.models.denoiser.kinds import NO_KIND
 
-Kinds = Int[np.ndarray, "_"]
+ARRAYS = ("lanes", "agents", "domains", "measured")
 
-_LARGE = "large"
-_COUNTED = {
-    "vehicles": AgentType.VEHICLE,
-    "pedestrians": AgentType.PEDESTRIAN,
-    "cyclists": AgentType.CYCLIST,
-    "static": AgentType.STATIC,
-}  # attributes that count agents of a class, besides the ego
+_TENTHS = 10  # lengths are kept to 0.1 m
 
 
 @dataclasses.dataclass(frozen=True)
-class Outline:
-    """Kinds of the tokens of one scene, in token order; known elements come first.
+class Outlines:
+    """Outlines of many scenes.
 
     Attributes:
-      lanes: of the known lanes alone, if there are any: how many more there are is open.
-      domain: index of the domain.
+      lanes, agents: kinds in token order, the ego first, then ``NO_KIND`` [scenes, tokens].
+      domains: index of each scene's domain [scenes].
+      measured: of every scene and attribute, the position of its measurement in ``values`` [scenes, attributes].
+      values: attribute -> its different measurements.
     """
 
-    agents: Kinds
-    lanes: Kinds
-    domain: int
+    lanes: np.ndarray
+    agents: np.ndarray
+    domains: np.ndarray
+    measured: np.ndarray
+    values: Mapping[str, Sequence[Any]]
 
+    @classmethod
+    def of_scenes(
+        cls,
+        lanes: Int[np.ndarray, "scenes lanes"],
+        agents: Int[np.ndarray, "scenes agents"],
+        domains: Int[np.ndarray, " scenes"],
+        measured: Sequence[Mapping[str, Any]],
+    ) -> Outlines:
+        """Outlines of scenes with these measurements (``measure_attributes``)."""
+        columns, values = [], {}
+        for name in ATTRIBUTES:
+            column = [_rounded(scene[name]) for scene in measured]
+            values[name] = list(dict.fromkeys(column))
+            place = {value: k for k, value in enumerate(values[name])}
+            columns.append([place[value] for value in column])
+        places = np.array(columns, np.int16).reshape(len(ATTRIBUTES), len(measured)).T
+        return cls(lanes.astype(np.int16), agents.astype(np.int16), domains.astype(np.int16), places, values)
 
-def draw_outline(
-    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene | None, model: Model
-) -> Outline | None:
-    """An outline of the training that shows most of the request, with agents added or left out to its numbers.
+    @classmethod
+    def from_files(cls, arrays: Mapping[str, np.ndarray], values: Mapping[str, Sequence[Any]]) -> Outlines:
+        """The inverse of ``arrays`` and ``values``, whose measurements JSON turned into lists.
 
-    Args:
-      domain: None: any.
-      known: known elements in token order, unpadded; None: none.
-
-    Returns:
-      None where the network decides: the model has no outlines, or the window is not centered on the ego.
-    """
-    if model.outlines is None or not model.denoiser.config.agent_kinds or condition.crop != Crop.CENTERED:
-        return None
-    numbers = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
-    row = model.outlines.draw(rng, condition.attributes, domain=domain, **numbers)
-    agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
-    draw = _AgentDraw(rng, model.outlines.agents, model.codec)
-    agents = draw.fit(agents, condition.attributes)
-    num_known = 1
-    if known is not None and len(known.agent_mask):
-        agents = draw.replace(agents, np.asarray(agent_kinds(known, model.codec)))
-        num_known = len(known.agent_mask)
-    agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], condition.num_agents, num_known)
-    if known is not None and len(known.lane_mask):
-        lanes = np.asarray(lane_kinds(known))
-    else:
-        lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
-    return Outline(agents, lanes, int(model.outlines.domains[row]) if domain is None else domain)
-
-
-class _AgentDraw:
-    """Draws of agents' kinds; ``outlines`` are those from which kinds are drawn that a scene lacks."""
-
-    def __init__(self, rng: np.random.Generator, outlines: Int[np.ndarray, "scenes agents"], codec: SceneCodec):
-        self._rng, self._outlines, self._classes = rng, outlines, agent_digits(codec)[0]
-        large = self._classes - 1
-        self._classes_of = {
-            name: [codec.agent_types.index(one)] if one in codec.agent_types else [] for name, one in _COUNTED.items()
+        Raises:
+          ValueError: the parts do not fit each other; names the part.
+        """
+        if values.keys() != ATTRIBUTES.keys():
+            raise ValueError("outlines were measured with another table of attributes")
+        checked = {
+            name: [attribute.check_measured(value) for value in values[name]] for name, attribute in ATTRIBUTES.items()
         }
-        self._classes_of["vehicles"].append(large)
-        self._classes_of[_LARGE] = [large]
+        outlines = cls(**{name: arrays[name] for name in ARRAYS}, values=checked)
+        outlines.check()
+        return outlines
 
-    def fit(self, kinds: Kinds, request: Mapping[str, Any]) -> Kinds:
-        """Kinds whose numbers fulfill the request, its parts and events included."""
-        least = least_numbers(request)
-        for name in (_LARGE, *_COUNTED):
-            _, high = request.get(name, (0, None))
-            are_members = self._members(kinds, name)
-            missing = int(least.get(name, 0)) - int(are_members.sum())
-            if missing > 0:
-                kinds = self._insert(kinds, name, missing)
-            elif high is not None and are_members.sum() > high:
-                few = self._members(kinds, _LARGE) if least.get(_LARGE, 0) else np.zeros_like(are_members)
-                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), few)
-        return kinds
+    def check(self) -> None:
+        """Whether the parts fit each other.
 
-    def replace(self, kinds: Kinds, known: Kinds) -> Kinds:
-        """The kinds of known agents, the ego first, and the others without as many of the same classes."""
-        for kind in known[1:]:
-            same = np.flatnonzero(kinds[1:] % self._classes == kind % self._classes)
-            if len(same):
-                kinds = np.delete(kinds, 1 + self._rng.choice(same))
-        return np.concatenate([known, kinds[1:]])
+        Raises:
+          ValueError: names the part.
+        """
+        scenes = len(self.domains)
+        for name, ndim in (("lanes", 2), ("agents", 2), ("domains", 1), ("measured", 2)):
+            array = np.asarray(getattr(self, name))
+            if array.dtype.kind != "i" or array.ndim != ndim or len(array) != scenes or not scenes:
+                raise ValueError(f"outlines: {name} has shape {array.shape} and type {array.dtype}")
+        sizes = np.array([len(self.values.get(name, ())) for name in ATTRIBUTES])
+        if self.measured.shape[1:] != sizes.shape or ((self.measured < 0) | (self.measured >= sizes)).any():
+            raise ValueError("outlines: measured points outside values")
 
-    def _members(self, kinds: Kinds, name: str) -> np.ndarray:
-        are_members = (kinds >= 0) & np.isin(kinds % self._classes, self._classes_of[name])
-        are_members[:1] = False
-        return are_members
+    def __len__(self) -> int:
+        return len(self.domains)
 
-    def _insert(self, kinds: Kinds, name: str, number: int) -> Kinds:
-        """``number`` more agents at random places, of kinds that such agents have here or elsewhere."""
-        class_ = self._classes_of[name][:1]
-        for pool in (kinds[1:], self._outlines[:, 1:].ravel()):
-            pool = pool[(pool >= 0) & np.isin(pool % self._classes, class_)]
-            if len(pool):
-                places = self._rng.integers(1, len(kinds) + 1, number)
-                return np.insert(kinds, places, self._rng.choice(pool, number))
-        return kinds
+    def count_held(self, request: Mapping[str, Any]) -> Int[np.ndarray, " scenes"]:
+        """Of every scene, how many attributes of a request in its normal form it shows."""
+        held = np.zeros(len(self), np.int32)
+        for column, (name, attribute) in enumerate(ATTRIBUTES.items()):
+            if name in request:
+                fits = np.array([attribute.holds(request[name], value) for value in self.values[name]], bool)
+                held += fits[self.measured[:, column]]
+        return held
 
-    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int, last: np.ndarray) -> Kinds:
-        """Without ``number`` members drawn at random, those in ``last`` only where there are no others."""
-        order = self._rng.permutation(np.flatnonzero(are_members))
-        order = order[np.argsort(last[order], kind="stable")]
-        return np.delete(kinds, order[:number])
+    def draw(
+        self,
+        rng: np.random.Generator,
+        request: Mapping[str, Any],
+        *,
+        negative: Mapping[str, Any] | None = None,
+        domain: int | None = None,
+        num_lanes: int | None = None,
+        num_agents: int | None = None,
+    ) -> int:
+        """A scene of those that show most of the request.
+
+        Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers.
+        """
+        held = self.count_held(request)
+        rows = np.flatnonzero(held == held.max())
+        unwanted = self.count_held(negative or {})[rows]
+        rows = rows[unwanted == unwanted.min()]
+        rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
+        for kinds, number in ((self.lanes, num_lanes), (self.agents, num_agents)):
+            if number is not None:
+                distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
+                rows = rows[distance == distance.min()]
+        return int(rng.choice(rows))
 
 
-def _tokens(kinds: Kinds) -> Kinds:
-    return kinds[kinds != NO_KIND].astype(np.int32)
+def _those(rows: Int[np.ndarray, " n"], selected: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    return rows[selected] if selected.any() else rows
 
 
-def _cut_or_fill(rng: np.random.Generator, kinds: Kinds, number: int | None, first: int) -> Kinds:
-    """``number`` kinds: some left out at random after the ``first``, or ``NO_KIND`` added."""
-    if number is None:
-        return kinds
-    surplus = len(kinds) - number
-    if surplus > 0:
-        return np.delete(kinds, first + rng.permutation(len(kinds) - first)[:surplus])
-    return np.append(kinds, np.full(-surplus, NO_KIND, kinds.dtype))
+def _rounded(value: Any) -> Any:
+    return round(value * _TENTHS) / _TENTHS if isinstance(value, float) else value

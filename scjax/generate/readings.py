@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scjax.generate.conditions import Condition
@@ -18,8 +18,8 @@ _AGENTS = ("vehicles", "pedestrians", "cyclists", "static")
 def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptReader | None = None) -> list[Condition]:
     """The conditions with what their prompts ask for as attributes; given attributes win over read ones.
 
-    Conditions without a prompt stay as they are, and all of them do if the model's network reads prompts itself. Of
-    parts of a prompt that contradict each other none is taken.
+    Negative prompts become negative attributes. Conditions without a prompt stay as they are, and all of them do if the
+    model's network reads prompts itself. Of parts of a prompt that contradict each other none is taken.
 
     Args:
       reader: by default the one that ships.
@@ -32,11 +32,11 @@ def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptRe
 
 def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> list[Condition]:
     """As ``read_prompts``, whatever the model."""
-    prompts = [one.prompt for one in conditions if one.prompt is not None]
+    prompts = list(dict.fromkeys(text for one in conditions for text in one.prompts.values()))
     if not prompts:
         return list(conditions)
     requests = dict(zip(prompts, _requests(prompts, reader or load_reader()), strict=True))
-    return [one if one.prompt not in requests else _with_request(one, requests[one.prompt]) for one in conditions]
+    return [_with_requests(one, requests) for one in conditions]
 
 
 def reads_requests(model: Model) -> bool:
@@ -74,9 +74,13 @@ def _requests(prompts: Sequence[str], reader: PromptReader) -> list[dict[str, An
     return [_without_contradictions(reading.request, kept=()) for reading in reader(prompts)]
 
 
-def _with_request(condition: Condition, request: dict[str, Any]) -> Condition:
-    joint = _without_contradictions({**request, **condition.attributes}, kept=tuple(condition.attributes))
-    return dataclasses.replace(condition, attributes=joint)
+def _with_requests(condition: Condition, requests: Mapping[str, dict[str, Any]]) -> Condition:
+    changes = {}
+    for prompt, name in ((condition.prompt, "attributes"), (condition.negative_prompt, "negative_attributes")):
+        if prompt is not None:
+            given = getattr(condition, name)
+            changes[name] = _without_contradictions({**requests[prompt], **given}, kept=tuple(given))
+    return dataclasses.replace(condition, **changes)
 
 
 def _without_contradictions(request: dict[str, Any], kept: Sequence[str]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from scjax.data.token_order import sort_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
 from scjax.generate.model import Model
-from scjax.generate.outlines import draw_outline
+from scjax.generate.outline_draw import draw_outline
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
 from scjax.scene.per_type import PerType
@@ -53,6 +53,7 @@ class Request:
     known: KnownElements | None
     kinds: PerType | None = None
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    negative_attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def known_counts(self) -> tuple[int, int]:
@@ -120,7 +121,18 @@ def draw_request(
         least_lanes=num_known[1],
         least_agents=min(max(num_known[0], _least_agents(condition) if reads else 0), most),
     )
-    return Request(key, streams, condition.crop, domain, num_agents, num_lanes, elements, kinds, condition.attributes)
+    return Request(
+        key=key,
+        streams=streams,
+        crop=condition.crop,
+        domain=domain,
+        num_agents=num_agents,
+        num_lanes=num_lanes,
+        known=elements,
+        kinds=kinds,
+        attributes=condition.attributes,
+        negative_attributes=condition.negative_attributes,
+    )
 
 
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from scjax.generate.outlines import Outlines
 from scjax.language.attributes.table import measure_attributes
 from scjax.models.denoiser.kinds import NO_KIND
-from scjax.models.outlines import Outlines
 from scjax.scene import empty
 
 

@@ -28,6 +28,8 @@ from tests.factories.worlds import tiny_model
 def test_condition_refuses_faulty_attributes(attributes, message):
     with pytest.raises(ValueError, match=message):
         Condition(attributes=attributes)
+    with pytest.raises(ValueError, match=message.replace("attributes:", "negative_attributes:", 1)):
+        Condition(negative_attributes=attributes)
 
 
 def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
@@ -47,6 +49,7 @@ def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
     assert texts(reads, prompt="a road") == ["a road"]
     stored = dataclasses.replace(reads, prompts={"a road": Words.features("a road")})
     assert texts(stored, attributes=attributes, prompt="a road") == []
+    assert texts(model, negative_attributes=attributes, prompt="a road") == ["a road", text]
     assert Condition(attributes={"layout": "unspecified"}) == Condition()
 
 

@@ -1,141 +1,87 @@
-"""Kinds of the tokens of a scene to sample: those of an outline, with agents fitted to the request."""
+"""Outlines of scenes: which scene fulfills a request, and draws of one."""
 
 from __future__ import annotations
 
 import dataclasses
 
-import jax
 import numpy as np
 import pytest
 
-import scjax
-from scjax.generate.conditions import Condition
-from scjax.generate.counts import CountTables
-from scjax.generate.model import load_model, save_model
-from scjax.generate.outlines import draw_outline
-from scjax.generate.requests import draw_request
-from scjax.language.attributes.table import check_attributes
-from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agent_kinds, lane_kinds
-from scjax.scene import AgentType, Crop
-from tests.factories.outlines import outlines
-from tests.factories.repair_scenes import queue
-from tests.factories.worlds import tiny_model
+from scjax.generate.outlines import ARRAYS, Outlines
+from scjax.language.attributes.draw import draw_attributes
+from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from tests.factories.outlines import measurements, outlines
 
-CODEC = tiny_model().codec
-CLASSES = agent_digits(CODEC)[0]
-CAR, PERSON, CYCLIST, CONE = (
-    CODEC.agent_types.index(AgentType[name]) for name in ("VEHICLE", "PEDESTRIAN", "CYCLIST", "STATIC")
-)
-BUS, STANDING_CAR = CLASSES - 1, CAR + CLASSES
 ROWS = [
-    ((1, 2), (CAR, STANDING_CAR, CAR, PERSON), {"vehicles": 2, "pedestrians": 1, "layout": ("T",)}),
-    ((1, 2, 3), (CAR, CYCLIST, BUS, CONE), {"cyclists": 1, "vehicles": 1, "large": 1, "static": 1}),
+    ((1, 2), (0, 1), {"layout": ("T", "intersection"), "vehicles": 1, "gap_ahead": 12.34}),
+    ((1, 2, 3), (0, 1, 1), {"layout": ("T", "intersection"), "vehicles": 2, "signal": ("red",)}),
+    ((1,), (0,), {"layout": ("straight",), "event": ("work-zone", "jaywalker"), "queue": True}),
 ]
 
 
-def _model(**changes):
-    model = tiny_model(agent_kinds=agent_digits(CODEC), lane_kinds=LANE_DIGITS, **changes)
-    return dataclasses.replace(model, outlines=outlines(*ROWS))
+def _draws(number=60, request=None, **options):
+    rng, known = np.random.default_rng(0), outlines(*ROWS, domains=options.pop("domains", None))
+    return {known.draw(rng, check_attributes(request or {}), **options) for _ in range(number)}
 
 
-def _outline(request=None, known=None, seed=0, **options):
-    condition = Condition(attributes=check_attributes(request or {}), **options)
-    return draw_outline(np.random.default_rng(seed), condition, None, known, _model())
+def test_scenes_hold_what_their_measurements_hold():
+    known, rng = outlines(*ROWS), np.random.default_rng(0)
+    for _ in range(50):
+        request = draw_attributes(measurements(**ROWS[rng.integers(3)][2]), rng)
+        expected = [
+            sum(ATTRIBUTES[name].holds(value, measurements(**row[2])[name]) for name, value in request.items())
+            for row in ROWS
+        ]
+        held = known.count_held(request)
+        assert np.abs(held - expected).max() <= int("gap_ahead" in request)  # kept to 0.1 m
+    assert known.count_held({"layout": "T", "event": ("jaywalker",)}).tolist() == [1, 1, 1]
 
 
-def _numbers(request=None, **options):
-    """Of the agents besides the ego: vehicles, people, cyclists, static objects, large vehicles."""
-    classes = _outline(request, **options).agents[1:] % CLASSES
-    cars, buses = (classes == CAR).sum(), (classes == BUS).sum()
-    return [cars + buses, *((classes == one).sum() for one in (PERSON, CYCLIST, CONE)), buses]
+def test_draws_show_most_of_the_request():
+    assert _draws(request={"layout": "T"}) == {0, 1}
+    assert _draws(request={"layout": "T", "signal": "red"}) == {1}
+    assert _draws(request={"layout": "straight", "vehicles": 5}) == {2}
+    assert _draws() == {0, 1, 2}
 
 
-def test_kinds_are_those_of_a_scene_that_fulfills_the_request():
-    outline = _outline({"layout": "T"})
-    assert outline.agents.tolist() == list(ROWS[0][1]) and outline.lanes.tolist() == [1, 2]
+def test_draws_show_least_of_what_is_negative():
+    assert _draws(request={"layout": "T"}, negative={"signal": "red"}) == {0}
+    assert _draws(request={"signal": "red"}, negative={"signal": "red"}) == {1}
 
 
-@pytest.mark.parametrize(
-    ("request_", "expected"),
-    [
-        ({"layout": "T", "vehicles": 5}, [5, 1, 0, 0, 0]),
-        ({"layout": "T", "vehicles": 0}, [0, 1, 0, 0, 0]),
-        ({"layout": "T", "large": 1, "vehicles": 2}, [2, 1, 0, 0, 1]),
-        ({"layout": "T", "vehicles": 2, "pedestrians": 0}, [2, 0, 0, 0, 0]),
-        ({"layout": "T", "vehicles": 2, "cyclists": [2, 3]}, [2, 1, 2, 0, 0]),
-        ({"layout": "T", "event": ["work-zone"]}, [2, 1, 0, 3, 0]),
-        ({"layout": "T", "parked": 4}, [4, 1, 0, 0, 0]),
-        ({"cyclists": 1, "static": 1, "large": 0}, [0, 0, 1, 1, 0]),
-    ],
-)
-def test_agents_are_added_and_left_out_to_the_numbers_of_the_request(request_, expected):
-    for seed in range(5):
-        assert _numbers(request_, seed=seed) == expected
+def test_draws_are_of_the_domain_and_nearest_in_numbers():
+    assert _draws(domains=[0, 1, 1], domain=1) == {1, 2}
+    assert _draws(domains=[0, 0, 0], domain=1) == {0, 1, 2}
+    assert _draws(num_lanes=9) == {1}
+    assert _draws(num_agents=1) == {2}
+    assert _draws(request={"layout": "T"}, num_lanes=1) == {0}
 
 
-def test_numbers_of_the_condition_hold():
-    outline = _outline(num_agents=7, num_lanes=4)
-    assert len(outline.agents) == 7 and (outline.agents == NO_KIND).sum() == 3
-    assert len(outline.lanes) == 4 and outline.lanes[-1] == NO_KIND
-    outline = _outline(num_agents=2, num_lanes=1)
-    assert len(outline.agents) == 2 and len(outline.lanes) == 1
-    assert outline.agents[0] == CAR
-
-
-def test_known_agents_come_first_and_count():
-    known = queue(6.0, cars=3)
-    outline = _outline({"layout": "T", "vehicles": 5}, known=known)
-    assert outline.agents[:3].tolist() == agent_kinds(known, CODEC).tolist()
-    assert (outline.agents[1:] % CLASSES == CAR).sum() == 5
-
-
-def test_of_known_lanes_alone_the_kind_is_known():
-    known = queue(6.0, cars=3)
-    assert _outline(known=known).lanes.tolist() == lane_kinds(known).tolist()
-
-
-def test_the_network_decides_on_other_windows_and_without_outlines():
-    assert _outline(crop=Crop.FORWARD) is None
-    without = dataclasses.replace(_model(), outlines=None)
-    assert draw_outline(np.random.default_rng(0), Condition(), None, None, without) is None
-
-
-def test_scenes_have_the_numbers_of_their_outline(tmp_path):
-    """Also of a model that was written and read."""
-    model = load_model(save_model(_model(), tmp_path / "model"))
-    condition = Condition(attributes={"pedestrians": (1, 1)})
-    request = draw_request(jax.random.key(0), condition, {}, model, CountTables(model))
-    assert (request.num_agents, request.num_lanes) == (4, 2)
-    scene = scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
-    assert (scene.num_agents, scene.num_lanes) == (4, 2)
-
-
-def test_scenes_with_known_lanes_are_sampled():
-    known = queue(6.0, cars=3)
-    condition = Condition(known=known, num_agents=4, num_lanes=int(known.num_lanes) + 1)
-    scene = scjax.sample(jax.random.key(0), condition, model=_model(), num_steps=2)[0]
-    np.testing.assert_array_equal(scene.agents[:3], known.agents[:3])
-
-
-def test_kinds_change_what_is_sampled():
-    condition = Condition(num_lanes=2, num_agents=4)
-    scenes = [
-        scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
-        for model in (_model(), dataclasses.replace(_model(), outlines=None))
-    ]
-    assert np.abs(scenes[0].agents - scenes[1].agents).max() > 1e-3
+def test_outlines_survive_files():
+    known = outlines(*ROWS)
+    arrays = {name: getattr(known, name) for name in ARRAYS}
+    again = Outlines.from_files(arrays, {name: [_json(value) for value in known.values[name]] for name in known.values})
+    request = {"layout": "T", "gap_ahead": (12, 13)}
+    assert again.count_held(request).tolist() == known.count_held(request).tolist() == [2, 1, 0]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lanes": np.full((2, 4), 5000, np.int16)}, "lanes has kinds that the denoiser does not know"),
-        ({"agents": np.full((2, 8), -2, np.int16)}, "agents has kinds that the denoiser does not know"),
-        ({"domains": np.full(2, 9, np.int16)}, "domains are outside those of the model"),
-        ({"agents": np.zeros((2, 200), np.int16)}, "fewer lanes or agents at most"),
+        ({"measured": np.full((3, len(ATTRIBUTES)), 50, np.int16)}, "measured points outside values"),
+        ({"domains": np.zeros(2, np.int16)}, r"lanes has shape \(3, 4\)"),
+        ({"agents": np.zeros((3, 2))}, "agents has shape"),
     ],
 )
-def test_faulty_outlines_are_not_saved(change, message, tmp_path):
-    faulty = dataclasses.replace(outlines(*ROWS), **change)
+def test_parts_that_do_not_fit_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
-        save_model(dataclasses.replace(_model(), outlines=faulty), tmp_path / "model")
+        dataclasses.replace(outlines(*ROWS), **change).check()
+
+
+def test_outlines_of_another_table_are_refused():
+    with pytest.raises(ValueError, match="another table of attributes"):
+        Outlines.from_files({}, {"layout": []})
+
+
+def _json(value):
+    return list(value) if isinstance(value, tuple) else value

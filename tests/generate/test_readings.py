@@ -46,6 +46,12 @@ def test_prompts_become_attributes(model, reader):
     assert second == conditions[1]
 
 
+def test_negative_prompts_become_negative_attributes(model, reader):
+    condition = Condition(prompt="purple", negative_prompt="two cars at a T", negative_attributes={"layout": "Y"})
+    (read,) = read_prompts([condition], model, reader)
+    assert read.attributes == {} and read.negative_attributes == {"layout": "Y", "vehicles": (2, 2)}
+
+
 def test_given_attributes_win_over_read_ones(model, reader):
     condition = Condition(prompt="two cars at a T", attributes={"layout": "Y", "pedestrians": 1})
     (read,) = read_prompts([condition], model, reader)

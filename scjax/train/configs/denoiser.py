@@ -54,8 +54,8 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
     # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
     config.condition = "none"
-    # Whether kinds of agents are read as well, and requests for attributes, drawn from what python -m scjax.data
-    # attributes has measured.
+    # Whether kinds of lanes and agents are read as well, and requests for attributes, drawn from what
+    # python -m scjax.data attributes has measured.
     config.attributes = False
     # Model folder of a denoiser to start from, e.g. the unconditional base of a text model; "shipped": the package's.
     config.init_from = ""

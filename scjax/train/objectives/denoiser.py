@@ -24,6 +24,7 @@ from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
+from scjax.generate.outlines import Outlines
 from scjax.generate.sample import sample_scenes
 from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
@@ -34,7 +35,6 @@ from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCon
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
 from scjax.models.denoiser.model import denoiser
-from scjax.models.outlines import Outlines
 from scjax.nn import random
 from scjax.nn.cross_attention import from_name
 from scjax.nn.functional import Functional, Params, Path, flatten, unflatten

@@ -9,9 +9,9 @@ from scjax.data import records
 from scjax.data.loader import Bucket, clip_counts
 from scjax.data.measurements import MeasuredRecords
 from scjax.data.token_order import sort_tokens
+from scjax.generate.outlines import Outlines
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.kinds import agent_kinds, lane_kinds
-from scjax.models.outlines import Outlines
 from scjax.scene import Scene, pad, stack
 from scjax.scene.per_type import PerType
 

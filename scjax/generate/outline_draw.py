@@ -1,0 +1,143 @@
+"""The kinds of all tokens of a scene to sample, for networks that read kinds: an outline fitted to the request."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from scjax.generate.components import Model
+from scjax.generate.conditions import Condition
+from scjax.language.attributes.contradictions import least_numbers
+from scjax.models.codec import SceneCodec
+from scjax.models.denoiser.kinds import NO_KIND, agent_digits, agent_kinds, lane_kinds
+from scjax.scene import AgentType, Crop, Scene
+
+Kinds = Int[np.ndarray, "_"]
+
+_LARGE = "large"
+_COUNTED = {
+    "vehicles": AgentType.VEHICLE,
+    "pedestrians": AgentType.PEDESTRIAN,
+    "cyclists": AgentType.CYCLIST,
+    "static": AgentType.STATIC,
+}  # attributes that count agents of a class, besides the ego
+
+
+@dataclasses.dataclass(frozen=True)
+class Outline:
+    """Kinds of the tokens of one scene, in token order; known elements come first.
+
+    Attributes:
+      lanes: of the known lanes alone, if there are any: how many more there are is open.
+      domain: index of the domain.
+    """
+
+    agents: Kinds
+    lanes: Kinds
+    domain: int
+
+
+def draw_outline(
+    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene | None, model: Model
+) -> Outline | None:
+    """An outline of the training that shows most of the request, with agents added or left out to its numbers.
+
+    Args:
+      domain: None: any.
+      known: known elements in token order, unpadded; None: none.
+
+    Returns:
+      None where the network decides: the model has no outlines, or the window is not centered on the ego.
+    """
+    if model.outlines is None or not model.denoiser.config.agent_kinds or condition.crop != Crop.CENTERED:
+        return None
+    numbers = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
+    negative = condition.negative_attributes
+    row = model.outlines.draw(rng, condition.attributes, negative=negative, domain=domain, **numbers)
+    agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
+    draw = _AgentDraw(rng, model.outlines.agents, model.codec)
+    agents = draw.fit(agents, condition.attributes)
+    num_known = 1
+    if known is not None and len(known.agent_mask):
+        agents = draw.replace(agents, np.asarray(agent_kinds(known, model.codec)))
+        num_known = len(known.agent_mask)
+    agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], condition.num_agents, num_known)
+    if known is not None and len(known.lane_mask):
+        lanes = np.asarray(lane_kinds(known))
+    else:
+        lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
+    return Outline(agents, lanes, int(model.outlines.domains[row]) if domain is None else domain)
+
+
+class _AgentDraw:
+    """Draws of agents' kinds; ``outlines`` are those from which kinds are drawn that a scene lacks."""
+
+    def __init__(self, rng: np.random.Generator, outlines: Int[np.ndarray, "scenes agents"], codec: SceneCodec):
+        self._rng, self._outlines, self._classes = rng, outlines, agent_digits(codec)[0]
+        large = self._classes - 1
+        self._classes_of = {
+            name: [codec.agent_types.index(one)] if one in codec.agent_types else [] for name, one in _COUNTED.items()
+        }
+        self._classes_of["vehicles"].append(large)
+        self._classes_of[_LARGE] = [large]
+
+    def fit(self, kinds: Kinds, request: Mapping[str, Any]) -> Kinds:
+        """Kinds whose numbers fulfill the request, its parts and events included."""
+        least = least_numbers(request)
+        for name in (_LARGE, *_COUNTED):
+            _, high = request.get(name, (0, None))
+            are_members = self._members(kinds, name)
+            missing = int(least.get(name, 0)) - int(are_members.sum())
+            if missing > 0:
+                kinds = self._insert(kinds, name, missing)
+            elif high is not None and are_members.sum() > high:
+                few = self._members(kinds, _LARGE) if least.get(_LARGE, 0) else np.zeros_like(are_members)
+                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), few)
+        return kinds
+
+    def replace(self, kinds: Kinds, known: Kinds) -> Kinds:
+        """The kinds of known agents, the ego first, and the others without as many of the same classes."""
+        for kind in known[1:]:
+            same = np.flatnonzero(kinds[1:] % self._classes == kind % self._classes)
+            if len(same):
+                kinds = np.delete(kinds, 1 + self._rng.choice(same))
+        return np.concatenate([known, kinds[1:]])
+
+    def _members(self, kinds: Kinds, name: str) -> np.ndarray:
+        are_members = (kinds >= 0) & np.isin(kinds % self._classes, self._classes_of[name])
+        are_members[:1] = False
+        return are_members
+
+    def _insert(self, kinds: Kinds, name: str, number: int) -> Kinds:
+        """``number`` more agents at random places, of kinds that such agents have here or elsewhere."""
+        class_ = self._classes_of[name][:1]
+        for pool in (kinds[1:], self._outlines[:, 1:].ravel()):
+            pool = pool[(pool >= 0) & np.isin(pool % self._classes, class_)]
+            if len(pool):
+                places = self._rng.integers(1, len(kinds) + 1, number)
+                return np.insert(kinds, places, self._rng.choice(pool, number))
+        return kinds
+
+    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int, last: np.ndarray) -> Kinds:
+        """Without ``number`` members drawn at random, those in ``last`` only where there are no others."""
+        order = self._rng.permutation(np.flatnonzero(are_members))
+        order = order[np.argsort(last[order], kind="stable")]
+        return np.delete(kinds, order[:number])
+
+
+def _tokens(kinds: Kinds) -> Kinds:
+    return kinds[kinds != NO_KIND].astype(np.int32)
+
+
+def _cut_or_fill(rng: np.random.Generator, kinds: Kinds, number: int | None, first: int) -> Kinds:
+    """``number`` kinds: some left out at random after the ``first``, or ``NO_KIND`` added."""
+    if number is None:
+        return kinds
+    surplus = len(kinds) - number
+    if surplus > 0:
+        return np.delete(kinds, first + rng.permutation(len(kinds) - first)[:surplus])
+    return np.append(kinds, np.full(-surplus, NO_KIND, kinds.dtype))

@@ -1,0 +1,141 @@
+"""Kinds of the tokens of a scene to sample: those of an outline, with agents fitted to the request."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import scjax
+from scjax.generate.conditions import Condition
+from scjax.generate.counts import CountTables
+from scjax.generate.model import load_model, save_model
+from scjax.generate.outline_draw import draw_outline
+from scjax.generate.requests import draw_request
+from scjax.language.attributes.table import check_attributes
+from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agent_kinds, lane_kinds
+from scjax.scene import AgentType, Crop
+from tests.factories.outlines import outlines
+from tests.factories.repair_scenes import queue
+from tests.factories.worlds import tiny_model
+
+CODEC = tiny_model().codec
+CLASSES = agent_digits(CODEC)[0]
+CAR, PERSON, CYCLIST, CONE = (
+    CODEC.agent_types.index(AgentType[name]) for name in ("VEHICLE", "PEDESTRIAN", "CYCLIST", "STATIC")
+)
+BUS, STANDING_CAR = CLASSES - 1, CAR + CLASSES
+ROWS = [
+    ((1, 2), (CAR, STANDING_CAR, CAR, PERSON), {"vehicles": 2, "pedestrians": 1, "layout": ("T",)}),
+    ((1, 2, 3), (CAR, CYCLIST, BUS, CONE), {"cyclists": 1, "vehicles": 1, "large": 1, "static": 1}),
+]
+
+
+def _model(**changes):
+    model = tiny_model(agent_kinds=agent_digits(CODEC), lane_kinds=LANE_DIGITS, **changes)
+    return dataclasses.replace(model, outlines=outlines(*ROWS))
+
+
+def _outline(request=None, known=None, seed=0, **options):
+    condition = Condition(attributes=check_attributes(request or {}), **options)
+    return draw_outline(np.random.default_rng(seed), condition, None, known, _model())
+
+
+def _numbers(request=None, **options):
+    """Of the agents besides the ego: vehicles, people, cyclists, static objects, large vehicles."""
+    classes = _outline(request, **options).agents[1:] % CLASSES
+    cars, buses = (classes == CAR).sum(), (classes == BUS).sum()
+    return [cars + buses, *((classes == one).sum() for one in (PERSON, CYCLIST, CONE)), buses]
+
+
+def test_kinds_are_those_of_a_scene_that_fulfills_the_request():
+    outline = _outline({"layout": "T"})
+    assert outline.agents.tolist() == list(ROWS[0][1]) and outline.lanes.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("request_", "expected"),
+    [
+        ({"layout": "T", "vehicles": 5}, [5, 1, 0, 0, 0]),
+        ({"layout": "T", "vehicles": 0}, [0, 1, 0, 0, 0]),
+        ({"layout": "T", "large": 1, "vehicles": 2}, [2, 1, 0, 0, 1]),
+        ({"layout": "T", "vehicles": 2, "pedestrians": 0}, [2, 0, 0, 0, 0]),
+        ({"layout": "T", "vehicles": 2, "cyclists": [2, 3]}, [2, 1, 2, 0, 0]),
+        ({"layout": "T", "event": ["work-zone"]}, [2, 1, 0, 3, 0]),
+        ({"layout": "T", "parked": 4}, [4, 1, 0, 0, 0]),
+        ({"cyclists": 1, "static": 1, "large": 0}, [0, 0, 1, 1, 0]),
+    ],
+)
+def test_agents_are_added_and_left_out_to_the_numbers_of_the_request(request_, expected):
+    for seed in range(5):
+        assert _numbers(request_, seed=seed) == expected
+
+
+def test_numbers_of_the_condition_hold():
+    outline = _outline(num_agents=7, num_lanes=4)
+    assert len(outline.agents) == 7 and (outline.agents == NO_KIND).sum() == 3
+    assert len(outline.lanes) == 4 and outline.lanes[-1] == NO_KIND
+    outline = _outline(num_agents=2, num_lanes=1)
+    assert len(outline.agents) == 2 and len(outline.lanes) == 1
+    assert outline.agents[0] == CAR
+
+
+def test_known_agents_come_first_and_count():
+    known = queue(6.0, cars=3)
+    outline = _outline({"layout": "T", "vehicles": 5}, known=known)
+    assert outline.agents[:3].tolist() == agent_kinds(known, CODEC).tolist()
+    assert (outline.agents[1:] % CLASSES == CAR).sum() == 5
+
+
+def test_of_known_lanes_alone_the_kind_is_known():
+    known = queue(6.0, cars=3)
+    assert _outline(known=known).lanes.tolist() == lane_kinds(known).tolist()
+
+
+def test_the_network_decides_on_other_windows_and_without_outlines():
+    assert _outline(crop=Crop.FORWARD) is None
+    without = dataclasses.replace(_model(), outlines=None)
+    assert draw_outline(np.random.default_rng(0), Condition(), None, None, without) is None
+
+
+def test_scenes_have_the_numbers_of_their_outline(tmp_path):
+    """Also of a model that was written and read."""
+    model = load_model(save_model(_model(), tmp_path / "model"))
+    condition = Condition(attributes={"pedestrians": (1, 1)})
+    request = draw_request(jax.random.key(0), condition, {}, model, CountTables(model))
+    assert (request.num_agents, request.num_lanes) == (4, 2)
+    scene = scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
+    assert (scene.num_agents, scene.num_lanes) == (4, 2)
+
+
+def test_scenes_with_known_lanes_are_sampled():
+    known = queue(6.0, cars=3)
+    condition = Condition(known=known, num_agents=4, num_lanes=int(known.num_lanes) + 1)
+    scene = scjax.sample(jax.random.key(0), condition, model=_model(), num_steps=2)[0]
+    np.testing.assert_array_equal(scene.agents[:3], known.agents[:3])
+
+
+def test_kinds_change_what_is_sampled():
+    condition = Condition(num_lanes=2, num_agents=4)
+    scenes = [
+        scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
+        for model in (_model(), dataclasses.replace(_model(), outlines=None))
+    ]
+    assert np.abs(scenes[0].agents - scenes[1].agents).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lanes": np.full((2, 4), 5000, np.int16)}, "lanes has kinds that the denoiser does not know"),
+        ({"agents": np.full((2, 8), -2, np.int16)}, "agents has kinds that the denoiser does not know"),
+        ({"domains": np.full(2, 9, np.int16)}, "domains are outside those of the model"),
+        ({"agents": np.zeros((2, 200), np.int16)}, "fewer lanes or agents at most"),
+    ],
+)
+def test_faulty_outlines_are_not_saved(change, message, tmp_path):
+    faulty = dataclasses.replace(outlines(*ROWS), **change)
+    with pytest.raises(ValueError, match=message):
+        save_model(dataclasses.replace(_model(), outlines=faulty), tmp_path / "model")
