@@ -16,7 +16,7 @@ from scjax.models.denoiser.model import denoiser
 from scjax.scene import POINTS_PER_LANE, AgentType, Link, Signal, empty, pad
 from scjax.scene.per_type import PerType
 
-DIRECTION, TURN, SIGNAL, JOINTS, LEVEL = range(len(LANE_DIGITS))
+DIRECTION, TURN, SIGNAL, JOINTS, LEVEL, SIDE, LENGTH = range(len(LANE_DIGITS))
 LARGE = len(codec.scjax().agent_types)
 
 
@@ -30,6 +30,7 @@ def _lanes(*arcs):
     scene = empty(1, len(arcs))
     scene.lanes[..., :2] = [_arc(*arc) for arc in arcs]
     scene.lane_mask[:] = True
+    scene.agents[0, 4] = 1.0
     return scene
 
 
@@ -79,6 +80,15 @@ def test_joints_of_lanes():
     assert _digit(scene, JOINTS) == [1, 0, 0, 2, 4]
 
 
+def test_lanes_are_below_the_ego_or_abreast_of_it():
+    scene = _lanes(*[((-10, y), 0, 0) for y in (0.5, 4.0, -4.0, 20.0)], ((10, 4), 0, 0), ((30, 4), 180, 0, 60))
+    assert _digit(scene, SIDE) == [1, 2, 3, 0, 0, 2]
+
+
+def test_lengths_of_lanes():
+    assert _digit(_lanes(*[((0, 0), 0, 80, length) for length in (5, 15, 40)]), LENGTH) == [0, 1, 2]
+
+
 def test_agents_have_classes_and_large_vehicles_are_one():
     own = codec.scjax()
     classes = [own.agent_types.index(one) for one in _agents().agent_types]
@@ -86,16 +96,28 @@ def test_agents_have_classes_and_large_vehicles_are_one():
     assert digits_of(agent_kinds(_agents(), own), agent_digits(own))[0].tolist() == classes
 
 
-def test_agents_stand_have_a_direction_and_are_on_lanes():
+def test_agents_have_speeds_and_directions_and_are_on_lanes():
     scene = _agents()
-    scene.agents[1:, 3] = (0.0, 1.0, 0.0, 9.0)
+    scene.agents[1:, 3] = (0.2, 1.0, 5.0, 15.0)
     scene.agents[2, 4:6] = (0.0, -1.0)
-    scene.agents[3:, 1] = (3.0, 1.0)
+    scene.agents[3:, 1] = (1.6, 1.2)
     own = codec.scjax()
-    _, stands, direction, on_lane = digits_of(agent_kinds(scene, own), agent_digits(own))
-    assert stands.tolist() == [1, 1, 0, 1, 0]
+    _, speed, direction, on_lane, _ = digits_of(agent_kinds(scene, own), agent_digits(own))
+    assert speed.tolist() == [0, 0, 1, 2, 3]
     assert direction.tolist() == [0, 0, 3, 0, 0]
     assert on_lane.tolist() == [1, 1, 1, 0, 1]
+
+
+@pytest.mark.parametrize("heading", [0.0, 120.0])
+def test_agents_are_ahead_behind_left_or_right_of_the_ego(heading):
+    scene, own = _agents(), codec.scjax()
+    places = np.array([(0, 0), (9, 1), (-9, -1), (20, 4), (-20, -4)], float)
+    cos, sin = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
+    scene.agents[:, :2] = places @ np.array([[cos, sin], [-sin, cos]]) + 3.0
+    scene.agents[:, 4:6] = (cos, sin)
+    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist()[1:] == [1, 2, 3, 4]
+    scene.agents[1, :2] += 50.0
+    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist()[1] == 0
 
 
 def test_padding_has_no_kind_and_changes_none():

@@ -1,7 +1,7 @@
-"""Kinds of lanes and agents that the denoiser may be given: what each one is, roughly, but not where.
+"""Kinds of lanes and agents that the denoiser may be given: what each one is, roughly.
 
-A kind is a whole number made of a few small ones, its digits: for a lane its direction, turn, signal, joints and level;
-for an agent its class, whether it stands, its direction and whether it is on a lane.
+A kind is a whole number made of a few small ones, its digits: for a lane its direction, turn, signal, joints, level,
+side of the ego and length; for an agent its class, speed, direction, whether it is on a lane, and its side of the ego.
 """
 
 from __future__ import annotations
@@ -11,27 +11,33 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int, Real
+from jaxtyping import Array, Bool, Int, Real
 
 from scjax.models.codec import SceneCodec
 from scjax.scene import TILE_SIZE, AgentType, Crop, Link, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.scene import LARGE_LENGTH
+from scjax.scene.scene import LARGE_LENGTH, AnyArray
 
 NO_KIND = -1
 """Kind of an element about which the network decides, and of padding."""
 
-LANE_DIGITS = (4, 3, len(Signal), 5, 3)
-"""Sizes of a lane's digits: direction at its start, turn, signal, joints, level."""
+LANE_DIGITS = (4, 3, len(Signal), 5, 3, 4, 3)
+"""Sizes of a lane's digits: direction at its start, turn, signal, joints, level, side of the ego, length."""
 
-_AGENT_DIGITS = (2, 4, 2)  # besides the class: stands or not, direction, on a lane or not
+_AGENT_DIGITS = (4, 4, 2, 5)  # besides the class: speed, direction, on a lane or not, side of the ego
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
 _MIN_TURN = np.deg2rad(25.0)
 _MIN_LEVEL = 3.0  # m above or below the ego's ground
 _BORDER = 2.0  # m from the window's border, where lanes are cut
-_STANDING = 0.5  # m/s
-_ON_LANE = 2.3  # m between the box center and the nearest point of a lane
+_LENGTHS = (10.0, 25.0)  # m
+_SPEEDS = (0.5, 4.0, 12.0)  # m/s
+_ON_LANE = 1.4  # m from the middle of a lane
+_NEAR = 3.0  # m between a box center and the points of its lane
+_SIDE = 1.8  # m to the left or right of the ego
+_MOST_BESIDE = 5.4  # m, agents of the next lane
+_ROAD = 14.0  # m, lanes of the ego's road
+_ABREAST = 2.0  # m ahead of or behind the ego
 
 
 def agent_digits(codec: SceneCodec) -> tuple[int, ...]:
@@ -52,6 +58,8 @@ def lane_kinds(scene: Scene) -> Int[Array, "*b lanes"]:
         jnp.asarray(scene.signals),
         _joints(lanes[..., -1, :2], links, jnp.asarray(scene.crop)),
         jnp.where(level > _MIN_LEVEL, 1, jnp.where(level < -_MIN_LEVEL, 2, 0)),
+        _side_of_lanes(scene),
+        _class_of(jnp.hypot(steps[..., 0], steps[..., 1]).sum(-1), _LENGTHS),
     )
     return jnp.where(scene.lane_mask, _kind(digits, LANE_DIGITS), NO_KIND)
 
@@ -65,9 +73,10 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     classes = jnp.where(is_large, len(codec.agent_types), jnp.asarray(class_of)[types])
     digits = (
         classes,
-        agents[..., _SPEED] < _STANDING,
+        _class_of(agents[..., _SPEED], _SPEEDS),
         _quadrant(jnp.arctan2(agents[..., _COS + 1], agents[..., _COS])),
         _is_on_lane(agents[..., :2], scene),
+        _side_of_agents(scene),
     )
     known = scene.agent_mask & (classes != NO_KIND)
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
@@ -101,8 +110,54 @@ def _joints(ends: Real[Array, "*b lanes 2"], links: Int[Array, "*b lanes lanes"]
     return jnp.where(ends_inside, 4, (after > 1) + 2 * (before > 1))
 
 
-def _is_on_lane(centers: Real[Array, "*b agents 2"], scene: Scene):
-    lanes, lane_mask = jnp.asarray(scene.lanes)[..., :2], jnp.asarray(scene.lane_mask)
-    offsets = centers[..., :, None, None, :] - lanes[..., None, :, :, :]
-    near = ((offsets**2).sum(-1) < _ON_LANE**2) & lane_mask[..., None, :, None]
-    return near.any((-2, -1))
+def _is_on_lane(centers: Real[Array, "*b agents 2"], scene: Scene) -> Bool[Array, "*b agents"]:
+    """Whether a center is near a point of a lane and near the line through it."""
+    lanes = jnp.asarray(scene.lanes)[..., :2]
+    if not lanes.shape[-3]:
+        return jnp.zeros(centers.shape[:-1], bool)
+    steps = lanes[..., 1:, :] - lanes[..., :-1, :]
+    shape = (*lanes.shape[:-3], 1, lanes.shape[-3] * lanes.shape[-2], 2)
+    points, headings = lanes.reshape(shape), jnp.concatenate([steps, steps[..., -1:, :]], -2).reshape(shape)
+    offsets = centers[..., :, None, :] - points
+    squares = jnp.where(_of_points(scene.lane_mask, lanes.shape[-2]), (offsets**2).sum(-1), jnp.inf)
+    nearest = squares.argmin(-1, keepdims=True)[..., None]
+    offset = jnp.take_along_axis(offsets, nearest, -2)[..., 0, :]
+    heading = jnp.take_along_axis(jnp.broadcast_to(headings, offsets.shape), nearest, -2)[..., 0, :]
+    across = offset[..., 0] * heading[..., 1] - offset[..., 1] * heading[..., 0]
+    is_in_middle = jnp.abs(across) <= _ON_LANE * jnp.hypot(heading[..., 0], heading[..., 1])
+    return is_in_middle & (squares.min(-1) < _NEAR**2)
+
+
+def _of_points(lane_mask: Bool[AnyArray, "*b lanes"], points: int) -> Bool[Array, "*b 1 rows"]:
+    return jnp.repeat(jnp.asarray(lane_mask), points, axis=-1)[..., None, :]
+
+
+def _from_ego(points: Real[Array, "*b n 2"], scene: Scene) -> Real[Array, "*b n 2"]:
+    """Points in the frame of agent 0."""
+    ego = jnp.asarray(scene.agents)[..., :1, :]
+    offsets, cos, sin = points - ego[..., :2], ego[..., _COS], ego[..., _COS + 1]
+    x, y = offsets[..., 0], offsets[..., 1]
+    return jnp.stack([cos * x + sin * y, cos * y - sin * x], -1)
+
+
+def _side_of_agents(scene: Scene) -> Int[Array, "*b agents"]:
+    """0: none of these; 1: ahead of the ego; 2: behind it; 3: in the lane to its left; 4: to its right."""
+    x, y = jnp.moveaxis(_from_ego(jnp.asarray(scene.agents)[..., :2], scene), -1, 0)
+    beside = jnp.where(jnp.abs(y) > _MOST_BESIDE, 0, jnp.where(y > 0, 3, 4))
+    return jnp.where(jnp.abs(y) < _SIDE, jnp.where(x > 0, 1, 2), beside)
+
+
+def _side_of_lanes(scene: Scene) -> Int[Array, "*b lanes"]:
+    """0: none of these; 1: below the ego; 2: abreast to its left; 3: to its right."""
+    lanes = jnp.asarray(scene.lanes)[..., :2]
+    points = _from_ego(lanes.reshape(*lanes.shape[:-3], -1, 2), scene).reshape(lanes.shape)
+    nearest = jnp.abs(points[..., 0]).argmin(-1, keepdims=True)[..., None]
+    x, y = jnp.moveaxis(jnp.take_along_axis(points, nearest, -2)[..., 0, :], -1, 0)
+    beside = jnp.where(y > 0, 2, 3)
+    is_abreast = (jnp.abs(x) < _ABREAST) & (jnp.abs(y) < _ROAD)
+    return jnp.where(is_abreast, jnp.where(jnp.abs(y) < _SIDE, 1, beside), 0)
+
+
+def _class_of(values: Real[Array, "*n"], limits: Sequence[float]) -> Int[Array, "*n"]:
+    """How many limits a value reaches."""
+    return jnp.stack([values >= limit for limit in limits]).sum(0, dtype=jnp.int32)
