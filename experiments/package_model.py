@@ -73,12 +73,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def counted(model: Model, other: Model) -> Model:
-    """``model`` with the counts of another training, which must have read the same texts.
+    """``model`` with the counts of another training, which must have read the same texts, or requests alone.
 
     Raises:
       ValueError: they read features of different text encoders.
     """
-    if model.text_encoder != other.text_encoder:
+    if model.text_encoder != other.text_encoder and not other.count_predictor.config.attributes:
         raise ValueError(f"counts learnt from {other.text_encoder} features do not fit {model.text_encoder}")
     notes = {**model.notes, "count_predictor": other.notes.get("count_predictor", {})}
     components = {**model.components, "count_predictor": other.count_predictor}

@@ -1,4 +1,4 @@
-"""Makes the pages of docs/results again: python -m experiments.reproduce prompt_adherence guidance ...
+"""Makes the pages of docs/results again: python -m experiments.reproduce sampling_steps gallery ...
 
 Every page has one entry in ``PAGES``: the studies that measure, and the records that they need. Records are made once
 per folder of --runs. Without page names all pages are made, in about half an hour on two CPU cores.
@@ -18,13 +18,7 @@ from pathlib import Path
 RECORDS = {
     "records": (
         "scjax.data synthetic {folder} --worlds 2000",
-        "scjax.data caption {folder}",
-        "scjax.data embed {folder} --split val",
-    ),
-    "events": (
-        "scjax.data synthetic {folder} --worlds 4000 --seed 11 --ordinary 0.05 --split-percent 90",
-        "scjax.data caption {folder} --texts 3",
-        "scjax.data embed {folder} --split val",
+        "scjax.data attributes {folder}",
     ),
 }
 """Synthetic worlds that no training of the shipped model saw: folder of --runs -> commands."""
@@ -43,17 +37,7 @@ class Page:
     records: tuple[str, ...] = ()
 
 
-_ADHERENCE = "experiments.studies.prompt_adherence --model scjax/pretrained"
-
 PAGES = {
-    "prompt_adherence": Page(
-        (f"{_ADHERENCE} --records {{runs}}/records --samples 200 --guidance 2 1 4 --out {{out}}/prompt_adherence",),
-        ("records",),
-    ),
-    "rare_events": Page(
-        (f"{_ADHERENCE} --records {{runs}}/events --per-event 20 --out {{out}}/rare_events",), ("events",)
-    ),
-    "guidance": Page(("experiments.studies.guidance {out}/prompt_adherence.json --out {out}/guidance",)),
     "sampling_steps": Page(
         (
             "experiments.studies.samplers --model scjax/pretrained --records {runs}/records --samples 96"
@@ -61,9 +45,6 @@ PAGES = {
             " --workdir {runs}/sampling_steps --out {out}/sampling_steps",
         ),
         ("records",),
-    ),
-    "count_calibration": Page(
-        ("experiments.studies.count_calibration --records {runs}/records --out {out}/count_calibration",), ("records",)
     ),
     "gallery": Page(
         ("experiments.studies.gallery --prompts experiments/prompts/free_form.txt --samples 3 --out {out}/gallery",)

@@ -3,11 +3,12 @@
     python -m experiments.studies.samplers --model=runs/prompt/model --records=runs/records --workdir=runs/samplers \\
         --out=docs/results/samplers
 
-Scenes are sampled for held-out records, at their numbers of lanes and agents and, if the model reads text, for one of
-their captions; all rows use the same keys. The verdict names the setting with the fewest network evaluations that is
-not significantly worse than the reference in any of 16 metrics (95 % for all metrics together). The reference takes 100
-steps of ddpm (of heun for a rectified flow) at the first guidance scale and in the first precision. --repeats samples
-the reference again from other noise, to show what chance alone does.
+Scenes are sampled for held-out records, at their numbers of lanes and agents. If the model reads attributes, a random
+request that the record fulfills goes with it; if it reads text alone, one of its captions. All rows use the same keys.
+The verdict names the setting with the fewest network evaluations that is not significantly worse than the reference in
+any of 16 metrics (95 % for all metrics together). The reference takes 100 steps of ddpm (of heun for a rectified flow)
+at the first guidance scale and in the first precision. --repeats samples the reference again from other noise, to show
+what chance alone does.
 
 WORKDIR keeps a file per row; the same command continues an interrupted run. Writes OUT.md, OUT.json and OUT.png.
 """
@@ -33,6 +34,7 @@ import scjax
 from experiments.studies.page import command_line, script_parser, write_page
 from experiments.studies.prompts import count_shown, draw_prompt, held_out_captions
 from experiments.studies.samplers_report import METRICS, draw, markdown, verdict, worse_metrics
+from scjax.data.measurements import MeasuredRecords
 from scjax.diffusion.defaults import DEFAULT_GUIDANCE_SCALE
 from scjax.diffusion.samplers import SAMPLERS, resolve_sampler
 from scjax.evaluate.generated import weights_hash
@@ -41,7 +43,7 @@ from scjax.evaluate.requests import counts_request
 from scjax.evaluate.sources import RecordScenes
 from scjax.generate.batching import padded_size
 from scjax.generate.encode import padded_length
-from scjax.language.grammar.compose import Composition
+from scjax.language.attributes.draw import draw_attributes
 from scjax.metrics.cluster_sums import ClusterSums, bootstrap_intervals
 from scjax.metrics.distributions import Sums
 from scjax.metrics.measure import distribution_values, extra_values, measure, scene_values
@@ -66,7 +68,7 @@ class Requests:
       references: recorded scenes.
       clusters: their locations.
       conditions: one per scene.
-      requests: what each prompt asks for; empty without prompts.
+      requests: what is requested of each; empty if nothing is.
       fingerprint: a hash of all of it.
     """
 
@@ -138,7 +140,7 @@ def sweep(args: argparse.Namespace) -> list[dict[str, Any]]:
     config = model.denoiser.config
     fitting = [name for name, sampler in SAMPLERS.items() if config.prediction in sampler.default_steps]
     names = [resolve_sampler(name, config.prediction).name for name in args.samplers or fitting]
-    scales = args.guidance or [1.0 if config.condition is None else DEFAULT_GUIDANCE_SCALE]
+    scales = args.guidance or [DEFAULT_GUIDANCE_SCALE if config.is_conditional else 1.0]
     reference = Setting(REFERENCE[config.prediction], args.reference_steps, scales[0], args.compute[0])
     repeats = [reference._replace(repeat=k) for k in range(1, args.repeats + 1)]
     combinations = itertools.product(args.compute, scales, names, sorted(args.num_steps))
@@ -181,17 +183,25 @@ def make_requests(model: scjax.Model, folder: str, samples: int, seed: int) -> R
     references = source.read(rows.tolist())
     domains = [source.domains[int(scene.domain)] if source.domains else None for scene in references]
     conditions = [counts_request(model, *pair) for pair in zip(references, domains, strict=True)]
-    stated: list[Composition] = []
-    if model.text_encoder:
+    requests: list[dict[str, Any]] = []
+    words = ""
+    if model.denoiser.config.attributes:
+        measured = MeasuredRecords(folder, "val")
+        requests = [draw_attributes(measured[int(row)], np.random.default_rng([seed, int(row)])) for row in rows]
+        words = str(requests)
+        conditions = [
+            dataclasses.replace(condition, attributes=request)
+            for condition, request in zip(conditions, requests, strict=True)
+        ]
+    elif model.text_encoder:
         (captions, store), rng = held_out_captions(folder, model), np.random.default_rng(seed)
         prompts = [draw_prompt(store, captions[row], int(row), rng) for row in rows]
-        stated = [composition for composition, _ in prompts]
+        requests, words = [one.request for one, _ in prompts], "\n".join(one.text for one, _ in prompts)
         conditions = [
             dataclasses.replace(condition, streams={"text": scjax.Stream(tokens)})
             for condition, (_, tokens) in zip(conditions, prompts, strict=True)
         ]
-    fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), "\n".join(one.text for one in stated))
-    requests = [one.request for one in stated]
+    fingerprint = content_hash(source.fingerprint, row_text(rows), str(seed), words)
     return Requests(references, [locations[row] for row in rows], conditions, requests, fingerprint)
 
 

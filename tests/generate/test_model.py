@@ -6,10 +6,11 @@ import json
 import jax
 import numpy as np
 import pytest
+import safetensors.numpy
 
 import scjax
 from scjax.diffusion.energy_guidance import EnergyGuidance
-from scjax.generate.model import DEFAULT_MODEL, _default_model, load_model, save_model
+from scjax.generate.model import _default_model, load_model, save_model
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten
 from scjax.scene.per_type import PerType
@@ -121,18 +122,38 @@ def test_weights_in_several_files_of_half_precision(tmp_path):
         load_model(folder)
 
 
-def test_load_reads_format_1():
-    """The model that ships was written in format 1: other names of parts, config fields and arrays."""
-    index = json.loads((DEFAULT_MODEL / "model.json").read_text())
-    assert index["format"] == 1 and "representation" in index and "components" not in index
-    model = scjax.load()
-    assert set(model.components) == {"autoencoder", "denoiser", "count_predictor"}
-    assert model.codec.name == index["representation"]["name"]
-    assert model.denoiser.config.known_embedding == index["denoiser"]["given_embedding"]
-    assert model.energy_guidance is not None
-    assert model.energy_guidance.gradient_steps == index["steering"]["rounds"]
-    assert model.energy_guidance.lane_step_size == index["steering"]["lanes"]
-    assert {"lane_known", "agent_known", "relative_geometry", "position_heads"} <= model.denoiser.params.keys()
+def _rewrite_as_format_1(folder):
+    """Gives parts, config fields and arrays of a model folder the names that they had in format 1."""
+    index = json.loads((folder / "model.json").read_text())
+    parts = index.pop("components")
+    old = {"known_embedding": "given_embedding", "relative_geometry": "hints", "cross_attention": "control"}
+    parts["denoiser"] = {old.get(name, name): value for name, value in parts["denoiser"].items()}
+    guidance = {
+        "gradient_steps": "rounds",
+        "max_sigma": "below",
+        "agent_step_size": "agents",
+        "lane_step_size": "lanes",
+    }
+    steering = {guidance.get(name, name): value for name, value in index.pop("energy_guidance").items()}
+    index |= parts | {"format": 1, "representation": index.pop("codec"), "steering": steering}
+    arrays = safetensors.numpy.load_file(folder / "weights.safetensors")
+    for new, name in {"agent_known": "agent_given", "relative_geometry": "hints", "position_heads": "anchors"}.items():
+        arrays = {path.replace(f"denoiser.{new}", f"denoiser.{name}"): array for path, array in arrays.items()}
+    safetensors.numpy.save_file(arrays, folder / "weights.safetensors")
+    index["files"] = {"weights.safetensors": ""}
+    (folder / "model.json").write_text(json.dumps(index))
+
+
+def test_load_reads_format_1(tmp_path):
+    model = tiny_model(known_embedding=True, relative_geometry=True)
+    model = dataclasses.replace(model, energy_guidance=scjax.EnergyGuidance(gradient_steps=3))
+    folder = save_model(model, tmp_path / "model")
+    _rewrite_as_format_1(folder)
+    back = load_model(folder)
+    assert back.denoiser.config == model.denoiser.config and back.codec == model.codec
+    assert back.energy_guidance == model.energy_guidance
+    assert jax.tree.structure(back.denoiser.params) == jax.tree.structure(model.denoiser.params)
+    jax.tree.map(np.testing.assert_array_equal, back.denoiser.params, model.denoiser.params)
 
 
 def test_save_writes_one_index_of_components(tmp_path):

@@ -14,13 +14,13 @@ import scjax
 from scjax.cli.demo import PROMPTS
 from scjax.data import records
 from scjax.data.token_order import sort_tokens
+from scjax.diffusion.log_snr_schedule import log_snr_schedule
 from scjax.diffusion.process import estimate_x0, q_sample
-from scjax.diffusion.schedule import cosine_schedule
-from scjax.generate.conditions import Condition, Stream
-from scjax.generate.encode import network_inputs
+from scjax.generate.conditions import Condition
 from scjax.generate.model import DEFAULT_MODEL
 from scjax.generate.prompt_reader import DEFAULT_READER
-from scjax.generate.readings import read_prompts
+from scjax.generate.readings import read_prompts, reads_requests
+from scjax.language.attributes.vector import request_vector
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.denoiser.model import denoiser
 from scjax.scene import Crop, stack
@@ -41,18 +41,13 @@ def test_files_stay_small():
 def test_every_part_is_there_and_finite(model):
     for name in ("autoencoder", "denoiser", "count_predictor"):
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.components[name].params))
-    assert model.counts is not None and model.text_encoder
+    assert model.counts is not None and model.outlines is not None and len(model.outlines) == 8000
 
 
 def test_it_knows_the_synthetic_world_alone_and_says_so(model):
     assert set(model.domains) <= {domain.name for domain in DOMAINS}
     assert model.notes["data"] == "the synthetic world of scjax, nothing else"
     assert (DEFAULT_MODEL / "README.md").is_file()
-
-
-def test_the_demo_needs_no_encoder(model):
-    assert set(PROMPTS) <= set(model.prompts)
-    assert all(np.isfinite(features).all() for features in model.prompts.values())
 
 
 def test_rounded_products_hardly_change_what_a_step_estimates(model, world_records):
@@ -69,18 +64,16 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
     row, step = (part.ravel() for part in np.meshgrid(np.arange(len(scenes)), times))
     masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
     clean, masks = jax.tree.map(lambda x: jnp.asarray(x)[row], (model.latents.normalize(clean), masks))
-    rng, level = np.random.default_rng(0), cosine_schedule().levels[step]
+    rng, level = np.random.default_rng(0), log_snr_schedule().levels[step]
     noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
-    prompts = list(model.prompts.values())
-    streams = [{"text": Stream(prompts[i % len(prompts)])} for i in range(len(row))]
-    features, _ = network_inputs(streams, config.condition)
-    label, nobody = jnp.zeros(len(row), jnp.int32), jnp.zeros(len(row), bool)
+    requests = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
+    attributes = np.stack([request_vector(one.attributes, config.attributes) for one in requests])[row % len(PROMPTS)]
+    label = jnp.zeros(len(row), jnp.int32)
 
     @functools.partial(jax.jit, static_argnums=0)
     def estimates(compute, params):
         network = denoiser(dataclasses.replace(config, compute=compute))
-        caches = network.apply(params, features, nobody, method="encode_condition")
-        output = network.apply(params, noisy, level.time, label, masks, None, caches)
+        output = network.apply(params, noisy, level.time, label, masks, attributes=attributes)
         both = output, estimate_x0(level, noisy, output, config.prediction)
         return jax.tree.map(lambda x, mask: jnp.where(mask[..., None], x, 0), both, (masks, masks))
 
@@ -100,7 +93,7 @@ def test_what_the_demo_prompts_ask_for_ships_with_the_reader(model, monkeypatch)
     """So the demo reads its prompts without an encoder."""
     monkeypatch.setattr("scjax.generate.prompt_reader.load_text_encoder", None)
     read = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
-    assert model.reads_prompts and [one.attributes.get("layout") for one in read[:5]] == [
+    assert reads_requests(model) and [one.attributes.get("layout") for one in read[:5]] == [
         *("four-way", "T", "straight", "curve", "roundabout")
     ]
     assert read[0].attributes["signal"] == "red" and read[5].attributes["event"] == ("wrong-way",)

@@ -12,14 +12,7 @@ import pytest
 
 import scjax
 from experiments.package_model import counted, ship
-from experiments.studies import count_calibration as calibration
 from experiments.studies import gallery
-from experiments.studies import prompts as study_prompts
-from experiments.studies.collision_x_counts import COLUMNS
-from experiments.studies.collision_x_counts import markdown as markdown_two_by_two
-from experiments.studies.collision_x_counts import measure as two_by_two
-from experiments.studies.prompt_adherence import markdown, measure
-from experiments.studies.prompts import held_out_prompts
 from scjax.cli.demo import PROMPTS
 from scjax.data.loader import batch_of
 from scjax.data.manifest import load_manifest
@@ -137,56 +130,6 @@ def test_counts_are_learned_from_requests_for_attributes(folder, text_model):
     assert scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0].num_agents >= 3
 
 
-def test_calibration_of_the_counts(folder, prompt_model):
-    predictions = calibration.predict(str(folder / "prompt" / "model"), str(folder / "records"), 0)
-    found, shares = calibration.measure(predictions, 0), predictions.shares
-    assert found["both"]["scenes"] == len(predictions.true["lanes"]) == len(shares["agents"]) > 1
-    assert found["lanes"]["mae_of_mean"] > 0 and 0 <= found["agents"]["in_central_90_percent"] <= 1
-    np.testing.assert_allclose(shares["lanes"].sum(1), 1, atol=1e-5)
-
-
-def test_adherence_measures_every_row_on_the_same_prompts(folder, text_model):
-    adherence = measure(
-        model_folder=str(folder / "text" / "model"),
-        folder=str(folder / "records"),
-        samples=3,
-        scales=[2.0],
-        num_steps=2,
-        best_of=2,
-    )
-    table, sound = adherence
-    asked = {tuple((name, total) for name, (_, total) in row.items()) for row in table.values()}
-    assert len(asked) == 1 and asked != {()}
-    assert all(hits == total for hits, total in table["the record itself"].values())
-    assert sound["the record itself"]["connection_gap_m"] < 1e-3
-    assert (
-        not sound["prompt, guidance 2, repaired"]["connection_gap_m"] > 1e-3
-    )  # an untrained model may link nothing at all
-    assert len(table) == 2 * 3 + 3 and len(sound) == 2 * 3 + 2
-    assert "prompt, guidance 2, best of 2 repaired" in sound
-    assert "nan" not in markdown(adherence, "Prompt adherence", "the command")
-
-
-def test_rare_events_are_asked_for_so_often_each(folder, text_model, monkeypatch):
-    records = str(folder / "records")
-    every = [one.text for one in held_out_prompts(records, text_model, 9, 0)]
-    assert len(every) >= 4
-    events = dict(zip(every, [(), ("cut-in",), ("jaywalker", "cut-in"), ("cut-in",)], strict=False))
-    draw_prompt = study_prompts.draw_prompt
-
-    def draw_with_events(*arguments):
-        composition, tokens = draw_prompt(*arguments)
-        return composition._replace(request={"event": events.get(composition.text, ())}), tokens
-
-    monkeypatch.setattr(study_prompts, "draw_prompt", draw_with_events)
-    for each, found in ((1, every[1:3]), (2, every[1:3]), (3, every[1:4])):
-        assert [one.text for one in held_out_prompts(records, text_model, 9, 0, each)] == found
-    assert [one.text for one in held_out_prompts(records, text_model, 1, 0, 3)] == every[1:2]
-    events.clear()
-    with pytest.raises(ValueError, match=r"no held-out caption of .* names a rare event"):
-        list(held_out_prompts(records, text_model, 9, 0, 1))
-
-
 def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
     out = tmp_path / "pretrained"
     out.mkdir()
@@ -258,24 +201,16 @@ def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path)
             gallery.read_prompts(tmp_path / name)
 
 
-def test_counts_of_another_training_may_ship_if_they_read_the_same_texts(prompt_model, text_model, tmp_path):
+def test_counts_of_another_training_may_ship_if_they_read_the_same(prompt_model, text_model, tmp_path):
     without = prompt_model.without("count_predictor")
     assert counted(without, prompt_model).count_predictor is prompt_model.count_predictor
+    another = dataclasses.replace(prompt_model, text_encoder="another")
     with pytest.raises(ValueError, match="do not fit"):
-        counted(without, dataclasses.replace(prompt_model, text_encoder="another"))
-
-
-def test_the_two_by_two_has_all_cells_on_the_same_prompts(folder, text_model, prompt_model):
-    models = {"without": text_model, "with": prompt_model}
-    table = two_by_two(models, prompt_model, str(folder / "records"), samples=2, num_steps=2)
-    assert len(table) == 8 and all(set(row) == set(COLUMNS) for row in table.values())
-    assert all(low <= mean <= high for row in table.values() for mean, low, high in row.values())
-    assert table["with collision loss, counts of the data"] == table["without collision loss, counts of the data"], (
-        "equal weights"
-    )
-    assert markdown_two_by_two(table, "the command").count("\n") == 14
-    with pytest.raises(ValueError, match="--counts"):
-        two_by_two({"without": text_model}, None, str(folder / "records"), samples=2)
+        counted(without, another)
+    fields = {"attributes": feature_names(), "text_width": len(feature_names())}
+    sizes = dataclasses.replace(another.count_predictor.config, **fields)
+    requested = another.with_component("count_predictor", sizes, another.count_predictor.params)
+    assert counted(without, requested).count_predictor is requested.count_predictor
 
 
 def test_a_model_of_recordings_or_without_a_part_does_not_ship(prompt_model, tmp_path):
