@@ -1,6 +1,6 @@
 """The denoiser to start from: python -m benchmarks.low_noise.base OUT --octaves 9 --fit-heads RECORDS
 
-The model that ships, without its condition (with --keep-text: with it). Further octaves of Fourier features start at
+The model that ships, without its condition. Further octaves of Fourier features start at
 zero, so that the network is the same function. With --fit-heads its position heads are fitted anew.
 """
 
@@ -31,12 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.low_noise.base", description=__doc__)
     parser.add_argument("out", help="model folder")
     parser.add_argument("--octaves", type=int, default=6, help="6 (the default) or more")
-    parser.add_argument("--keep-text", action="store_true", help="the network goes on reading text")
     parser.add_argument("--fit-heads", metavar="RECORDS", help="records to fit position heads to")
     args = parser.parse_args(arguments)
-    model = with_octaves(scjax.load(), args.octaves)
-    if not args.keep_text:
-        model = unconditional(model)
+    model = unconditional(with_octaves(scjax.load(), args.octaves))
     if args.fit_heads:
         model = with_heads(model, args.fit_heads)
     scjax.save(model, args.out)

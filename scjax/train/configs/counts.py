@@ -5,7 +5,7 @@
 
 "text" needs captioned and embedded records, "attributes" measured ones (scjax data attributes).
 Expected with captions on the synthetic world, 3,000 steps, four minutes on two cores: mean absolute error 3.37 lanes
-and 2.58 agents, -log P of the true pair 4.64 on 766 held-back ones (docs/results/count_calibration.md).
+and 2.58 agents, -log P of the true pair 4.64 on 766 held-back ones.
 """
 
 from __future__ import annotations
