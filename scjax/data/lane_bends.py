@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64
@@ -69,7 +70,7 @@ def _cut(lines: list[np.ndarray], arcs: list[np.ndarray], cuts: list[np.ndarray]
     """The pieces of all lanes between their ``cuts``."""
     points, places = [], []
     for line, arc, cut in zip(lines, arcs, cuts, strict=True):
-        for low, high in zip(cut[:-1], cut[1:], strict=True):
+        for low, high in pairwise(cut):
             inner = arc[(arc > low) & (arc < high)]
             at = np.concatenate([[low], inner, [high]])
             points.append(np.stack([np.interp(at, arc, column) for column in line.T], -1))

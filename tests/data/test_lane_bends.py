@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,8 @@ def _graph(*ways: np.ndarray) -> LaneGraph:
 
 def _most_turn(graph: LaneGraph) -> float:
     """The greatest turn at a point of a lane with as many points as in a scene [rad]."""
-    steps = [np.diff(resample_polyline(line, 20)[:, :2], axis=0) for line in np.split(graph.points, graph.offsets[1:-1])]
+    lines = np.split(graph.points, graph.offsets[1:-1])
+    steps = [np.diff(resample_polyline(line, 20)[:, :2], axis=0) for line in lines]
     headings = [np.arctan2(step[:, 1], step[:, 0]) for step in steps]
     return max(float(np.abs(wrap_to_pi(np.diff(heading))).max()) for heading in headings)
 
@@ -47,7 +50,7 @@ def test_split_bends_keeps_the_way_and_its_order():
     assert cut.num_lanes > graph.num_lanes == 2
     assert sorted(cut.successors.tolist()) == [[k, k + 1] for k in range(cut.num_lanes - 1)]
     lines = np.split(cut.points, cut.offsets[1:-1])
-    for first, second in zip(lines[:-1], lines[1:], strict=True):
+    for first, second in pairwise(lines):
         np.testing.assert_allclose(first[-1], second[0])
     assert sum(cut.lane_lengths) == pytest.approx(sum(graph.lane_lengths))
     states = cut.signals[:, 0].tolist()
