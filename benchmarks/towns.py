@@ -2,8 +2,8 @@
 
 Looks at whole lanes, which scenes cut at their border, and at motion over time. Prints for each simulation: ways
 through junctions that cross while both are green (of all that cross); ways straight on from one place that are red and
-green at once (of all such pairs); accelerations of vehicles [m/s²]; and logs, records and crops a second, by the time of
-one core. Needs SUMO (``benchmarks/sumo``, or the extra ``traffic``).
+green at once (of all such pairs); accelerations of vehicles [m/s²]; and logs, records and crops a second, by the
+time of one core. Needs SUMO (``benchmarks/sumo``, or the extra ``traffic``).
 """
 
 from __future__ import annotations
