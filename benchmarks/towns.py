@@ -1,9 +1,9 @@
 """Are the towns sound where a scene cannot show it? python -m benchmarks.towns --maps FOLDER --towns Town01 Town03
 
 Looks at whole lanes, which scenes cut at their border, and at motion over time. Prints for each simulation: ways
-through junctions that cross while both are green and whose lanes begin at 55 to 125 degrees to each other (of all that
-cross); ways straight on from one place that are red and green at once (of all such pairs); accelerations of vehicles
-[m/s²]; and logs and scenes a second. Needs SUMO (``benchmarks/sumo``, or the extra ``traffic``).
+through junctions that cross while both are green (of all that cross); ways straight on from one place that are red and
+green at once (of all such pairs); accelerations of vehicles [m/s²]; and logs, records and crops a second, by the
+time of one core. Needs SUMO (``benchmarks/sumo``, or the extra ``traffic``).
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from scjax.data.build_options import BuildOptions
 from scjax.data.local_map import simplify_graph
-from scjax.data.records import make_record, sample_scene
-from scjax.scene import AgentType, MapLane, Signal, load_log
+from scjax.data.records import decode_record, encode_record, make_record, sample_scene
+from scjax.scene import AgentType, Crop, MapLane, Signal, load_log
 from scjax.scene.angles import wrap_to_pi
 from scjax.towns.source import TownRun, Towns, make_towns
 from scjax.towns.town_traffic import TownTraffic, load_traffic
@@ -29,13 +30,12 @@ _ONE_PLACE = 5.0  # m
 
 
 def conflicting_greens(lanes: dict[str, MapLane], traffic: TownTraffic) -> tuple[int, int]:
-    """Pairs of ways that cross from one side and the other and are green at once, and all pairs that cross so."""
+    """Pairs of ways that cross and are green at once, and all pairs that cross."""
     ways = [lanes[name] for name in traffic.signal_lanes]
     conflicts = total = 0
     for i, first in enumerate(ways):
         for j, second in enumerate(ways[:i]):
-            angle = np.degrees(abs(wrap_to_pi(_heading(first) - _heading(second))))
-            if 55 < angle < 125 and _cross(first.points, second.points):
+            if _boxes_meet(first.points, second.points) and _cross(first.points, second.points):
                 total += 1
                 both = (traffic.signal_states[[i, j]] == Signal.GO).all(0)
                 conflicts += bool(both.any())
@@ -65,6 +65,11 @@ def _heading(lane: MapLane, segment: int = 0) -> float:
     return float(np.arctan2(step[1], step[0]))
 
 
+def _boxes_meet(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether the rectangles around two polylines meet."""
+    return bool(((a.min(0) <= b.max(0)) & (b.min(0) <= a.max(0)))[:2].all())
+
+
 def _cross(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two polylines cross at one height."""
     p, q = a[:-1, None], b[None, :-1]
@@ -89,20 +94,32 @@ def accelerations(traffic: TownTraffic) -> np.ndarray:
     return np.concatenate([np.zeros(1), *rows])
 
 
-def speed(run: TownRun, logs: int) -> tuple[float, float]:
-    """Logs and scenes a second on one core, of the first ``logs`` logs."""
+class Speed(NamedTuple):
+    """On one core, by its own time: logs and records that are cut from a simulation, crops of records, a second."""
+
+    logs: float
+    records: float
+    crops: float
+
+
+def speed(run: TownRun, logs: int) -> Speed:
+    """Of the first ``logs`` logs; every record is cropped in all three ways."""
     towns = Towns((run,))
-    names, scenes = towns.names()[:logs], 0
+    names, records = towns.names()[:logs], []
     towns.load(towns.scan(names[0]), BuildOptions(), dense=True)  # reads the map
-    start = time.perf_counter()
+    start = time.process_time()
     for name in names:
         posed = towns.load(towns.scan(name), BuildOptions(), dense=True)
         lanes = simplify_graph(posed.graph)
-        for pose in posed.poses:
-            sample_scene(make_record(posed.log, lanes, posed.index, pose, 0)[0])
-            scenes += 1
-    seconds = time.perf_counter() - start
-    return len(names) / seconds, scenes / seconds
+        records += [encode_record(make_record(posed.log, lanes, posed.index, pose, 0)[0]) for pose in posed.poses]
+    cutting = time.process_time() - start
+    start = time.process_time()
+    for record in records:
+        decoded = decode_record(record)
+        for crop in Crop:
+            sample_scene(decoded, crop)
+    cropping = time.process_time() - start
+    return Speed(len(names) / cutting, len(records) / cutting, len(Crop) * len(records) / cropping)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -111,20 +128,21 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--towns", nargs="*", default=(), help="names of maps; all by default")
     parser.add_argument("--runs", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--logs", type=int, default=20, help="logs that are timed")
     args = parser.parse_args(arguments)
-    source = make_towns(args.maps, args.towns, runs=args.runs, seconds=args.seconds)
+    source = make_towns(args.maps, args.towns, runs=args.runs, seconds=args.seconds, seed=args.seed)
     print(
         "| simulation | objects | logs | conflicting greens | split signals | acceleration, 99 %, 99.99 %, most |"
-        " logs/s | scenes/s |"
+        " logs/s | records/s | crops/s |"
     )
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for run in source.runs:
         traffic = load_traffic(Path(run.traffic_file))
         lanes = {lane.id: lane for lane in load_log(run.map_file).lanes}
         greens, splits = ("{} of {}".format(*count(lanes, traffic)) for count in (conflicting_greens, split_signals))
         values = ", ".join(f"{v:.1f}" for v in np.quantile(accelerations(traffic), (0.99, 0.9999, 1.0)))
-        rates = "{:.0f} | {:.0f}".format(*speed(run, args.logs)) if run.count else "- | -"
+        rates = "{:.0f} | {:.0f} | {:.0f}".format(*speed(run, args.logs)) if run.count else "- | - | -"
         name = f"{run.town}/{run.number}"
         print(f"| {name} | {len(traffic.names)} | {run.count} | {greens} | {splits} | {values} | {rates} |", flush=True)
 

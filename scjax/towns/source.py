@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from scjax.data.build_options import BuildOptions
+from scjax.data.lane_bends import split_bends
 from scjax.data.lane_graph import build_graph, index_segments
 from scjax.data.ranges import MAX_COUNT, check_number, check_seed
 from scjax.data.readers.base import LogInfo
@@ -84,7 +85,7 @@ class Towns:
           ValueError: its simulation is damaged; names the file.
         """
         log = self.log(item)
-        graph = build_graph(log, split_at_signals=True, signals_alone=True, bends_alone=True)
+        graph = split_bends(build_graph(log, split_at_signals=True, signals_alone=True, bends_alone=True))
         index = index_segments(graph)
         unsound = overlap_places(np.split(graph.points, graph.offsets[1:-1]))
         standard = _sound_poses(find_poses(log, index, **dataclasses.asdict(options.poses)), unsound)

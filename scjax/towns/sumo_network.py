@@ -17,6 +17,8 @@ _OPTIONS = (
     "--opendrive.curve-resolution=1",
     "--crossings.guess",
     "--walkingareas",
+    "--tls.discard-simple",  # no lights where one road only becomes the next one
+    "--tls.layout=incoming",  # one approach after the other, so that nobody turns left across oncoming traffic
 )
 _DISCARDED = ("parking", "bidirectional", "stop")  # lane types that no way leads through
 _CARS, _PEOPLE = "passenger", "pedestrian"

@@ -14,7 +14,7 @@ from scjax.scene.files import write_file
 from scjax.scene.npz import read_npz
 from scjax.towns.tracks import Track
 
-TRAFFIC_VERSION = 3  # raise it when the same simulation would give other arrays
+TRAFFIC_VERSION = 5  # raise it when the same simulation would give other arrays
 _KINDS = {
     "types": "i",
     "sizes": "f",

@@ -19,6 +19,7 @@ _SMOOTHING = 7  # steps of the mean that evens out speeds where SUMO's lanes are
 _BICYCLE_MARGIN = 0.9  # m from the middle of a lane to the right that cyclists keep
 _SWAY = 70.0  # m along a lane in which a car sways once
 _HALF_CHANGE, _HALF_CHANGE_WAY = 15, 9.0  # steps and m of half a change between lanes, at least
+_SWING = 0.6  # share of what a box would cut off a bend, by which its driver swings out
 _LEAST_STEPS = 10
 _MOST_ACCELERATION = 35.0  # m/s²
 
@@ -59,7 +60,7 @@ def drive_track(
 ) -> list[Track]:
     """The track of a vehicle. It breaks where SUMO's lane lies on none of ours.
 
-    The front of the box runs on the lanes, its rear where the front was: a long box cuts corners.
+    The front of the box runs near the lanes, its rear where the front was: a long box cuts corners a little.
 
     Args:
       size: length, width, height [m].
@@ -175,19 +176,25 @@ def box_poses(
 ) -> tuple[Float64[np.ndarray, "steps 3"], Float64[np.ndarray, " steps"]]:
     """Centers [m] and headings [rad] of boxes whose fronts are at ``places`` along a line, and whose rears follow it.
 
+    Ends of long boxes swing out of bends, so that their middle stays near the line.
+
     Args:
       line: points that the front passes [m].
       travelled: arc length of each [m].
       places: of the front [m]; at least ``length`` from the start of the line.
       length: of the box [m].
     """
-    front, rear = (
-        np.stack([np.interp(at, travelled, column) for column in line.T], -1) for at in (places, places - length)
+    front, middle, rear = (
+        np.stack([np.interp(at, travelled, column) for column in line.T], -1)
+        for at in (places, places - length / 2, places - length)
     )
     heading = np.unwrap(np.arctan2(front[:, 1] - rear[:, 1], front[:, 0] - rear[:, 0]))
     center = front.copy()
     center[:, 0] -= length / 2 * np.cos(heading)
     center[:, 1] -= length / 2 * np.sin(heading)
+    left = np.stack([-np.sin(heading), np.cos(heading)], -1)
+    cut = ((middle - center)[:, :2] * left).sum(-1)
+    center[:, :2] += _SWING * cut[:, None] * left
     center[:, 2] = (front[:, 2] + rear[:, 2]) / 2
     return center, heading
 

@@ -15,6 +15,8 @@ from scjax.scene.files import write_file
 from scjax.viz.bev import AGENT_COLORS, EGO, INK, PAPER, ROAD, SIGNAL_COLORS
 
 _LANE_WIDTH = 3.4  # m; maps hold no lane widths, so the band is only a visual aid
+_WALK_WIDTH, _WALK = 2.0, "#f0efec"  # m; sidewalks and shoulders, which cars do not drive on
+_NO_ROAD = "not_for_cars"  # lane type
 _DEFAULT_SIZE = np.array([1.0, 1.0])  # m, where a log does not know the size of an object
 _MAX_FRAMES = 600
 
@@ -69,8 +71,11 @@ class _View:
         self.ax.set_aspect("equal")
         scale = 72 * 5 / (2 * radius)
         lines = [lane.points[:, :2] for lane in log.lanes]
-        self.ax.add_collection(LineCollection(lines, colors=ROAD, linewidths=_LANE_WIDTH * scale, zorder=1))
-        self.ax.add_collection(LineCollection(lines, colors="#8f949b", linewidths=0.15 * scale, zorder=2))
+        walks = [line for line, lane in zip(lines, log.lanes, strict=True) if lane.lane_type == _NO_ROAD]
+        roads = [line for line, lane in zip(lines, log.lanes, strict=True) if lane.lane_type != _NO_ROAD]
+        self.ax.add_collection(LineCollection(walks, colors=_WALK, linewidths=_WALK_WIDTH * scale, zorder=0))
+        self.ax.add_collection(LineCollection(roads, colors=ROAD, linewidths=_LANE_WIDTH * scale, zorder=1))
+        self.ax.add_collection(LineCollection(roads, colors="#8f949b", linewidths=0.15 * scale, zorder=2))
         rows = {lane.id: row for row, lane in enumerate(log.lanes)}
         self.signals = [row for row, name in enumerate(log.signal_lane_ids) if name in rows]
         lit = [lines[rows[log.signal_lane_ids[row]]] for row in self.signals]

@@ -39,15 +39,15 @@ def test_box_on_a_line_has_its_front_there():
 
 @given(st.floats(8.0, 60.0), st.floats(2.0, 16.0))
 @settings(max_examples=20, deadline=None)
-def test_box_on_a_circle_cuts_the_corner(radius, length):
-    angles = np.linspace(0, np.pi, 2001)
-    line = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros(2001)], -1)
+def test_box_on_a_circle_cuts_the_corner_by_less_than_half(radius, length):
+    angles = np.linspace(0, np.pi, 2000)
+    line = np.column_stack([radius * np.sin(angles), radius * (1 - np.cos(angles)), np.zeros(len(angles))])
     center, heading = box_poses(line, radius * angles, np.array([2.5 * radius]), length)
-    half = length / radius / 2  # rad of the chord's half
-    assert np.cos(heading[0] - (2.5 + np.pi / 2 - half)) > 0.9999
-    front = center[0, :2] + length / 2 * np.array([np.cos(heading[0]), np.sin(heading[0])])
-    np.testing.assert_allclose(front, radius * np.array([np.cos(2.5), np.sin(2.5)]), atol=0.02)
-    assert np.hypot(*center[0, :2]) < radius
+    half = length / (2 * radius)  # of the angle that the box spans
+    outward = np.array([np.sin(2.5 - half), -np.cos(2.5 - half)])
+    sagitta = radius * (1 - np.cos(half))
+    assert (center[0, :2] - [0, radius]) @ outward == pytest.approx(radius - 0.4 * sagitta, abs=0.01)
+    assert heading[0] == pytest.approx(2.5 - half, abs=1e-3)
 
 
 @pytest.mark.parametrize("speed", [0.3, 2.0, 15.0])
