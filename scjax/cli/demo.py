@@ -28,7 +28,7 @@ PROMPTS = (
     "a roundabout with a few vehicles",
     "a wrong-way driver on a motorway",
 )
-"""Their token features ship with the model."""
+"""What they ask for ships with the reader of prompts."""
 
 _PADDED_SIZE = (16, 28)
 """(agents, lanes) that holds nearly all of these scenes, so that there is one set of programs to compile."""
@@ -45,8 +45,8 @@ _PADDED_SIZE = (16, 28)
 def demo(best_of, repair, num_steps, seed, folder, model_folder, as_json) -> None:
     """Generates one scene for each of six prompts, in one labeled picture and as npz files.
 
-    The prompts ship with the model, so no text encoder is needed. The first scene takes longest: its program has to be
-    compiled.
+    What the prompts ask for ships with the reader, so no text encoder is needed. The first scene takes longest: its
+    program has to be compiled.
     """
     out = writable_folder(folder)
     clock = Clock()
