@@ -25,8 +25,9 @@ SMALLER = {
     "--worlds 2000": "--worlds 3",
     "--worlds 8": "--worlds 1",
     "-n 20": "-n 5",
-    " -n 4": " -n 1 --num-steps 2 --best-of 1",
+    " -n 4": " -n 1 --best-of 1",
 }
+_SLOTS = ((16, 28), (61, 100))
 NOT_RUN = ("pip install", "scjax demo")  # the two commands of the README: .ci/run runs them
 
 
@@ -46,6 +47,13 @@ def _run(command: str) -> int:
     with pytest.raises(SystemExit) as exit_info:
         main(shlex.split(command)[1:])
     return int(exit_info.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def few_programs(monkeypatch):
+    """Compiling is what takes time: scenes of all pages have one shape if they fit it, and are sampled one by one."""
+    monkeypatch.setattr("scjax.generate.batching.BUCKETS", _SLOTS)
+    monkeypatch.setattr("scjax.generate.sample.GROUP", 1)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if _snippets(page, "python")], ids=lambda page: page.stem)

@@ -165,7 +165,8 @@ class Checkpoints:
             except Exception as error:  # orbax raises nothing more precise
                 reason = str(error) or type(error).__name__
                 time.sleep(_REST)
-            gc.collect()
+            if reason:
+                gc.collect()  # takes up to a second, and without a failure there is nothing to collect
         if reason:
             raise OrbaxError(_damaged(self._folder, step, reason))
         state, data = items["state"], items["data"]

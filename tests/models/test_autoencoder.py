@@ -19,6 +19,10 @@ from tests.factories import parity_scenes as cases
 
 CONFIG = AutoencoderConfig.preset("tiny", decoder_blocks=1, edge_width=6, points=4, max_lanes=12)
 AGENTS, LANES = 4, 7
+# Called by itself, the loss would compile a program for each of its operations.
+_OPTIONS = ("weights", "official_lane_count", "balanced_links", "typical_counts")
+scene_losses_of, loss_of = jax.jit(scene_losses, static_argnames=_OPTIONS), jax.jit(loss, static_argnames=_OPTIONS)
+scene_errors_of = jax.jit(scene_errors)
 
 
 def random_tokens(seed: int, agents: int, lanes: int, partitioned: bool, dtype=np.float64) -> NormalizedScene:
@@ -210,7 +214,7 @@ def test_unknown_values_are_flagged_and_not_in_the_loss(run, params, reference):
         lane_types=np.where(tokens.lane_type_known, tokens.lane_types, -1),
     )
     with jax.enable_x64(True):
-        terms = jax.jit(lambda *args: scene_losses(*args, balanced_links=True))(decoded, reference[0], hidden)
+        terms = scene_losses_of(decoded, reference[0], hidden, balanced_links=True)
     for name in ("agent_states", "lane_points", "lane_type"):
         np.testing.assert_allclose(terms[name], reference[2][name], 1e-10, 1e-10)
 
@@ -275,11 +279,11 @@ def test_balanced_link_loss_by_hand():
     logits[0, 0, 1, 0] = 0.0
     case = by_hand([[[0, 1], [0, 0]]], logits)
     common, rare = np.log(1 + 5 / np.e), np.log(6)
-    plain = scene_losses(*case)
+    plain = scene_losses_of(*case)
     np.testing.assert_allclose(plain["lane_connection"], [(3 * common + rare) / 4], 1e-6)
-    balanced = scene_losses(*case, balanced_links=True)
+    balanced = scene_losses_of(*case, balanced_links=True)
     np.testing.assert_allclose(balanced["lane_connection"], [(common + rare) / 2], 1e-6)
-    value, logged = loss(*case, LossWeights(lane_connection=2.0), balanced_links=True)
+    value, logged = loss_of(*case, LossWeights(lane_connection=2.0), balanced_links=True)
     np.testing.assert_allclose(value, common + rare, 1e-5)
     assert logged["kl"] == 0 and logged["agent_states"] == 0
 
@@ -289,7 +293,7 @@ def test_lane_count_loss_depends_on_the_crop():
     for crop, official, ours in ((Crop.CENTERED, 0, 0), (Crop.PARTITIONED, 1, 1), (Crop.FORWARD, 1, 0)):
         tokens = case[2].replace(crop=np.array([crop], np.int32))
         for flag, factor in ((True, official), (False, ours)):
-            term = scene_losses(case[0], case[1], tokens, official_lane_count=flag)["lane_count"]
+            term = scene_losses_of(case[0], case[1], tokens, official_lane_count=flag)["lane_count"]
             np.testing.assert_allclose(term, [factor * np.log(13)], 1e-6)
 
 
@@ -299,8 +303,8 @@ def test_typical_counts_weigh_elements_equally(reference):
     tokens = pair()[0]
     weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_connections=5.0, lane_steps=7.0)
     with jax.enable_x64(True):
-        plain = scene_losses(decoded, posterior, tokens, weights)
-        shared = scene_losses(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
+        plain = scene_losses_of(decoded, posterior, tokens, weights)
+        shared = scene_losses_of(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
         by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_connections"] + 7 * plain["lane_steps"]
         more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
             tokens.lane_mask.sum(-1) / 2 - 1
@@ -320,14 +324,14 @@ def test_connection_loss_ignores_shared_errors():
     case = (*case[:2], case[2].replace(lane_known=np.ones_like(case[2].lane_known)))
     weights = LossWeights(lane_connections=1.0)
     moved = case[0].replace(lanes=case[0].lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(scene_losses(moved, *case[1:], weights)["lane_connections"], [0.0], atol=1e-6)
+    np.testing.assert_allclose(scene_losses_of(moved, *case[1:], weights)["lane_connections"], [0.0], atol=1e-6)
     lanes = np.array(case[0].lanes)
     lanes[0, 1, 0] += [0.3, 0.1, 0.0]  # the start of the second lane
     lanes[0, 0, 0] += 5.0  # the start of the first joins nothing
     apart = case[0].replace(lanes=lanes)
-    np.testing.assert_allclose(scene_losses(apart, *case[1:], weights)["lane_connections"], [0.4 / 3], 1e-5)
+    np.testing.assert_allclose(scene_losses_of(apart, *case[1:], weights)["lane_connections"], [0.4 / 3], 1e-5)
     unlinked = case[2].replace(links=np.zeros_like(case[2].links))
-    assert scene_losses(apart, case[1], unlinked, weights)["lane_connections"] == 0
+    assert scene_losses_of(apart, case[1], unlinked, weights)["lane_connections"] == 0
 
 
 def test_step_loss_ignores_shifts():
@@ -336,19 +340,19 @@ def test_step_loss_ignores_shifts():
     weights = LossWeights(lane_steps=1.0)
     lanes = np.array(case[2].lanes)
     add_bias = case[0].replace(lanes=lanes + np.array([0.3, 0.1, 0.0]))
-    np.testing.assert_allclose(scene_losses(add_bias, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
+    np.testing.assert_allclose(scene_losses_of(add_bias, *case[1:], weights)["lane_steps"], [0.0], atol=1e-6)
     inner = lanes.shape[2] // 2
     lanes[0, 0, inner] += [0.3, 0.0, 0.0]  # one point of the first lane: the steps before and after it are off
     steps = 2 * (lanes.shape[2] - 1) * 3
     trembling = case[0].replace(lanes=lanes)
-    np.testing.assert_allclose(scene_losses(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
+    np.testing.assert_allclose(scene_losses_of(trembling, *case[1:], weights)["lane_steps"], [2 * 0.3 / steps], 1e-5)
 
 
 def test_scene_errors_by_hand():
     logits = np.zeros((1, 2, 2, 6))
     logits[0, 0, 1, 1] = logits[0, 1, 0, 3] = 1.0
     decoded, _, tokens = by_hand([[[5, 1], [2, 5]]], logits)
-    result = scene_errors(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
+    result = scene_errors_of(decoded.replace(lanes=decoded.lanes + np.array([0.3, 0.4, 9.0])), tokens)
     np.testing.assert_allclose(result["lane_points"], [0.5], 1e-5)
     assert result["agent_types"] == 1 and result["agent_positions"] == 0 and result["agent_headings"] < 1e-6
     assert (result["link_hits"], result["link_true"], result["link_predicted"]) == (1, 2, 2)
