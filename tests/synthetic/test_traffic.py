@@ -106,6 +106,18 @@ def test_signals_show_all_states_and_repeat(intersection):
     assert timing.states(3.0) == timing.states(3.0 + cycle)
 
 
+def test_moments_show_yellow_and_green_often(intersection):
+    net, _ = intersection
+    rng = np.random.default_rng(6)
+    shown = [
+        set(SignalTiming.draw(net.junctions[0], moment_times(), rng).states(float(time)).values())
+        for _ in range(200)
+        for time in moment_times()
+    ]
+    shares = [np.mean([state in states for states in shown]) for state in (Signal.CAUTION, Signal.GO)]
+    assert min(shares) > 0.35 and max(shares) < 0.65
+
+
 def test_vehicles_obey_signals_and_do_not_collide(intersection):
     net, timing = intersection
     simulation = dense_simulation(net, timing, seed=1)
