@@ -10,6 +10,7 @@ import pytest
 from scjax.scene import Signal
 from scjax.synthetic import actors
 from scjax.synthetic.domains import DOMAINS
+from scjax.synthetic.junctions import InfeasiblePlan
 from scjax.synthetic.lane_arrays import build_lane_arrays
 from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.plan import build_network
@@ -83,7 +84,10 @@ def intersection() -> tuple[Network, SignalTiming]:
     rng = np.random.default_rng(5)
     style = dataclasses.replace(DOMAINS[0].style, branches=(1.0,))
     while True:
-        net = build_network(plan_intersection(style, rng), rng)
+        try:
+            net = build_network(plan_intersection(style, rng), rng)
+        except InfeasiblePlan:
+            continue
         if net.junctions[0].phases and len(net.junctions[0].arms) == 4:
             return net, SignalTiming.draw(net.junctions[0], moment_times(), rng)
 
