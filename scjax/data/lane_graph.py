@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 DROPPED_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")  # cars do not drive on them
 BEND_TURN, BEND_RADIUS = float(np.deg2rad(45.0)), 20.0  # rad and m, of sharp bends
-MAX_BEND_LENGTH = 55.0  # m of a merged lane with a sharp bend
+MAX_BEND_LENGTH, MAX_BEND_RATIO = 55.0, 5.0  # m of a merged lane with a sharp bend; of its length to the radius
 DUPLICATE_DISTANCE = 1e-6  # m between two points that are one
 
 
@@ -100,7 +101,7 @@ def build_graph(
         signaled = [lane.id in with_signal for lane in lanes]
         breaks |= {(i, j) for i, j in joins.pairs if signaled[j] and not signaled[i]}
     if bends_alone:
-        breaks |= _bend_ends(points, joins.pairs)
+        breaks |= _bend_ends(points, joins.pairs, breaks)
     chains, successors = merge_degree2_chains(len(lanes), joins.pairs, breaks)
     merged = [np.concatenate([points[chain[0]], *(points[member][1:] for member in chain[1:])]) for chain in chains]
     offsets = np.concatenate([[0], np.cumsum([len(line) for line in merged])])
@@ -123,15 +124,24 @@ def _total_turn(line: np.ndarray) -> float:
     return float(np.abs(np.diff(headings)).sum())
 
 
-def _bend_ends(points: list[np.ndarray], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:
-    """Pairs of lanes that follow each other, long together, of which one is a sharp bend."""
+def _bend_ends(
+    points: list[np.ndarray], joins: set[tuple[int, int]], breaks: frozenset[tuple[int, int]]
+) -> frozenset[tuple[int, int]]:
+    """Pairs of lanes that follow each other, of which one is a sharp bend in a chain too long to show it."""
     steps = [np.diff(line[:, :2], axis=0) for line in points]
     lengths = [float(np.hypot(*step.T).sum()) for step in steps]
     turns = [_total_turn(line) for line in points]
-    is_bend = [turn > BEND_TURN and turn > length / BEND_RADIUS for turn, length in zip(turns, lengths, strict=True)]
-    return frozenset(
-        (i, j) for i, j in joins if (is_bend[i] or is_bend[j]) and lengths[i] + lengths[j] > MAX_BEND_LENGTH
-    )
+    max_length = [
+        min(MAX_BEND_LENGTH, MAX_BEND_RATIO * length / turn)
+        if turn > BEND_TURN and turn > length / BEND_RADIUS
+        else np.inf
+        for turn, length in zip(turns, lengths, strict=True)
+    ]
+    ends: set[tuple[int, int]] = set()
+    for chain in merge_degree2_chains(len(points), joins, breaks)[0]:
+        total = sum(lengths[k] for k in chain)
+        ends |= {(i, j) for i, j in itertools.pairwise(chain) if total > min(max_length[i], max_length[j])}
+    return frozenset(ends)
 
 
 def _signal_ends(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> frozenset[tuple[int, int]]:

@@ -85,7 +85,7 @@ _CITY = StreetStyle(
     medians=(0.0, 1.0, 3.2, 3.2),
     one_way=0.16,
     parking=0.14,
-    signals=0.4,
+    signals=0.5,
     pockets=0.8,
     bends=0.2,
 )
@@ -96,7 +96,7 @@ _SUBURB = StreetStyle(
     medians=(0.0, 1.2, 3.4, 3.6, 4.5),
     parking=0.08,
     sidewalks=0.8,
-    signals=0.4,
+    signals=0.5,
     pockets=0.9,
     bends=0.35,
 )
@@ -114,12 +114,12 @@ _TOWN_NETWORKS = {
     "crossing": 0.57,
     "blocks": 0.17,
     "side streets": 0.1,
-    "Y": 0.065,
+    "Y": 0.1,
     "road": 0.14,
     "dead end": 0.03,
-    "winding road": 0.05,
+    "winding road": 0.085,
     "roundabout": 0.055,
-    "parking lot": 0.06,
+    "parking lot": 0.085,
 }
 _CITY_TRAFFIC = TrafficDensity(0.8, 0.7)
 _CITY_PEDESTRIANS, _CITY_CYCLISTS = BystanderDensity(0.6, 1.2), BystanderDensity(0.45, 0.4)

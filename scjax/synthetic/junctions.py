@@ -12,7 +12,7 @@ _MAX_STRAIGHT_ANGLE = np.deg2rad(38.0)
 _MAX_TURN_ANGLE = np.deg2rad(150.0)  # larger changes of direction are U-turns
 _CORNER_ANGLES = np.deg2rad((15.0, 165.0))  # between neighboring arms that share a corner
 _RIGHT_TURN_SPEED, _LEFT_TURN_SPEED = 6.0, 7.5  # m/s
-_MIN_STOP_DISTANCE, _MAX_STOP_DISTANCE = 5.0, 36.0  # m
+_MIN_STOP_DISTANCE, MAX_STOP_DISTANCE = 5.0, 22.0  # m; from further lines no turn is in sight
 _MIN_CORNER_ROOM = 2.5  # m between a corner and the stop lines
 _TURN_RANK = {"through": 0, "right": 1, "left": 2}
 _LEFT_ONLY_SHARE, _RIGHT_ONLY_SHARE = 0.4, 0.2  # of junctions with lanes for one turn only
@@ -21,7 +21,7 @@ _MAX_FAN = 3  # lanes
 
 
 class InfeasiblePlan(Exception):
-    """The roads of a plan are too close to each other, or do not connect."""
+    """The roads of a plan are too close to each other or too wide, or do not connect."""
 
 
 def stop_distances(angles: list[float], arriving: list[float], leaving: list[float], radii: list[float]) -> list[float]:
@@ -31,6 +31,9 @@ def stop_distances(angles: list[float], arriving: list[float], leaving: list[flo
       angles: directions of the arms, ascending [rad].
       arriving, leaving: half widths of each arm on the side of the lanes that arrive and that leave [m].
       radii: of the curb at the corners of each arm [m].
+
+    Raises:
+      InfeasiblePlan: if a stop line would lie further than ``MAX_STOP_DISTANCE`` from the center.
     """
     distances = [_MIN_STOP_DISTANCE] * len(angles)
     for i in range(len(angles)):
@@ -43,7 +46,9 @@ def stop_distances(angles: list[float], arriving: list[float], leaving: list[flo
         room = max(radii[i], radii[j]) * np.tan((np.pi - gap) / 2) + STRAIGHT_END
         distances[i] = max(distances[i], (leaving[j] + arriving[i] * cos) / sin + max(room, _MIN_CORNER_ROOM))
         distances[j] = max(distances[j], (arriving[i] + leaving[j] * cos) / sin + max(room, _MIN_CORNER_ROOM))
-    return [float(min(distance, _MAX_STOP_DISTANCE)) for distance in distances]
+    if max(distances) > MAX_STOP_DISTANCE:
+        raise InfeasiblePlan("the roads of a junction are too wide: give them fewer lanes or a larger angle")
+    return [float(distance) for distance in distances]
 
 
 def add_connectors(net: Network, junction: Junction, rng: np.random.Generator) -> None:

@@ -13,7 +13,7 @@ from scjax.scene.angles import wrap_to_pi
 from scjax.synthetic.network import Junction
 from scjax.synthetic.world import Ego, World
 
-LayoutLabel = Literal["four-way", "T", "roundabout", "straight", "curve"]
+LayoutLabel = Literal["four-way", "T", "Y", "roundabout", "straight", "curve"]
 
 _HALF_TILE = TILE_SIZE / 2
 _MAX_CENTER_DISTANCE = 20.0  # m from the ego to the center of a junction that the scene shows as a whole
@@ -26,7 +26,7 @@ _SIGNAL_LABELS = {Signal.GO: "green", Signal.CAUTION: "yellow", Signal.STOP: "re
 _JUNCTION_LABELS: dict[str, LayoutLabel] = {
     "four-way": "four-way",
     "T": "T",
-    "Y": "T",
+    "Y": "Y",
     "driveway": "T",
     "roundabout": "roundabout",
 }

@@ -91,7 +91,8 @@ def build_network(plan: RoadPlan, rng: np.random.Generator) -> Network:
     """The network of a plan: roads up to the stop lines, then connectors, rings and signals.
 
     Raises:
-      InfeasiblePlan: if an edge is too short for the junctions at its ends, if roads touch, or if an arm is no way on.
+      InfeasiblePlan: if an edge is too short for the junctions at its ends, if roads touch or are too
+        wide to meet, or if an arm is no way on.
     """
     net = Network()
     for number in range(len(plan.nodes)):

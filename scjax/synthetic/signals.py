@@ -14,6 +14,7 @@ from scjax.synthetic.network import Junction, Network
 
 YELLOW_TIME, CLEARANCE_TIME = 3.0, 2.0  # s
 _YELLOW_SHARE = 0.95  # of the junctions that are drawn with a phase that is yellow at a moment
+_NEXT_YELLOW_SHARE = 0.5  # of those, with the next phase yellow at the next moment
 _MIN_OPPOSITE_ANGLE = np.deg2rad(140.0)
 
 
@@ -97,14 +98,19 @@ class SignalTiming:
 
     @classmethod
     def draw(cls, junction: Junction, moments: np.ndarray, rng: np.random.Generator) -> SignalTiming:
-        """Random timing; phases with more connectors are longer. Often a phase is yellow at one of ``moments`` [s]."""
+        """Random timing; phases with more connectors are longer. Often one is yellow at one of ``moments`` [s]."""
         greens = [rng.uniform(6, 10) + 2.0 * len(phase) ** 0.5 for phase in junction.phases]
-        cycle = sum(greens) + len(greens) * (YELLOW_TIME + CLEARANCE_TIME)
+        change = YELLOW_TIME + CLEARANCE_TIME
+        is_yellow, first, moment = rng.random() < _YELLOW_SHARE, int(rng.integers(len(greens))), 0
+        if is_yellow:
+            moment = int(rng.integers(len(moments)))
+            if moment + 1 < len(moments) and rng.random() < _NEXT_YELLOW_SHARE:
+                greens[(first + 1) % len(greens)] = moments[moment + 1] - moments[moment] - change
+        cycle = sum(greens) + len(greens) * change
         start = rng.uniform(0, cycle)
-        if rng.random() < _YELLOW_SHARE:
-            phase = int(rng.integers(len(greens)))
-            yellow = sum(greens[: phase + 1]) + phase * (YELLOW_TIME + CLEARANCE_TIME) + rng.uniform(0, YELLOW_TIME)
-            start = (yellow - rng.choice(moments)) % cycle
+        if is_yellow:
+            yellow = sum(greens[: first + 1]) + first * change + rng.uniform(0, YELLOW_TIME)
+            start = (yellow - moments[moment]) % cycle
         return cls(tuple(junction.phases), tuple(float(green) for green in greens), float(start))
 
     def states(self, time: float) -> dict[int, Signal]:

@@ -118,7 +118,8 @@ def _draw_egos(
 ) -> list[Ego]:
     """Random vehicles on lanes close to the center of the map, most of them near junctions; first those with the event.
 
-    Egos without the event are far from it, so that no scene shows an event without a label.
+    Egos without the event are far from it, so that no scene shows an event without a label. The same holds for an
+    event that the moment does not show as it should: a wrong-way driver who has just stopped is no ordinary traffic.
     """
     in_traffic = (scene.types == AgentType.VEHICLE) & (scene.lane >= 0) & (scene.level == 0)
     rows = np.flatnonzero(in_traffic & (np.hypot(*scene.positions.T) < _MAX_EGO_RADIUS))
@@ -130,7 +131,8 @@ def _draw_egos(
     ordinary = rows[ordinary]
     agent = None if event is None else event.find(scene)
     if event is None or agent is None:
-        return [Ego(moment, int(row)) for row in ordinary]
+        place = None if event is None else event.find_staged(scene)
+        return [Ego(moment, int(row)) for row in ordinary[_is_far(scene, ordinary, event, place)]]
     direction = np.stack([np.cos(scene.headings), np.sin(scene.headings)], -1)[rows]
     offset = scene.positions[agent] - scene.positions[rows]
     along = (offset * direction).sum(-1)
@@ -138,8 +140,14 @@ def _draw_egos(
     in_view = (np.abs(along) < _EVENT_ALONG) & (np.abs(left) < _EVENT_LATERAL) & (rows != agent)
     witnesses = [int(row) for row in rows[in_view] if event.is_visible(scene, agent, int(row))]
     egos = [Ego(moment, row, event.event, agent) for row in witnesses[:_MAX_EVENT_EGOS]]
-    is_far = np.hypot(*(scene.positions - scene.positions[agent]).T) > event.clearance
-    return egos + [Ego(moment, int(row)) for row in ordinary[is_far[ordinary]]]
+    return egos + [Ego(moment, int(row)) for row in ordinary[_is_far(scene, ordinary, event, agent)]]
+
+
+def _is_far(scene: Actors, rows: np.ndarray, event: StagedEvent | None, place: int | None) -> np.ndarray:
+    """Which agents ``rows`` see nothing of an event at agent ``place``; all if there is none [rows]."""
+    if event is None or place is None:
+        return np.ones(len(rows), bool)
+    return np.hypot(*(scene.positions[rows] - scene.positions[place]).T) > event.clearance
 
 
 def _select_egos(egos: list[Ego], moments: list[Actors]) -> list[Ego]:

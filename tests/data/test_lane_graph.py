@@ -157,11 +157,11 @@ def test_merged_lanes_end_behind_the_junction_of_their_signal_on_request():
     np.testing.assert_allclose(apart.lane_lengths, [60, 60, 30])
 
 
-def lanes_with_bend(radius: float) -> tuple[MapLane, ...]:
-    """A straight lane of 60 m, a quarter circle to the left, and another straight lane."""
+def lanes_with_bend(radius: float, length: float = 60.0) -> tuple[MapLane, ...]:
+    """A straight lane of ``length`` [m], a quarter circle to the left, and another straight lane."""
     angle = np.linspace(0, np.pi / 2, 30)
     bend = radius * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
-    lines = [[[-60.0, 0.0], [0.0, 0.0]], bend, [[radius, radius], [radius, radius + 60.0]]]
+    lines = [[[-length, 0.0], [0.0, 0.0]], bend, [[radius, radius], [radius, radius + length]]]
     return tuple(
         MapLane(
             str(k),
@@ -174,10 +174,12 @@ def lanes_with_bend(radius: float) -> tuple[MapLane, ...]:
     )
 
 
-@pytest.mark.parametrize(("radius", "num_apart"), [(6.0, 3), (60.0, 1)])
-def test_bends_alone_keeps_sharp_bends_only_apart(radius, num_apart):
+@pytest.mark.parametrize(
+    ("radius", "length", "num_apart"), [(6.0, 60.0, 3), (60.0, 60.0, 1), (4.0, 20.0, 3), (15.0, 12.0, 1)]
+)
+def test_bends_alone_keeps_sharp_bends_only_apart(radius, length, num_apart):
     log = example_log(
-        lanes=lanes_with_bend(radius),
+        lanes=lanes_with_bend(radius, length),
         signal_lane_ids=(),
         signal_states=np.zeros((0, 10), int),
         signal_positions=np.zeros((0, 3)),

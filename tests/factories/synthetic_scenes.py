@@ -14,7 +14,7 @@ from scjax.synthetic.recording import object_index, to_log
 from scjax.synthetic.world import Ego, World, make_world
 
 NUM_WORLDS = 30
-SEED = 7
+SEED = 8
 
 
 @functools.cache

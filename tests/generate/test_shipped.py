@@ -67,7 +67,8 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
     rng, level = np.random.default_rng(0), log_snr_schedule().levels[step]
     noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
     requests = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
-    attributes = np.stack([request_vector(one.attributes, config.attributes) for one in requests])[row % len(PROMPTS)]
+    attributes = np.stack([request_vector(one.attributes, config.attributes) for one in requests])
+    attributes = jnp.asarray(attributes[row % len(PROMPTS)])
     label = jnp.zeros(len(row), jnp.int32)
 
     @functools.partial(jax.jit, static_argnums=0)

@@ -37,11 +37,22 @@ def test_rules_find_shown_events(scene_events):
     assert sum(matches) / len(matches) >= 0.9
 
 
+def test_rules_find_vehicles_that_stop_in_a_lane():
+    """A scene with the event holds the road ahead of the vehicle, where a cause could be."""
+    detected = [
+        "stopped-in-lane" in measure_attributes(scene)["event"]
+        for k in range(12)
+        for ego, scene in scenes_of(make_world(21, k, events=("stopped-in-lane",)))
+        if ego.event == "stopped-in-lane"
+    ]
+    assert len(detected) > 15 and sum(detected) / len(detected) > 0.95
+
+
 def test_worlds_without_events_show_few():
     """Some traffic stands for reasons that a scene does not show."""
     shown = [
         bool(measure_attributes(scene)["event"])
-        for k in range(12)
+        for k in range(30)
         for _, scene in scenes_of(make_world(11, k, event_share=0.0))
     ]
     assert len(shown) > 60 and sum(shown) / len(shown) < 0.06

@@ -10,7 +10,7 @@ import pytest
 from scjax.scene.polyline import cumulative_length
 from scjax.synthetic.curves import STRAIGHT_END, line_length, resample_line, turn_curve
 from scjax.synthetic.domains import DOMAINS
-from scjax.synthetic.junctions import stop_distances
+from scjax.synthetic.junctions import MAX_STOP_DISTANCE, InfeasiblePlan, stop_distances
 from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.network_types import NETWORK_BUILDERS, draw_network
 
@@ -98,3 +98,16 @@ def test_stop_distances_leave_room_for_the_curb():
     angles = list(np.arange(4) * np.pi / 2)
     distances = stop_distances(angles, [half_width] * 4, [half_width] * 4, [radius] * 4)
     np.testing.assert_allclose(distances, half_width + radius + STRAIGHT_END)
+
+
+def test_stop_distances_refuse_roads_that_are_too_wide():
+    angles, half_widths = list(np.arange(4) * np.pi / 2), [MAX_STOP_DISTANCE - 5.0] * 4
+    with pytest.raises(InfeasiblePlan, match="too wide"):
+        stop_distances(angles, half_widths, half_widths, [8.0] * 4)
+
+
+@pytest.mark.parametrize("network_type", ["crossing", "Y", "side streets", "blocks"])
+def test_stop_lines_are_in_sight_of_the_center(network_type):
+    for net in networks_of(network_type):
+        for junction in net.junctions:
+            assert all(arm.stop_distance <= MAX_STOP_DISTANCE for arm in junction.arms)

@@ -22,7 +22,7 @@ def load_all(source: Worlds) -> list[PosedLog]:
 @pytest.fixture(scope="module")
 def logs_by_share() -> dict[float, list[PosedLog]]:
     """Logs of the same worlds with different shares of ordinary scenes."""
-    return {share: load_all(Worlds(7, 12, share)) for share in SHARES}
+    return {share: load_all(Worlds(9, 12, share)) for share in SHARES}
 
 
 @pytest.mark.parametrize("share", SHARES)

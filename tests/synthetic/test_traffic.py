@@ -10,6 +10,7 @@ import pytest
 from scjax.scene import Signal
 from scjax.synthetic import actors
 from scjax.synthetic.domains import DOMAINS
+from scjax.synthetic.junctions import InfeasiblePlan
 from scjax.synthetic.lane_arrays import build_lane_arrays
 from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.plan import build_network
@@ -83,7 +84,10 @@ def intersection() -> tuple[Network, SignalTiming]:
     rng = np.random.default_rng(5)
     style = dataclasses.replace(DOMAINS[0].style, branches=(1.0,))
     while True:
-        net = build_network(plan_intersection(style, rng), rng)
+        try:
+            net = build_network(plan_intersection(style, rng), rng)
+        except InfeasiblePlan:
+            continue
         if net.junctions[0].phases and len(net.junctions[0].arms) == 4:
             return net, SignalTiming.draw(net.junctions[0], moment_times(), rng)
 
@@ -104,6 +108,18 @@ def test_signals_show_all_states_and_repeat(intersection):
             states.setdefault(lane, set()).add(state)
     assert all(values == {Signal.GO, Signal.CAUTION, Signal.STOP} for values in states.values())
     assert timing.states(3.0) == timing.states(3.0 + cycle)
+
+
+def test_moments_show_yellow_and_green_often(intersection):
+    net, _ = intersection
+    rng = np.random.default_rng(6)
+    shown = [
+        set(SignalTiming.draw(net.junctions[0], moment_times(), rng).states(float(time)).values())
+        for _ in range(200)
+        for time in moment_times()
+    ]
+    shares = [np.mean([state in states for states in shown]) for state in (Signal.CAUTION, Signal.GO)]
+    assert min(shares) > 0.35 and max(shares) < 0.65
 
 
 def test_vehicles_obey_signals_and_do_not_collide(intersection):

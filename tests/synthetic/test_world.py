@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.scene import Signal
+from scjax.scene import AgentType, Signal
 from scjax.synthetic import actors
 from scjax.synthetic.domains import DOMAINS, draw_domain
+from scjax.synthetic.events.base import STAGED_IDS, StagedEvent
 from scjax.synthetic.setting import VERSION
 from scjax.synthetic.world import MAX_SCENES, World, make_world
-from tests.factories.synthetic_scenes import NUM_WORLDS, SEED, example_worlds
+from tests.factories.synthetic_scenes import NUM_WORLDS, SEED, example_worlds, scenes_of
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,28 @@ def test_crossing_connectors_have_no_green_together(worlds):
             for a, b in np.argwhere(world.lanes.conflicts[np.ix_(green, green)]):
                 assert arms[green[a]] == arms[green[b]]
     assert num_green > 5
+
+
+def test_scenes_without_the_event_are_far_from_every_wrong_way_driver():
+    """The driver is often slow at a moment, which then does not show the event; it is no ordinary traffic either."""
+    num_slow = 0
+    for k in range(12):
+        world = make_world(29, k, events=("wrong-way",))
+        for ego in world.egos:
+            moment = world.moments[ego.moment]
+            drivers = np.flatnonzero((moment.ids >= STAGED_IDS) & (moment.types == AgentType.VEHICLE))
+            if ego.event is None and len(drivers):
+                distance = np.hypot(*(moment.positions[drivers[0]] - moment.positions[ego.agent]))
+                assert distance > StagedEvent.clearance
+        num_slow += sum((moment.speeds[moment.ids >= STAGED_IDS] < 3.0).any() for moment in world.moments)
+    assert num_slow > 0
+
+
+def test_lanes_of_scenes_show_sharp_bends(worlds):
+    """The 20 points of a lane follow its turns."""
+    for world in worlds:
+        for _, scene in scenes_of(world):
+            steps = np.diff(scene.lanes[..., :2], axis=1)
+            turns = np.angle(np.exp(1j * np.diff(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)))
+            is_long = np.hypot(*np.moveaxis(steps, -1, 0)).min(1) > 0.05
+            assert np.rad2deg(np.abs(turns[is_long]).max()) < 25.0

@@ -19,7 +19,7 @@ LEAD_TIME = 3.0  # s from the start of an event to the moment that shows it
 _MIN_LANE_MARGIN = 15.0  # m
 _POSITIONS_PER_LANE = 3
 _AHEAD_OF_TRAFFIC = (8.0, 18.0)  # m
-_IDS = 6 * 10**9
+STAGED_IDS = 6 * 10**9  # from here on, of agents that are no part of traffic
 
 
 class StagedEvent(abc.ABC):
@@ -127,7 +127,7 @@ class StagedEvent(abc.ABC):
         return agents
 
     def _ids(self, count: int) -> np.ndarray:
-        return _IDS + 1000 * self.number + np.arange(count)
+        return STAGED_IDS + 1000 * self.number + np.arange(count)
 
 
 def add_vehicles(

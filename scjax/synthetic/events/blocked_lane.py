@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.scene import AgentType
+from scjax.scene import TILE_SIZE, AgentType
 from scjax.synthetic import actors
 from scjax.synthetic.actors import Actors
 from scjax.synthetic.events.base import MIN_CLEARANCE, StagedEvent, add_vehicles
@@ -17,6 +17,8 @@ _MAX_DISTANCE = 2.0  # m between the event and the vehicle that blocks the lane
 _CLEAR_DISTANCE = 12.0  # m along the lane without other vehicles at the start
 _EDGE_DISTANCE = 0.9  # m from a double-parked vehicle's center to the edge of its lane
 _LEADER_LATERAL = 1.8  # m
+_CAUSE_DISTANCE = 15.0  # m ahead of a stopped vehicle that a scene has to show, as far as a cause may lie
+_HALF_WINDOW = TILE_SIZE / 2  # m
 
 
 class StoppedVehicle(StagedEvent):
@@ -32,6 +34,15 @@ class StoppedVehicle(StagedEvent):
         is_stopped = (scene.lane == self.lane) & (scene.speeds < _STOPPED_SPEED) & (scene.types == AgentType.VEHICLE)
         vehicles = np.flatnonzero(is_stopped & (distance < _MAX_DISTANCE))
         return None if not len(vehicles) or _has_leader(scene, int(vehicles[0])) else int(vehicles[0])
+
+    def is_visible(self, scene: Actors, agent: int, ego: int) -> bool:
+        """A scene shows that nothing is ahead of the vehicle if its window holds the road there."""
+        heading, ego_heading = scene.headings[agent], scene.headings[ego]
+        offset = scene.positions[agent] - scene.positions[ego]
+        offset = offset + _CAUSE_DISTANCE * np.array([np.cos(heading), np.sin(heading)])
+        along = np.cos(ego_heading) * offset[0] + np.sin(ego_heading) * offset[1]
+        left = np.cos(ego_heading) * offset[1] - np.sin(ego_heading) * offset[0]
+        return bool(max(abs(along), abs(left)) < _HALF_WINDOW)
 
     def _block(self, fleet: Fleet, lateral: float, rng: np.random.Generator) -> Fleet:
         """The fleet with a vehicle that does not move, at ``lateral`` to the left of the centerline [m]."""
@@ -69,6 +80,10 @@ class DoubleParking(StoppedVehicle):
 
     def actors(self) -> Actors:
         return self._parked
+
+    def is_visible(self, scene: Actors, agent: int, ego: int) -> bool:
+        del scene, agent, ego
+        return True
 
 
 def _has_leader(scene: Actors, agent: int) -> bool:
