@@ -10,10 +10,11 @@ were held back.
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,14 +88,7 @@ def _train(
     folder: Path, encoder: FrozenTextEncoder, texts: Texts, args: Any, checkpoints: Checkpoints, stop: list[int]
 ) -> None:
     config = reader_config(encoder.width)
-    optimizer = adamw(
-        learning_rate=1.5e-3,
-        steps=args.steps,
-        warmup=min(200, args.steps // 10),
-        schedule="linear",
-        weight_decay=1e-2,
-        clip=1.0,
-    )
+    optimizer, step = _optimizer_and_step(config, args.steps)
     first_params = _first_params(config, args.start, args.seed)
     state, first = (first_params, optimizer.init(first_params)), checkpoints.latest or 0
     if first:
@@ -103,7 +97,8 @@ def _train(
 
     def save(number: int) -> dict[str, Any]:
         """Writes the reader and returns how well it reads."""
-        params = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, first_params, state[0])
+        weights = jax.device_get((first_params, state[0]))  # on the host: a device compiles a program for every shape
+        params = jax.device_put(jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, *weights))
         outputs = {kind: _outputs(config, params, texts, rows) for kind, rows in texts.held_back.items()}
         values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
         params = calibrate(params, outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
@@ -113,7 +108,6 @@ def _train(
 
     if first >= args.steps and not folder.is_dir():
         save(first)
-    step = jax.jit(lambda state, *batch: _step(config, optimizer, state, *batch))
     losses, number, start = [], first, time.perf_counter()
     with tqdm(total=args.steps, initial=first, desc="steps") as bar:
         while number < args.steps and not stop:
@@ -143,6 +137,20 @@ def _first_params(config: ReaderConfig, start: Path | None, seed: int) -> Params
     if reader.config != config:
         raise ValueError(f"--start {start} is a reader of another size: begin with another")
     return jax.tree.map(lambda array: array.astype(jnp.float32), reader.params)
+
+
+@functools.lru_cache(maxsize=1)
+def _optimizer_and_step(config: ReaderConfig, steps: int) -> tuple[optax.GradientTransformation, Callable[..., Any]]:
+    """The optimizer of a run of so many steps, and ``_step`` with it, compiled."""
+    optimizer = adamw(
+        learning_rate=1.5e-3,
+        steps=steps,
+        warmup=min(200, steps // 10),
+        schedule="linear",
+        weight_decay=1e-2,
+        clip=1.0,
+    )
+    return optimizer, jax.jit(functools.partial(_step, config, optimizer))
 
 
 def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:

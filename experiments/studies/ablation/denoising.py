@@ -88,12 +88,12 @@ def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: Denoise
             keys_by_type = PerType(agents=jax.random.fold_in(key, 0), lanes=jax.random.fold_in(key, 1))
             return jax.tree.map(lambda k, x: jax.random.normal(k, x.shape), keys_by_type, like)
 
-        def at(time: int) -> Array:
+        def at(time: Array) -> Array:
             noise = jax.vmap(normal_noise)(jax.vmap(lambda key: jax.random.fold_in(key, time))(keys), clean)
             level = noise_level_at(jnp.full(label.shape, time), schedule, config.prediction)
             none = jax.tree.map(jnp.zeros_like, masks)
             return diffusion_loss(denoise, level, clean, noise, masks, none, prediction=config.prediction)[1]["total"]
 
-        return jnp.stack([at(time) for time in TIMES]).mean(0)
+        return jax.lax.map(at, jnp.asarray(times)).mean(0)  # the network is compiled once, not for every time
 
     return run
