@@ -25,8 +25,9 @@ class DDPM(Sampler):
     clipped to +-5 it is the sampler of the official release. It uses the posterior variance beta-tilde, not beta, and
     neither learns the variance nor clips the x0 estimate.
 
-    The 25 steps for a velocity are the fewest whose scenes show no significant difference from 100 steps in any metric
-    (docs/results/sampling_steps.md). The number for noise is that of the release.
+    The 25 steps for a velocity were the fewest whose scenes showed no significant difference from 100 steps in any
+    metric, on an earlier model (docs/results/sampling_steps.md at commit 65928e5). The number for noise is that of the
+    release.
     """
 
     name: ClassVar[str] = "ddpm"
