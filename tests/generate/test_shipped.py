@@ -83,11 +83,10 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
             [sum(np.square(np.asarray(part)[step == time]).sum() for part in jax.tree.leaves(x)) for time in times]
         )
 
-    for exact, rounded in zip(
-        *(estimates(compute, model.denoiser.params) for compute in ("float32", "bfloat16")), strict=True
-    ):
-        error = np.sqrt(squares(jax.tree.map(np.subtract, exact, rounded)) / squares(exact))
-        assert (error > 0).all() and (error < 0.02).all(), error
+    exact, rounded = (estimates(compute, model.denoiser.params) for compute in ("float32", "bfloat16"))
+    for one, other, most in zip(exact, rounded, (0.04, 0.02), strict=True):  # the output, and the clean latents
+        error = np.sqrt(squares(jax.tree.map(np.subtract, one, other)) / squares(one))
+        assert (error > 0).all() and (error < most).all(), error
 
 
 def test_what_the_demo_prompts_ask_for_ships_with_the_reader(model, monkeypatch):
