@@ -156,3 +156,14 @@ def test_a_kind_changes_its_scene_alone_and_none_changes_nothing():
     ):
         changed = np.abs(evaluate(given).agents - without.agents).max((1, 2))
         assert changed[0] > 1e-4 and changed[1] == 0
+
+
+@pytest.mark.parametrize("sizes", [(4, 0), (-3,), (2000,)])
+def test_sizes_of_digits_are_whole_numbers(sizes):
+    with pytest.raises(ValueError, match="agent_kinds is"):
+        DenoiserConfig(agent_kinds=sizes, lane_kinds=(2,))
+
+
+def test_kinds_of_both_types_belong_together():
+    with pytest.raises(ValueError, match="give both or neither"):
+        DenoiserConfig(agent_kinds=(2,))

@@ -20,6 +20,7 @@ Prediction = Literal["noise", "velocity", "flow"]
 2022); or noise - x_0 on the straight path of a rectified flow (Liu et al. 2023)."""
 
 _MAY_BE_ZERO = ("fourier_features",)
+_MOST_DIGITS = 1000  # values of a digit of a kind
 MAX_OCTAVES = 20
 """Largest ``DenoiserConfig.fourier_octaves``."""
 
@@ -171,6 +172,12 @@ class DenoiserConfig:
                 f'schedule "log_snr" needs a network that estimates the velocity, not the {self.prediction}: set '
                 'prediction="velocity", or schedule="cosine"'
             )
+        for name in ("agent_kinds", "lane_kinds"):
+            sizes = getattr(self, name)
+            if not isinstance(sizes, tuple) or not all(type(one) is int and 1 <= one <= _MOST_DIGITS for one in sizes):
+                raise ValueError(f"DenoiserConfig.{name} is {sizes!r:.80}: give whole numbers from 1 to {_MOST_DIGITS}")
+        if bool(self.agent_kinds) != bool(self.lane_kinds):
+            raise ValueError("DenoiserConfig.agent_kinds and lane_kinds belong together: give both or neither")
         if len(set(self.attributes)) < len(self.attributes):
             raise ValueError("DenoiserConfig.attributes names a feature twice: name each once")
         check_compute(self.compute)
