@@ -5,9 +5,11 @@
 
 PROMPTS.jsonl has lines with "id", "style", "language", "prompt" and "asks", the attributes that a person read in the
 prompt. Rows: the labels as requests, so that reading plays no part; the same without outlines; the prompts as the
-model reads them; and what the command line hands out for them, the best of four, repaired. All but the last are single
+model reads them; and the best of four of these, repaired, as the command line writes them. All but the last are single
 raw samples: without energy guidance, choice or repair. The judge (JUDGE.py --prompts FILE --scenes FOLDER --out FOLDER)
-shares no code with scjax. RUNS keeps the scenes of every row; rows that are there are not sampled again.
+shares no code with scjax. RUNS keeps the scenes of every row; rows that are there are not sampled again. With
+--records, those of the model's training, the page also says how far scenes are from the nearest scene whose outline the
+model has.
 
 Writes OUT.md and OUT.json.
 """
@@ -25,12 +27,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from tqdm import tqdm
+
 import scjax
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from experiments.studies.prompts import sample_in_calls
+from scjax.data import records
+from scjax.metrics.novelty import nearest_tiles
 from scjax.nn.startup import start_jax
 from scjax.scene.files import write_text
-from scjax.scene.io import save_npz
+from scjax.scene.io import load_npz, save_npz
+from scjax.train.objectives.record_outlines import outline_rows
 
 _RAW = {"energy_guidance": False}
 _SOUND = ("open_joints", "kinked_lanes", "loose_ends", "overlaps", "against_lane", "ego_off_lane", "twin_lanes")
@@ -64,7 +72,7 @@ ROWS = {
     "labels as requests": Row(True, True, _RAW),
     "labels, without outlines": Row(True, False, _RAW),
     "prompts as read": Row(False, True, _RAW),
-    "prompts as read, handed out": Row(False, True, {"best_of": 4, "repair": True}),
+    "prompts as read, best of 4, repaired": Row(False, True, {"best_of": 4, "repair": True}),
 }
 
 
@@ -77,6 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--every", type=int, default=1, metavar="N", help="take every N-th prompt (default: %(default)s)"
     )
     parser.add_argument("--rows", nargs="+", default=list(ROWS), choices=ROWS, metavar="ROW", help="(default: all)")
+    parser.add_argument("--records", help="records of the model's training")
     parser.add_argument("--runs", type=Path, default=Path("runs/obedience"), help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     parser.add_argument("--seed", type=int, default=3, help="of all rows (default: %(default)s)")
@@ -86,12 +95,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         start_jax()
         model, found = scjax.load(args.model), {}
         for name in args.rows:
-            folder = args.runs / name.replace(",", "").replace(" ", "-")
+            folder = _folder(args.runs, name)
             sample_row(ROWS[name], lines, model, folder, name, args.seed)
             found[name] = judge_row(args.judge, folder)
+        distances = measure_distances(args.records, args.runs, args.rows) if args.records else {}
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.obedience: {error}")
-    write_page(args.out, _page(found, command_line("obedience", arguments)), found)
+    text = _page(found, distances, command_line("obedience", arguments))
+    write_page(args.out, text, {"rows": found, "distances": distances})
 
 
 def sample_row(
@@ -144,6 +155,29 @@ def judge_row(judge: Path, folder: Path) -> dict[str, Any]:
     }
 
 
+def measure_distances(records_folder: str, runs: Path, rows: Sequence[str]) -> dict[str, list[float]]:
+    """Row -> quartiles of the distance of lanes to the nearest training scene [m]; held-out records for comparison.
+
+    Raises:
+      ValueError: there are no such records.
+    """
+    stored, held_out = (records.open_records(records_folder, split) for split in ("train", "val"))
+    bank = [records.sample_scene(records.read_record(stored, row)) for row in outline_rows(len(stored))]
+    scenes = {name: [load_npz(path) for path in sorted(_folder(runs, name).glob("*/scene.npz"))] for name in rows}
+    number = max(map(len, scenes.values()))
+    places = np.unique(np.linspace(0, len(held_out) - 1, min(number, len(held_out))).astype(int)).tolist()
+    scenes["held-out records"] = [records.sample_scene(records.read_record(held_out, row)) for row in places]
+    distances = {}
+    for name, some in tqdm(scenes.items(), "distances", disable=None):
+        nearest = [plain.lane_distance for plain, _ in nearest_tiles(some, bank)]
+        distances[name] = np.quantile(nearest, (0.25, 0.5, 0.75)).round(2).tolist()
+    return distances
+
+
+def _folder(runs: Path, name: str) -> Path:
+    return runs / name.replace(",", "").replace(" ", "-")
+
+
 def _share(held: Sequence[bool]) -> tuple[int, int]:
     return sum(held), len(held)
 
@@ -155,7 +189,7 @@ def _shares(pairs: Sequence[tuple[str, bool]]) -> dict[str, tuple[int, int]]:
     return {name: _share(groups[name]) for name in sorted(groups)}
 
 
-def _page(found: Mapping[str, dict[str, Any]], command: str) -> str:
+def _page(found: Mapping[str, dict[str, Any]], distances: Mapping[str, list[float]], command: str) -> str:
     lines = ["# Obedience: what people type, and what comes", "", f"`{command}`", ""]
     lines += table_lines(
         ["scenes", "obeyed in full", "single wishes"],
@@ -171,6 +205,10 @@ def _page(found: Mapping[str, dict[str, Any]], command: str) -> str:
         lines += ["", f"## {title}", "", *table_lines(["", *found], cells)]
     cells = [[text, *(_percent(row["faults"][name]) for row in found.values())] for name, text in _FAULTS.items()]
     lines += ["", "## Scenes with faults", "", *table_lines(["", *found], cells), ""]
+    if distances:
+        lines += ["## Distance to the nearest training scene", "", "Of lanes, quartiles over scenes [m].", ""]
+        cells = [[name, *(f"{value:g}" for value in values)] for name, values in distances.items()]
+        lines += [*table_lines(["scenes", "25 %", "50 %", "75 %"], cells), ""]
     return "\n".join(lines)
 
 

@@ -136,9 +136,8 @@ def training_loss(
     Args:
       null_label: row of the label table that replaces dropped labels.
       label_dropout: share of scenes without their label.
-      condition_dropout: share without condition and attributes, and of each type of tokens share without
-        kinds. Where a batch has
-        both condition and attributes, more scenes are without one of them.
+      condition_dropout: share without condition and attributes, and for each type of tokens the share without kinds.
+        Where a batch has both condition and attributes, more scenes are without one of them.
       prediction, count_known, penalty: as in ``diffusion_loss``.
 
     Returns:

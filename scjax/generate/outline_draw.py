@@ -95,8 +95,8 @@ class _AgentDraw:
             if missing > 0:
                 kinds = self._insert(kinds, name, missing)
             elif high is not None and are_members.sum() > high:
-                few = self._members(kinds, _LARGE) if least.get(_LARGE, 0) else np.zeros_like(are_members)
-                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), few)
+                needed = self._members(kinds, _LARGE) if least.get(_LARGE, 0) else np.zeros_like(are_members)
+                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), needed)
         return kinds
 
     def replace(self, kinds: Kinds, known: Kinds) -> Kinds:
@@ -122,10 +122,10 @@ class _AgentDraw:
                 return np.insert(kinds, places, self._rng.choice(pool, number))
         return kinds
 
-    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int, last: np.ndarray) -> Kinds:
-        """Without ``number`` members drawn at random, those in ``last`` only where there are no others."""
+    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int, needed: np.ndarray) -> Kinds:
+        """Without ``number`` members drawn at random, those that are needed only where there are no others."""
         order = self._rng.permutation(np.flatnonzero(are_members))
-        order = order[np.argsort(last[order], kind="stable")]
+        order = order[np.argsort(needed[order], kind="stable")]
         return np.delete(kinds, order[:number])
 
 

@@ -1,7 +1,7 @@
 """Outlines of scenes: the kinds of all lanes and agents in token order, with the attributes of each scene.
 
-An outline says what is there, not where. A model keeps those of scenes of its training; one that fulfills a request is
-drawn before sampling.
+An outline says what is there. Of places it says the order of the tokens, which is along x, and the side of the ego. A
+model keeps those of scenes of its training; one that fulfills a request is drawn before sampling.
 """
 
 from __future__ import annotations

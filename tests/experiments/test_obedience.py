@@ -24,8 +24,8 @@ args.out.mkdir(exist_ok=True)
 rows, found = [], []
 for line in map(json.loads, args.prompts.read_text().splitlines()):
     scene = np.load(args.scenes / line["id"] / "scene.npz")
-    for key, asked in line["asks"].items():
-        held = int(len(scene["lanes"]) == asked if key == "lanes_total" else len(scene["agents"]) == asked + 1)
+    for key, number in line["asks"].items():
+        held = int(len(scene["lanes"]) == number if key == "lanes_total" else len(scene["agents"]) == number + 1)
         rows.append({**{name: line[name] for name in ("id", "style", "language")}, "key": key, "held": held})
     found.append({"scenes": [{"faults": {"overlaps": int(line["id"] == "a")}}]})
 with (args.out / "checks.csv").open("w") as file:
@@ -56,7 +56,7 @@ def folder(tmp_path_factory):
 def run(folder, *more):
     arguments = [str(folder / "prompts.jsonl"), "--judge", str(folder / "judge.py"), "--model", str(folder / "model")]
     obedience.main([*arguments, "--runs", str(folder / "runs"), "--out", str(folder / "page"), *more])
-    return json.loads((folder / "page.json").read_text())
+    return json.loads((folder / "page.json").read_text())["rows"]
 
 
 def test_shares_are_of_prompts_wishes_and_groups(folder):
@@ -72,6 +72,14 @@ def test_rows_that_are_there_are_not_sampled_again(folder, monkeypatch):
     run(folder, "--rows", "labels as requests")
     monkeypatch.setattr(obedience, "sample_in_calls", None)
     assert run(folder, "--rows", "labels as requests")["labels as requests"]["wishes"] == [2, 3]
+
+
+def test_distances_are_to_the_training_scenes(folder, world_records):
+    run(folder, "--rows", "labels as requests", "--records", str(world_records))
+    distances = json.loads((folder / "page.json").read_text())["distances"]
+    assert set(distances) == {"labels as requests", "held-out records"}
+    assert all(0 <= low <= middle <= high for low, middle, high in distances.values())
+    assert "| held-out records |" in (folder / "page.md").read_text()
 
 
 def test_a_judge_that_fails_is_named(folder, tmp_path):

@@ -27,7 +27,7 @@ def scene_kinds(scene: Scene, codec: SceneCodec) -> PerType:
 def outlines_of_records(folder: str, measured: MeasuredRecords, codec: SceneCodec, bucket: Bucket) -> Outlines:
     """Outlines of the centered training scenes of a folder, or of 8,000 spread over it, cut to ``bucket``."""
     stored = records.open_records(folder, "train")
-    rows = np.unique(np.linspace(0, len(stored) - 1, min(len(stored), _MOST)).astype(int)).tolist()
+    rows = outline_rows(len(stored))
     kinds_of = jax.jit(lambda scenes: scene_kinds(scenes, codec))
     kinds, domains = [], []
     for start in range(0, len(rows), _BATCH):
@@ -41,6 +41,11 @@ def outlines_of_records(folder: str, measured: MeasuredRecords, codec: SceneCode
         np.array(domains),
         [measured[row] for row in rows],
     )
+
+
+def outline_rows(number: int) -> list[int]:
+    """The records whose scenes give outlines, of so many in a folder."""
+    return np.unique(np.linspace(0, number - 1, min(number, _MOST)).astype(int)).tolist()
 
 
 def _padded_scene(stored: records.RecordShards, row: int, codec: SceneCodec, bucket: Bucket) -> Scene:
