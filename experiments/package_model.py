@@ -41,6 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--temperature", type=float, nargs=2, metavar=("AGENTS", "LANES"), help="of sampling (default: the model's)"
     )
+    parser.add_argument("--num-steps", type=int, help="of sampling by default (default: the model's)")
+    parser.add_argument("--guidance", type=float, help="scale by default, 1 is none (default: the model's)")
     parser.add_argument(
         "--counter", dest="count_predictor", help="model folder whose counts are taken (default: the model's own)"
     )
@@ -65,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             model = dataclasses.replace(
                 model, temperature=PerType(agents=args.temperature[0], lanes=args.temperature[1])
             )
+        given = {"num_steps": args.num_steps, "guidance": args.guidance}
+        model = dataclasses.replace(model, **{name: value for name, value in given.items() if value is not None})
         files = ship(model, args.out)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.package_model: {error}")

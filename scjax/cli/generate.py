@@ -32,7 +32,7 @@ def _guidance_help() -> str:
 
     return (
         "Guidance scale: higher follows the prompt more closely, 1 is no guidance. "
-        f"[default: {DEFAULT_GUIDANCE_SCALE:g}]"
+        f"[default: the model's, else {DEFAULT_GUIDANCE_SCALE:g}]"
     )
 
 

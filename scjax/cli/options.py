@@ -67,7 +67,7 @@ def _steps_help() -> str:
     defaults = ", ".join(
         f"{name} {steps}" for name, steps in (DEFAULT_STEPS["flow"] | DEFAULT_STEPS["velocity"]).items()
     )
-    return f"Sampling steps; fewer are faster. [default: {defaults}]"
+    return f"Sampling steps; fewer are faster. [default: the model's, else {defaults}]"
 
 
 num_steps_option = click.option("--num-steps", type=click.IntRange(2, 100), cls=LateHelp, late_help=_steps_help)

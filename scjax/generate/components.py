@@ -72,6 +72,8 @@ class Model:
       reads_prompts: whether prompts become requests for attributes (``generate.readings``), which the network then
         reads, as text or by themselves. Networks that read attributes and no text always need that.
       temperature: default scale of the sampler's noise, per type.
+      num_steps: default number of steps of the default sampler; None: the sampler's own.
+      guidance: default guidance scale; None: 2 for conditional networks, else 1.
       energy_guidance: default energy guidance of the sampler, or None.
       notes: free JSON: training data, steps, license.
     """
@@ -86,6 +88,8 @@ class Model:
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reads_prompts: bool = False
     temperature: PerType = DEFAULT_TEMPERATURE
+    num_steps: int | None = None
+    guidance: float | None = None
     energy_guidance: EnergyGuidance | None = None
     notes: dict[str, Any] = dataclasses.field(default_factory=dict)
 

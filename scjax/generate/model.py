@@ -70,6 +70,8 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
         "text_encoder": model.text_encoder,
         "reads_prompts": model.reads_prompts,
         "temperature": dataclasses.asdict(model.temperature),
+        "num_steps": model.num_steps,
+        "guidance": model.guidance,
         "energy_guidance": dataclasses.asdict(model.energy_guidance) if model.energy_guidance else None,
         "notes": model.notes,
     }
@@ -180,6 +182,8 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         reads_prompts=index.reads_prompts,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),
         temperature=index.temperature.to_per_type() if index.temperature else DEFAULT_TEMPERATURE,
+        num_steps=index.num_steps,
+        guidance=index.guidance,
         energy_guidance=read_part("energy_guidance", EnergyGuidance.from_dict, guidance) if guidance else None,
         notes=index.notes,
     )

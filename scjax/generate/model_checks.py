@@ -10,12 +10,14 @@ from typing import Any
 import jax
 import numpy as np
 
+from scjax.diffusion.defaults import NUM_TRAIN_TIMESTEPS
+from scjax.diffusion.guidance import MAX_SCALE
 from scjax.generate.components import COMPONENTS, Model
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.kinds import NO_KIND
 from scjax.nn.functional import flatten
 from scjax.scene import Crop
-from scjax.scene.arguments import finite_number
+from scjax.scene.arguments import finite_number, whole_number
 
 _MAX_SIZE, _MAX_BLOCKS = 1 << 20, 256
 MAX_PARAMETER = 1e9
@@ -44,6 +46,10 @@ def check_model(model: Model) -> None:
             finite_number(value, label, -1e6, 1e6)
     for value in jax.tree.leaves(model.temperature):
         finite_number(value, "temperature", 1e-6, 100.0)
+    if model.num_steps is not None:
+        whole_number(model.num_steps, "num_steps", 2, NUM_TRAIN_TIMESTEPS)
+    if model.guidance is not None:
+        finite_number(model.guidance, "guidance", -MAX_SCALE, MAX_SCALE)
     if model.counts is not None:
         _check_counts(model)
     if model.outlines is not None:

@@ -114,6 +114,8 @@ class ModelIndex(Struct):
     text_encoder: str = ""
     reads_prompts: bool = False
     temperature: PerTypeFields | None = None
+    num_steps: int | None = None
+    guidance: float | None = None
     energy_guidance: dict[str, Any] | None = None
     prompts: str = ""
     outline_values: dict[str, list[Any]] = {}

@@ -105,9 +105,10 @@ def sample_scenes(
       model: from ``scjax.load``, or a model folder, which is read at every call; None: the model that ships with the
         package.
       num_scenes: scenes for each condition.
-      num_steps: sampling steps, 2..100; by default ``scjax.samplers.DEFAULT_STEPS`` of the sampler.
-      guidance: w in u + w (c - u), of the estimates c with and u without the condition. 1, the default of
-        unconditional models, is plain sampling. ``scjax.Guidance`` also takes an interval of times and rescaling.
+      num_steps: sampling steps, 2..100; by default the model's, or those of the sampler that is named here
+        (``scjax.samplers.DEFAULT_STEPS``).
+      guidance: w in u + w (c - u), of the estimates c with and u without the condition; by default the model's. 1 is
+        plain sampling. ``scjax.Guidance`` also takes an interval of times and rescaling.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, such as ``scjax.samplers.DDIM(eta=0.5)``.
       best_of: candidates for each scene; the one with the least ``score_scene`` is returned. Candidates share counts
@@ -168,9 +169,11 @@ def _settings(
     energy_guidance: EnergyGuidance | bool | None,
 ) -> SamplingSettings:
     config = model.denoiser.config
+    num_steps = model.num_steps if num_steps is None and sampler is None else num_steps
     sampler = resolve_sampler(sampler, config.prediction)
     num_steps = DEFAULT_STEPS[config.prediction][sampler.name] if num_steps is None else num_steps
     num_steps = whole_number(num_steps, "num_steps", 2, MAX_STEPS)
+    guidance = model.guidance if guidance is None else guidance
     if guidance is None:
         guidance = DEFAULT_GUIDANCE_SCALE if config.is_conditional else 1.0
     if not isinstance(guidance, Guidance):

@@ -90,18 +90,26 @@ def test_a_model_keeps_how_it_is_sampled_and_older_ones_do_as_the_release(tmp_pa
         tiny_model(),
         temperature=PerType(agents=0.5, lanes=0.25),
         energy_guidance=EnergyGuidance(gradient_steps=3, lane_step_size=0.01),
+        num_steps=8,
+        guidance=1.5,
     )
     folder = save_model(cold, tmp_path / "model")
-    assert (
-        load_model(folder).temperature == cold.temperature
-        and load_model(folder).energy_guidance == cold.energy_guidance
-    )
+    kept = load_model(folder)
+    assert kept.temperature == cold.temperature and kept.energy_guidance == cold.energy_guidance
+    assert (kept.num_steps, kept.guidance) == (8, 1.5)
     description = json.loads((folder / "model.json").read_text())
-    del description["temperature"], description["energy_guidance"]
+    for name in ("temperature", "energy_guidance", "num_steps", "guidance"):
+        del description[name]
     (folder / "model.json").write_text(json.dumps(description))
-    assert (
-        load_model(folder).temperature == PerType(agents=1.0, lanes=0.75) and load_model(folder).energy_guidance is None
-    )
+    older = load_model(folder)
+    assert older.temperature == PerType(agents=1.0, lanes=0.75)
+    assert older.energy_guidance is older.num_steps is older.guidance is None
+
+
+@pytest.mark.parametrize(("field", "value"), [("num_steps", 1), ("num_steps", 101), ("guidance", float("nan"))])
+def test_a_model_with_senseless_defaults_is_refused(tmp_path, field, value):
+    with pytest.raises(ValueError, match=field):
+        save_model(dataclasses.replace(tiny_model(), **{field: value}), tmp_path / "model")
 
 
 def test_weights_in_several_files_of_half_precision(tmp_path):

@@ -244,6 +244,20 @@ def test_temperature_is_the_models_by_default(model):
     assert not np.allclose(halved.agents, sample(model, condition).agents, atol=0.05)
 
 
+def test_steps_and_guidance_are_the_models_by_default(model):
+    quick = dataclasses.replace(model, num_steps=2, guidance=1.0)
+    plain = scjax.sample(0, Condition(**COUNTS), model=model, num_steps=2, guidance=1)
+    chex.assert_trees_all_equal(scjax.sample(0, Condition(**COUNTS), model=quick).to_dict(), plain.to_dict())
+
+
+def test_a_sampler_that_is_named_takes_its_own_steps(model):
+    quick = dataclasses.replace(model, num_steps=2)
+    plain = scjax.sample(0, Condition(**COUNTS), model=model, sampler="ddim")
+    chex.assert_trees_all_equal(
+        scjax.sample(0, Condition(**COUNTS), model=quick, sampler="ddim").to_dict(), plain.to_dict()
+    )
+
+
 def test_temperature_of_zero_is_refused(model):
     with pytest.raises(ValueError, match="temperature must be positive"):
         sample(model, temperature=PerType(agents=1.0, lanes=0.0))
