@@ -246,7 +246,7 @@ def test_temperature_is_the_models_by_default(model):
 
 def test_steps_and_guidance_are_the_models_by_default(model):
     quick = dataclasses.replace(model, num_steps=2, guidance=1.0)
-    plain = scjax.sample(0, Condition(**COUNTS), model=model, num_steps=2, guidance=1)
+    plain = scjax.sample(0, Condition(**COUNTS), model=model, num_steps=2, guidance=1.0)
     chex.assert_trees_all_equal(scjax.sample(0, Condition(**COUNTS), model=quick).to_dict(), plain.to_dict())
 
 
