@@ -5,11 +5,11 @@
 
 PROMPTS.jsonl has lines with "id", "style", "language", "prompt" and "asks", the attributes that a person read in the
 prompt. Rows: the labels as requests, so that reading plays no part; the same without outlines; the prompts as the
-model reads them; and the best of four of these, repaired, as the command line writes them. All but the last are single
-raw samples: without energy guidance, choice or repair. The judge (JUDGE.py --prompts FILE --scenes FOLDER --out FOLDER)
-shares no code with scjax. RUNS keeps the scenes of every row; rows that are there are not sampled again. With
---records, those of the model's training, the page also says how far scenes are from the nearest scene whose outline the
-model has.
+model reads them; the best of four of these, repaired, as the command line writes them; and the labels with other
+numbers of sampling steps. All but the best of four are single raw samples: without energy guidance, choice or repair.
+The judge (JUDGE.py --prompts FILE --scenes FOLDER --out FOLDER) shares no code with scjax. RUNS keeps the scenes of
+every row; rows that are there are not sampled again. With --records, those of the model's training, the page also says
+how far scenes are from the nearest scene whose outline the model has.
 
 Writes OUT.md and OUT.json.
 """
@@ -41,6 +41,7 @@ from scjax.scene.io import load_npz, save_npz
 from scjax.train.objectives.record_outlines import outline_rows
 
 _RAW = {"energy_guidance": False}
+_SHOWN_BY_STEPS = ("kinked_lanes", "loose_ends", "overlaps", "twin_lanes")
 _SOUND = ("open_joints", "kinked_lanes", "loose_ends", "overlaps", "against_lane", "ego_off_lane", "twin_lanes")
 _FAULTS = {
     "open_joints": "connections open by more than 0.5 m",
@@ -74,6 +75,13 @@ ROWS = {
     "prompts as read": Row(False, True, _RAW),
     "prompts as read, best of 4, repaired": Row(False, True, {"best_of": 4, "repair": True}),
 }
+STEP_ROWS = {
+    **{f"{steps} steps": Row(True, True, {**_RAW, "num_steps": steps, "guidance": 1.0}) for steps in (2, 4, 8, 16, 25)},
+    **{
+        f"{steps} steps, guidance 2": Row(True, True, {**_RAW, "num_steps": steps, "guidance": 2.0})
+        for steps in (8, 25)
+    },
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -84,7 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--every", type=int, default=1, metavar="N", help="take every N-th prompt (default: %(default)s)"
     )
-    parser.add_argument("--rows", nargs="+", default=list(ROWS), choices=ROWS, metavar="ROW", help="(default: all)")
+    rows = ROWS | STEP_ROWS
+    parser.add_argument("--rows", nargs="+", default=list(rows), choices=rows, metavar="ROW", help="(default: all)")
     parser.add_argument("--records", help="records of the model's training")
     parser.add_argument("--runs", type=Path, default=Path("runs/obedience"), help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
@@ -96,9 +105,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         model, found = scjax.load(args.model), {}
         for name in args.rows:
             folder = _folder(args.runs, name)
-            sample_row(ROWS[name], lines, model, folder, name, args.seed)
+            sample_row(rows[name], lines, model, folder, name, args.seed)
             found[name] = judge_row(args.judge, folder)
-        distances = measure_distances(args.records, args.runs, args.rows) if args.records else {}
+        shown = [name for name in args.rows if name in ROWS]
+        distances = measure_distances(args.records, args.runs, shown) if args.records else {}
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.obedience: {error}")
     text = _page(found, distances, command_line("obedience", arguments))
@@ -191,6 +201,8 @@ def _shares(pairs: Sequence[tuple[str, bool]]) -> dict[str, tuple[int, int]]:
 
 def _page(found: Mapping[str, dict[str, Any]], distances: Mapping[str, list[float]], command: str) -> str:
     lines = ["# Obedience: what people type, and what comes", "", f"`{command}`", ""]
+    by_steps = {name: row for name, row in found.items() if name in STEP_ROWS}
+    found = {name: row for name, row in found.items() if name in ROWS}
     lines += table_lines(
         ["scenes", "obeyed in full", "single wishes"],
         [[name, _percent(row["prompts"]), _percent(row["wishes"])] for name, row in found.items()],
@@ -205,11 +217,22 @@ def _page(found: Mapping[str, dict[str, Any]], distances: Mapping[str, list[floa
         lines += ["", f"## {title}", "", *table_lines(["", *found], cells)]
     cells = [[text, *(_percent(row["faults"][name]) for row in found.values())] for name, text in _FAULTS.items()]
     lines += ["", "## Scenes with faults", "", *table_lines(["", *found], cells), ""]
+    if by_steps:
+        head = ["labels as requests, raw", "in full", "single wishes", *(_FAULTS[name] for name in _SHOWN_BY_STEPS)]
+        cells = [
+            [name, *(_percent(row[key]) for key in ("prompts", "wishes")), *_fault_cells(row, _SHOWN_BY_STEPS)]
+            for name, row in by_steps.items()
+        ]
+        lines += ["## Number of sampling steps, and guidance", "", *table_lines(head, cells), ""]
     if distances:
         lines += ["## Distance to the nearest training scene", "", "Of lanes, quartiles over scenes [m].", ""]
         cells = [[name, *(f"{value:g}" for value in values)] for name, values in distances.items()]
         lines += [*table_lines(["scenes", "25 %", "50 %", "75 %"], cells), ""]
     return "\n".join(lines)
+
+
+def _fault_cells(row: Mapping[str, Any], names: Sequence[str]) -> list[str]:
+    return [_percent(row["faults"][name]) for name in names]
 
 
 def _percent(share: Sequence[int]) -> str:

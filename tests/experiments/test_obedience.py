@@ -68,6 +68,13 @@ def test_shares_are_of_prompts_wishes_and_groups(folder):
     assert "| labels as requests | 50.0 % of 2 | 66.7 % of 3 |" in (folder / "page.md").read_text()
 
 
+def test_numbers_of_steps_have_a_table_of_their_own(folder):
+    run(folder, "--rows", "labels as requests", "2 steps")
+    page = (folder / "page.md").read_text()
+    assert "| 2 steps | 50.0 % of 2 | 66.7 % of 3 |" in page.split("## Number of sampling steps")[1]
+    assert "2 steps" not in page.split("## Number of sampling steps")[0].split("\n", 3)[3]
+
+
 def test_rows_that_are_there_are_not_sampled_again(folder, monkeypatch):
     run(folder, "--rows", "labels as requests")
     monkeypatch.setattr(obedience, "sample_in_calls", None)
