@@ -4,7 +4,8 @@
 
 The prompts are a text file with one per line, or JSON (lists of texts, or of objects with a "prompt"). The reader of
 prompts says what they ask for, the table of attributes what scenes show. Scenes are as sampled; with --best-of 8 they
-are selected and repaired as by ``scjax generate``, and the page says so.
+are selected and repaired as by ``scjax generate``, and the page says so. --remarks is a text file with lines
+"NUMBER: what somebody saw in the picture of that prompt", which the page repeats.
 
 Writes OUT.md, OUT.json and a folder OUT with a picture per prompt.
 """
@@ -44,9 +45,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--seed", type=int, default=0)
     add("--best-of", type=int, default=1, metavar="K", help="samples per scene; above 1 the best is repaired and kept")
     add("--numbers-only", action="store_true", help="name prompts by number, for texts that must not be repeated")
+    add("--remarks", type=Path, help="file of what was seen in the pictures")
     args = parser.parse_args(arguments)
     try:
+        remarks = read_remarks(args.remarks) if args.remarks else {}
         results = sample_gallery(args)
+        for number, result in enumerate(results, 1):
+            result["remark"] = remarks.get(number, "")
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.gallery: {error}")
     write_page(args.out, markdown(results, args, command_line("gallery", arguments)), results)
@@ -138,6 +143,7 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         title = textwrap.shorten(result["prompt"], 300)
         lines += [f"## {number}. {title}" if title else f"## {number}", "", f"![{number}]({result['picture']})", ""]
         lines += [*table_lines(["scene", "requests"], [_scene_cells(scene) for scene in result["scenes"]]), ""]
+        lines += [f"Seen: {result['remark']}", ""] if result["remark"] else []
         lines += [line for message in result["warnings"] for line in (f"- warning: {message}", "")]
     return "\n".join(lines)
 
@@ -145,6 +151,21 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
 def _scene_cells(scene: dict[str, Any]) -> list[str]:
     checks = ", ".join(f"{name} {'yes' if shown else 'no'}" for name, shown in scene["checks"].items())
     return [scene["facts"], checks or "none read"]
+
+
+def read_remarks(path: Path) -> dict[int, str]:
+    """Number of a prompt -> what was seen.
+
+    Raises:
+      ValueError: a line has no number; names it.
+    """
+    remarks = {}
+    for place, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        number, colon, text = line.partition(":")
+        if not (colon and number.strip().isdecimal()):
+            raise ValueError(f'{path}, line {place}: write "NUMBER: what was seen"')
+        remarks[int(number)] = text.strip()
+    return remarks
 
 
 def read_prompts(path: Path) -> list[str]:

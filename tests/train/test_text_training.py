@@ -172,18 +172,26 @@ def test_a_gallery_has_a_picture_a_prompt_and_says_what_is_met(text_model, tmp_p
     scjax.save(dataclasses.replace(text_model, prompts=features), tmp_path / "model")
     (tmp_path / "prompts.txt").write_text("\n".join(prompts))
     options = [f"--model={tmp_path / 'model'}", f"--prompts={tmp_path / 'prompts.txt'}", f"--out={tmp_path / 'out'}"]
-    gallery.main([*options, "--samples=2", "--best-of=2", "--num-steps=2"])
+    (tmp_path / "remarks.txt").write_text("2: the road ends in a field")
+    gallery.main([*options, "--samples=2", "--best-of=2", "--num-steps=2", f"--remarks={tmp_path / 'remarks.txt'}"])
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert files == ["prompt-01.png", "prompt-02.png", "prompt-03.png"]
     text = (tmp_path / "out.md").read_text()
     assert "the best of 2, repaired" in text and all(prompt in text for prompt in prompts)
     total = sum(int(n) for n in re.findall(r"layout \| (\d) of 4", text))
     assert total == text.count("layout yes")
+    assert text.index("prompt-02.png") < text.index("Seen: the road ends in a field") < text.index("prompt-03.png")
     assert text.count("- warning: ") == 1 and "is understood of 'a kangaroo'" in text
 
     gallery.main([*options[:2], f"--out={tmp_path / 'numbers'}", "--samples=1", "--num-steps=2", "--numbers-only"])
     text = (tmp_path / "numbers.md").read_text()
     assert "- warning: the warning quotes the prompt" in text and not any(prompt in text for prompt in prompts)
+
+
+def test_a_remark_without_a_number_is_refused(tmp_path):
+    (tmp_path / "remarks.txt").write_text("1: a road\nnothing")
+    with pytest.raises(ValueError, match="line 2"):
+        gallery.read_remarks(tmp_path / "remarks.txt")
 
 
 def test_prompts_are_read_from_lines_and_from_all_lists_of_a_json_file(tmp_path):
