@@ -1,4 +1,8 @@
-"""Lanes cut in halves until few points can show their bends: scenes give every lane the same number of points."""
+"""Lanes cut in halves until few points can show their bends: scenes give every lane the same number of points.
+
+Towns need it, since a lane of an OpenDRIVE road may hold bends. In the synthetic worlds a bend is a lane of its own, so
+it is enough that ``lane_graph`` does not merge it with long lanes. Halving instead gives 16 of 40 worlds another graph.
+"""
 
 from __future__ import annotations
 
