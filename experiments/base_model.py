@@ -46,6 +46,7 @@ _DENOISER = (
     "--config.checkpoint_every=200",
     "--config.evaluate_every=1000",
     "--config.picture_every=0",
+    "--config.loss.collision=3.0",
     _BUCKETS,
 )
 _CONSTANT = ("--config.optimizer.schedule=constant", "--config.export_at=(1000,4000,10000,30000)")
@@ -54,8 +55,8 @@ _CONSTANT = ("--config.optimizer.schedule=constant", "--config.export_at=(1000,4
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.base_model", __doc__)
     parser.add_argument("folder", type=Path, help="receives records, models and logs")
-    parser.add_argument("--worlds", type=int, default=3000)
-    parser.add_argument("--seed", type=int, default=101, help="of the worlds")
+    parser.add_argument("--worlds", type=int, default=8000)
+    parser.add_argument("--seed", type=int, default=401, help="of the worlds")
     parser.add_argument("--autoencoder-steps", type=int, default=0, help="0 (the default): the autoencoder that ships")
     parser.add_argument("--steps", type=int, default=30_000, help="of the denoiser, at a constant rate")
     parser.add_argument("--last-steps", type=int, default=4000, help="of the denoiser, while the rate falls to zero")
