@@ -47,7 +47,7 @@ def random_denoiser(prediction):
     )
     network = denoiser(config)
     rng = np.random.default_rng(0)
-    params = jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape), network.init(jax.random.key(0)))
+    params = jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape), network.shapes())
     return network, config, params
 
 
