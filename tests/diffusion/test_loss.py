@@ -44,7 +44,9 @@ def _params():
     params = jax.device_get(NETWORK.init(jax.random.key(0)))  # adding to arrays of a device compiles for every shape
     leaves, tree = jax.tree.flatten(params)
     noise = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
-    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
+    return jax.device_put(
+        jax.tree.unflatten(tree, [np.float32(x + 0.2 * y) for x, y in zip(leaves, noise, strict=True)])
+    )
 
 
 def _batch(garbage=0.0):
@@ -68,7 +70,7 @@ def _batch(garbage=0.0):
         has_condition=np.array([True, True]),
         agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
     )
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
+    return jax.device_put(jax.tree.map(lambda x: np.float32(x) if x.dtype == np.float64 else x, batch))
 
 
 @golden.jit

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
@@ -14,17 +13,17 @@ from scjax.nn.init import ParamInit
 
 
 class NumPyInit(ParamInit):
-    """``ParamInit`` with numbers of NumPy."""
+    """``ParamInit`` with numbers of NumPy. (``jnp.asarray`` would compile for every shape.)"""
 
     def __init__(self, seed: int = 0):
         super().__init__()
         self._rng = np.random.default_rng(seed)
 
     def uniform(self, shape: tuple[int, ...], bound: float) -> jax.Array:
-        return jnp.asarray(self._rng.uniform(-bound, bound, shape), jnp.float32)
+        return jax.device_put(self._rng.uniform(-bound, bound, shape).astype(np.float32))
 
     def normal(self, shape: tuple[int, ...], std: float) -> jax.Array:
-        return jnp.asarray(self._rng.normal(0, std, shape), jnp.float32)
+        return jax.device_put(self._rng.normal(0, std, shape).astype(np.float32))
 
 
 def initial_params(make: Callable[[ParamInit], nnx.Module], *, noise: float = 0.0, seed: int = 0) -> Params:

@@ -101,7 +101,8 @@ def _batch(dtype, garbage):
 
 
 def _cast(tree, dtype=jnp.float32):
-    return jax.tree.map(lambda x: jnp.asarray(x, dtype if np.issubdtype(x.dtype, np.floating) else None), tree)
+    """On the device; ``jnp.asarray`` would compile for every shape."""
+    return jax.device_put(jax.tree.map(lambda x: np.asarray(x, dtype if x.dtype.kind == "f" else None), tree))
 
 
 def _cut(pair):
