@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -21,7 +22,7 @@ NAME_SAMPLERS = {("demo",), ("generate",)}
 def _imported_packages(code: str) -> set[str]:
     """Top-level packages that a new process has imported when it ends."""
     report = "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)"
-    program = f"import sys\ntry:\n    {code}\nfinally:\n    {report}"
+    program = f"import sys\n{code}\n{report}"
     process = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     return set(process.stderr.split())
 
@@ -33,11 +34,42 @@ def _commands(command: click.Command, *words: str) -> Iterator[tuple[str, ...]]:
             yield from _commands(subcommand, *words, name)
 
 
-@pytest.mark.parametrize("words", list(_commands(cli)), ids=lambda words: " ".join(("scjax", *words)))
-def test_help_imports_no_heavy_package(words):
-    packages = _imported_packages(f"from scjax.cli import main; main({[*words, '--help']})")
+COMMANDS = list(_commands(cli))
+HELP = """
+import json, sys
+
+def packages():
+    return {name.partition(".")[0] for name in sys.modules}
+
+from scjax.cli import main
+before, imported = set(), {}
+for words in json.loads(sys.argv[1]):
+    try:
+        main([*words, "--help"])
+    except SystemExit as end:
+        assert not end.code
+    imported[" ".join(words)] = sorted(packages() - before)
+    before = packages()
+print(json.dumps([sorted(before), imported]), file=sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def help_imports():
+    """All packages of a process that shows the help of all commands, and those that each of them adds.
+
+    The first one adds those of the start. Commands whose help needs JAX come last.
+    """
+    words = json.dumps(sorted(COMMANDS, key=lambda words: words in NAME_SAMPLERS))
+    process = subprocess.run([sys.executable, "-c", HELP, words], check=True, capture_output=True, text=True)
+    return json.loads(process.stderr)
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: " ".join(("scjax", *words)))
+def test_help_imports_no_heavy_package(words, help_imports):
+    packages, imported = help_imports
     assert "scjax" in packages
-    assert not packages & (SELDOM_USED if words in NAME_SAMPLERS else HEAVY)
+    assert not set(imported[" ".join(words)]) & (SELDOM_USED if words in NAME_SAMPLERS else HEAVY)
 
 
 def test_import_of_scjax_imports_no_heavy_package():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
@@ -64,7 +63,7 @@ def convert_denoiser(state: Mapping[str, np.ndarray], config: DenoiserConfig) ->
     ignored = ["model.pos_emb_lane", "model.pos_emb_agent"]  # fixed tables, computed here
     if isinstance(config.condition, ImageCondition):
         ignored.append("model.pos_emb_img")
-    return jax.tree.map(jnp.asarray, convert(state, denoiser_rules(config), expected, ignored))
+    return jax.device_put(convert(state, denoiser_rules(config), expected, ignored))
 
 
 def denoiser_rules(config: DenoiserConfig) -> Rules:

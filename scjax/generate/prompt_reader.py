@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import msgspec
 import numpy as np
 
@@ -178,7 +177,7 @@ def _load(folder: Path) -> PromptReader:
     if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
         raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")
     readings = {text: _reading(content, path) for text, content in index.readings.items()}
-    return PromptReader(config, jax.tree.map(jnp.asarray, params), index.encoder, readings)
+    return PromptReader(config, jax.device_put(params), index.encoder, readings)
 
 
 def _reading(content: dict[str, Any], path: Path) -> Reading:

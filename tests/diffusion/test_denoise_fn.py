@@ -47,7 +47,7 @@ def random_denoiser(prediction):
     )
     network = denoiser(config)
     rng = np.random.default_rng(0)
-    params = jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape), network.init(jax.random.key(0)))
+    params = jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape), network.shapes())
     return network, config, params
 
 
@@ -86,7 +86,7 @@ def test_precomputed_modulation_leaves_samples_unchanged(sampler, prediction, gu
         rng = np.random.default_rng(1)
         features = TextFeatures(tokens=jnp.asarray(rng.normal(size=(2, 3, 4))), mask=jnp.ones((2, 3), bool))
         known_latents = jax.tree.map(lambda mask, width: jnp.ones((*mask.shape, width)), MASKS, LATENT_WIDTHS)
-        params = jax.tree.map(jnp.asarray, params)
+        params = jax.device_put(params)
 
         def run(max_precomputed):
             denoise = make_denoise(
@@ -120,7 +120,7 @@ def test_precomputed_modulation_leaves_samples_unchanged(sampler, prediction, gu
 def test_one_evaluation_agrees_in_float32():
     """To 1e-6 per branch; guidance with scale 3 returns 3 c - 2 u, which makes it 5e-6."""
     network, config, params = random_denoiser("velocity")
-    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
+    params = jax.device_put(jax.tree.map(np.float32, params))
     rng = np.random.default_rng(2)
     z = jax.tree.map(lambda m, w: jnp.asarray(rng.normal(size=(*m.shape, w)), jnp.float32), MASKS, LATENT_WIDTHS)
     times = np.array([3, 40, 99])
@@ -141,7 +141,7 @@ def test_one_evaluation_agrees_in_float32():
 def test_guidance_leads_away_from_a_request_for_nothing():
     """A scale of 0 is the unconditional branch: the request does not matter there, and without one neither does 1."""
     network, config, params = random_denoiser("velocity")
-    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
+    params = jax.device_put(jax.tree.map(np.float32, params))
     rng = np.random.default_rng(3)
     z = jax.tree.map(lambda m, w: jnp.asarray(rng.normal(size=(*m.shape, w)), jnp.float32), MASKS, LATENT_WIDTHS)
     times = np.array([3, 40])
@@ -162,7 +162,7 @@ def test_guidance_leads_away_from_a_request_for_nothing():
 def test_modulation_above_the_limit_is_not_precomputed():
     """A row holds six chunks per stage, six of the source, three of the cross attention, and those of the heads."""
     network, config, params = random_denoiser("velocity")
-    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), params)
+    params = jax.device_put(jax.tree.map(np.float32, params))
     times = np.arange(7)
     lane, agent = 16, 8
     row = (6 + 6 + 3 + 6 + 3) * (lane + agent) + 2 * (lane + agent)

@@ -41,10 +41,12 @@ SCHEDULE = cosine_schedule()
 
 @functools.cache
 def _params():
-    params = NETWORK.init(jax.random.key(0))
+    params = jax.device_get(NETWORK.init(jax.random.key(0)))  # adding to arrays of a device compiles for every shape
     leaves, tree = jax.tree.flatten(params)
     noise = [np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
-    return jax.tree.unflatten(tree, [jnp.asarray(x + 0.2 * y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
+    return jax.device_put(
+        jax.tree.unflatten(tree, [np.float32(x + 0.2 * y) for x, y in zip(leaves, noise, strict=True)])
+    )
 
 
 def _batch(garbage=0.0):
@@ -68,7 +70,7 @@ def _batch(garbage=0.0):
         has_condition=np.array([True, True]),
         agent_weight=np.where(masks.agents, 1.0, garbage).astype(np.float32),
     )
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
+    return jax.device_put(jax.tree.map(lambda x: np.float32(x) if x.dtype == np.float64 else x, batch))
 
 
 @golden.jit
@@ -129,15 +131,16 @@ def test_some_scenes_have_a_request_or_a_condition_alone():
 
 def test_kinds_are_dropped_with_the_condition():
     network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=(2,), lane_kinds=(2,)))
-    params = jax.tree.map(lambda leaf: leaf + 0.1, network.init(jax.random.key(0)))
+    params = jax.tree.map(lambda leaf: leaf + np.float32(0.1), jax.device_get(network.init(jax.random.key(0))))
     batch = _batch().replace(condition=None, has_condition=None)
 
     @golden.jit
-    def loss(kinds, condition_dropout):
+    def loss_of(params, kinds, condition_dropout):
         options = {"null_label": CONFIG.null_label, "condition_dropout": condition_dropout}
         given = batch.replace(kinds=kinds)
         return training_loss(network, params, SCHEDULE, given, jax.random.key(3), **options)[0]
 
+    loss = functools.partial(loss_of, params)
     kinds = jax.tree.map(lambda mask: jnp.ones(mask.shape, jnp.int32), batch.masks)
     nothing = jax.tree.map(lambda kind: -kind, kinds)
     assert loss(kinds, 0.0) != loss(nothing, 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 from scjax.nn.cross_attention import ContextSpec, build_cross_attention, from_name
 from scjax.nn.functional import functional
 from tests.factories import golden
+from tests.factories.initial_values import initial_params
 
 WIDTH, HEADS = 8, 2
 QUERIES, KEYS = 6, 8
@@ -52,9 +53,8 @@ def module(options, spec=TEXT, width=WIDTH, heads=HEADS, compute="float32"):
 @functools.lru_cache
 def params_of(options, spec=TEXT, width=WIDTH, heads=HEADS):
     """Every leaf random, so that no branch is idle, and the statistics as if they had been fitted."""
-    params = jax.device_get(module(options, spec, width, heads).init(jax.random.key(0)))
-    rng = np.random.default_rng(1)
-    params = jax.tree.map(lambda leaf: np.float64(leaf) + 0.4 * rng.normal(size=leaf.shape), params)
+    params = initial_params(lambda init: build_cross_attention(options, width, heads, spec, init=init), noise=0.4)
+    params = jax.tree.map(np.float64, params)
     fitted = {"fitted": np.ones(1), "threshold": np.full(1, 0.9)}
     return {**params, **{name: value for name, value in fitted.items() if name in params}}
 

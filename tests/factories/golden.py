@@ -71,7 +71,7 @@ def padded(arrays: list[np.ndarray], rows: int | None = None, fill=0) -> jnp.nda
     out = np.full((len(arrays), rows, *arrays[0].shape[1:]), fill, arrays[0].dtype)
     for row, array in zip(out, arrays, strict=True):
         row[: len(array)] = array
-    return jnp.asarray(out)
+    return jax.device_put(out)  # jnp.asarray would compile for every shape
 
 
 def pair(data: dict[str, np.ndarray], names: list[str], agent: str, lane: str, rows: tuple | None = None) -> PerType:
@@ -93,10 +93,10 @@ def features(data: dict[str, np.ndarray], names: list[str], kind: str) -> TextFe
     """Condition features of the scenes ``names``, or None for kind uncond."""
     if kind == "text":
         tokens = np.stack([data[f"{s}/text"] for s in names])
-        return TextFeatures(tokens=jnp.asarray(tokens), mask=jnp.asarray((tokens != 0).any(-1)))
+        return TextFeatures(tokens=jax.device_put(tokens), mask=jax.device_put((tokens != 0).any(-1)))
     if kind == "image":
         dino, depth = (np.stack([data[f"{s}/{key}"] for s in names]) for key in ("dino", "depth"))
-        return ImageFeatures(dino=jnp.asarray(dino), depth=jnp.asarray(depth))
+        return ImageFeatures(dino=jax.device_put(dino), depth=jax.device_put(depth))
     return None
 
 

@@ -50,7 +50,7 @@ def tiny_model(condition=None, *, seed: int = 0, **changes) -> Model:
     return Model(
         components={
             "autoencoder": Component(AUTOENCODER, jax.device_get(autoencoder(AUTOENCODER).init(jax.random.key(1)))),
-            "denoiser": Component(config, _stirred(jax.device_get(denoiser(config).init(jax.random.key(2))), seed)),
+            "denoiser": Component(config, _stirred(denoiser(config).shapes(), seed)),
         },
         codec=codec.scjax(),
         latents=LatentStatistics.identity(),
@@ -59,7 +59,7 @@ def tiny_model(condition=None, *, seed: int = 0, **changes) -> Model:
     )
 
 
-def _stirred(params, seed: int):
+def _stirred(shapes, seed: int):
     """Every leaf random: fresh adaLN and output layers are zero, and a network of zeros would hide mistakes."""
     rng = np.random.default_rng(seed)
-    return jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape).astype(np.float32), params)
+    return jax.tree.map(lambda leaf: rng.normal(0, 0.2, leaf.shape).astype(np.float32), shapes)

@@ -142,7 +142,7 @@ def test_float32_is_close_to_float64(params, reference):
         return autoencoder(CONFIG).apply(params, tokens, noise, method="reconstruct")
 
     params = jax.tree.map(lambda x: np.asarray(x, np.float32), params)
-    result = jax.jit(forward)(jax.tree.map(jnp.asarray, params), *pair(np.float32, garbage=1e30))
+    result = jax.jit(forward)(jax.device_put(params), *pair(np.float32, garbage=1e30))
     for value, expected in zip(jax.tree.leaves(result), jax.tree.leaves(reference[:2]), strict=True):
         assert value.dtype == np.float32
         np.testing.assert_allclose(value, expected, 1e-4, 1e-4)
@@ -303,19 +303,23 @@ def test_typical_counts_weigh_elements_equally(reference):
     tokens = pair()[0]
     weights = LossWeights(agent_states=2.0, lane_points=3.0, lane_connections=5.0, lane_steps=7.0)
     with jax.enable_x64(True):
-        plain = scene_losses_of(decoded, posterior, tokens, weights)
-        shared = scene_losses_of(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0))
-        by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_connections"] + 7 * plain["lane_steps"]
-        more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
-            tokens.lane_mask.sum(-1) / 2 - 1
-        ) * by_lanes
-        assert (np.abs(more) > 0.1).all()
-        np.testing.assert_allclose(shared["total"] - plain["total"], more, rtol=1e-9)
-        for name in plain.keys() - {"total"}:
-            np.testing.assert_array_equal(shared[name], plain[name])
+        plain, shared = jax.device_get(
+            (
+                scene_losses_of(decoded, posterior, tokens, weights),
+                scene_losses_of(decoded, posterior, tokens, weights, typical_counts=(4.0, 2.0)),
+            )
+        )
+    by_lanes = 3 * plain["lane_points"] + 5 * plain["lane_connections"] + 7 * plain["lane_steps"]
+    more = (tokens.agent_mask.sum(-1) / 4 - 1) * 2 * plain["agent_states"] + (
+        tokens.lane_mask.sum(-1) / 2 - 1
+    ) * by_lanes
+    assert (np.abs(more) > 0.1).all()
+    np.testing.assert_allclose(shared["total"] - plain["total"], more, rtol=1e-9)
+    for name in plain.keys() - {"total"}:
+        np.testing.assert_array_equal(shared[name], plain[name])
     for wrong in ((8.0,), (8.0, 0.0)):
         with pytest.raises(ValueError, match="typical_counts must be two numbers above 0"):
-            scene_losses(decoded, posterior, tokens, typical_counts=wrong)
+            scene_losses_of(decoded, posterior, tokens, typical_counts=wrong)
 
 
 def test_connection_loss_ignores_shared_errors():

@@ -12,11 +12,12 @@ import pytest
 from scjax.models.denoiser.attribute_embedding import AttributeEmbedding
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures, TextFeatures
-from scjax.models.denoiser.model import denoiser
+from scjax.models.denoiser.model import Denoiser, denoiser
 from scjax.nn.cross_attention import CrossGlobalOptions
 from scjax.nn.functional import count, functional
 from scjax.scene.per_type import PerType
 from tests.factories import golden
+from tests.factories.initial_values import initial_params
 
 SMALLEST = {
     "lane_width": 16,
@@ -40,18 +41,15 @@ SIZES = ((4, 5), (6, 8), (1, 2))  # (agents, lanes) of the test's scenes
 ROWS = (6, 8)
 
 
-@functools.cache
-def _network(condition=TEXT):
-    return denoiser(DenoiserConfig(condition=condition, **SMALLEST))
+def _network(condition=TEXT, **changes):
+    return denoiser(DenoiserConfig(condition=condition, **SMALLEST, **changes))
 
 
 @functools.cache
-def _params(condition=TEXT):
-    """All parameters random, so that no branch is inactive."""
-    params = _network(condition).init(jax.random.key(0))
-    leaves, tree = jax.tree.flatten(params)
-    noise = [0.2 * np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
-    return jax.tree.unflatten(tree, [jnp.asarray(x + y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
+def _params(condition=TEXT, *, noise=0.2, **changes):
+    """All parameters random, so that no branch is inactive; with noise 0 as training starts with them."""
+    config = DenoiserConfig(condition=condition, **SMALLEST, **changes)
+    return initial_params(lambda init: Denoiser(config, init=init), noise=noise)
 
 
 def _scenes():
@@ -89,38 +87,55 @@ def _unconditional(params, z, t, label, masks, known):
     return _network(None).apply(params, z, t, label, masks, known)
 
 
-@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-10), (False, 1e-5)])
-def test_padding_and_batch_never_matter(x64, tolerance):
-    """The first scene alone and unpadded, against in a batch whose padding and dropped conditions are garbage."""
-    with jax.enable_x64(x64):
-        dtype = jnp.float64 if x64 else jnp.float32
-        cast = lambda tree: jax.tree.map(  # noqa: E731
-            lambda x: jnp.asarray(x, dtype) if np.issubdtype(x.dtype, np.floating) else jnp.asarray(x), tree
-        )
-        z, t, label, masks, known, features = _scenes()
-        params, (agents, lanes), read = cast(jax.device_get(_params())), SIZES[0], 3
+GARBAGE = (np.nan, 1e30)
 
-        def cut(pair):
-            return PerType(agents=pair.agents[:1, :agents], lanes=pair.lanes[:1, :lanes])
 
-        short = features.replace(tokens=features.tokens[:1, :read], mask=features.mask[:1, :read])
-        alone = cast((cut(z), t[:1], label[:1], cut(masks), cut(known), short, np.zeros(1, bool)))
-        (_, eps), (of_params, of_z) = _gradient(params, *alone)
+def _batch(dtype, garbage):
+    """Arguments of ``_loss_of_first`` after the parameters: the condition of the last scene is dropped."""
+    z, t, label, masks, known, features = _scenes()
+    dropped = np.array([False, False, True])
+    valid = features.mask & ~dropped[:, None]
+    spoilt = jax.tree.map(lambda x, mask: np.where(mask[..., None], x, garbage), z, masks)
+    tokens = np.where(valid[..., None], features.tokens, garbage)
+    return _cast((spoilt, t, label, masks, known, features.replace(tokens=tokens), dropped), dtype)
 
-        for garbage in (np.nan, 1e30):
-            spoilt = jax.tree.map(lambda x, mask, g=garbage: np.where(mask[..., None], x, g), z, masks)
-            dropped = np.array([False, False, True])
-            valid = features.mask & ~dropped[:, None]
-            tokens = np.where(valid[..., None], features.tokens, garbage)
-            batch = cast((spoilt, t, label, masks, known, features.replace(tokens=tokens), dropped))
-            (_, many), (many_of_params, many_of_z) = _gradient(params, *batch)
 
-            def close(x, y):
-                scale = max(1.0, np.abs(y).max(initial=0))
-                np.testing.assert_allclose(x, y, rtol=tolerance, atol=tolerance * scale)
+def _cast(tree, dtype=jnp.float32):
+    """On the device; ``jnp.asarray`` would compile for every shape."""
+    return jax.device_put(jax.tree.map(lambda x: np.asarray(x, dtype if x.dtype.kind == "f" else None), tree))
 
-            jax.tree.map(close, cut(many), eps)
-            jax.tree.map(close, cut(many_of_z), of_z)
+
+def _cut(pair):
+    return PerType(agents=pair.agents[:1, : SIZES[0][0]], lanes=pair.lanes[:1, : SIZES[0][1]])
+
+
+@pytest.fixture(scope="module")
+def alone():
+    """The first scene, alone and unpadded, in float64: estimates, and gradients by parameters and latents."""
+    z, t, label, masks, known, features = _scenes()
+    read = int(features.mask[0].sum())
+    short = features.replace(tokens=features.tokens[:1, :read], mask=features.mask[:1, :read])
+    scene = (_cut(z), t[:1], label[:1], _cut(masks), _cut(known), short, np.zeros(1, bool))
+    with jax.enable_x64(True):
+        (_, eps), gradients = _gradient(*_cast((_params(), *scene), jnp.float64))
+    return eps, *gradients
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(jnp.float64, 1e-10), (jnp.float32, 1e-5)])
+def test_padding_and_batch_never_matter(alone, dtype, tolerance):
+    """The first scene alone, against in a batch whose padding and dropped conditions are garbage."""
+    eps, of_params, of_z = alone
+
+    def close(x, y):
+        scale = max(1.0, np.abs(y).max(initial=0))
+        np.testing.assert_allclose(x, y, rtol=tolerance, atol=tolerance * scale)
+
+    with jax.enable_x64(dtype == jnp.float64):
+        params, masks = _cast(_params(), dtype), _scenes()[3]
+        for garbage in GARBAGE:
+            (_, many), (many_of_params, many_of_z) = _gradient(params, *_batch(dtype, garbage))
+            jax.tree.map(close, _cut(many), eps)
+            jax.tree.map(close, _cut(many_of_z), of_z)
             jax.tree.map(close, many_of_params, of_params)
             assert all(leaf.dtype == dtype for leaf in jax.tree.leaves((many, many_of_params)))
             for leaf, mask in zip(jax.tree.leaves(many), jax.tree.leaves(masks), strict=True):
@@ -159,12 +174,8 @@ def _without_cross(name, stage):
     return {part: leaf for part, leaf in stage.items() if not part.startswith("cross")}
 
 
-def _cast(tree):
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if np.issubdtype(x.dtype, np.floating) else None), tree)
-
-
 def test_fresh_network_estimates_zero():
-    params = _network().init(jax.random.key(1))
+    params = _params(noise=0)
     z, t, label, masks, known, features = _cast(_scenes())
     _, eps = _evaluate(params, z, t, label, masks, known, features, jnp.zeros(3, bool))
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(eps))
@@ -222,14 +233,16 @@ def test_a_request_for_nothing_adds_nothing():
 
 
 def test_requests_change_the_modulation():
-    network = denoiser(DenoiserConfig(attributes=("layout=T", "vehicles>=1"), **SMALLEST))
-    params = jax.tree.map(lambda leaf: leaf + 0.1, network.init(jax.random.key(0)))
+    attributes = "layout=T", "vehicles>=1"
+    network, params = _network(None, attributes=attributes), _params(None, attributes=attributes)
     _, t, label, masks, *_ = _cast(_scenes())
     counts = jax.tree.map(lambda mask: mask.sum(-1), masks)
 
-    def lane_head(attributes):
+    @golden.jit
+    def lane_head_of(params, attributes):
         return network.apply(params, t, label, counts, attributes, method="modulation")["heads"].lanes
 
+    lane_head = functools.partial(lane_head_of, params)
     nothing = jnp.zeros((len(label), 2))
     np.testing.assert_array_equal(lane_head(nothing), lane_head(None))
     changed = np.abs(lane_head(nothing.at[0, 1].set(1.0)) - lane_head(nothing)).max((1, 2))
@@ -239,7 +252,7 @@ def test_requests_change_the_modulation():
 def test_fresh_fourier_features_are_zero():
     z, t, label, masks, known, _ = _cast(_scenes())
     params, plain = _params(None), denoiser(DenoiserConfig(**{**SMALLEST, "fourier_features": 0}))
-    fresh = {**params, **{name: _network(None).init(jax.random.key(0))[name] for name in FOURIER}}
+    fresh = {**params, **{name: _params(None, noise=0)[name] for name in FOURIER}}
     without = {name: value for name, value in params.items() if name not in FOURIER}
     expected = golden.jit(plain.apply)(without, z, t, label, masks, known)
     silent = _unconditional(fresh, z, t, label, masks, known)
@@ -283,6 +296,6 @@ def test_encode_condition_rejects_other_features():
     text = TextFeatures(tokens=jnp.zeros((1, 2, 6)), mask=jnp.ones((1, 2), bool))
     nobody = jnp.zeros(1, bool)
     with pytest.raises(ValueError, match="unconditional"):
-        _network(None).apply(_network(None).init(jax.random.key(0)), text, nobody, method="encode_condition")
+        _network(None).apply(_params(None), text, nobody, method="encode_condition")
     with pytest.raises(ValueError, match="TextCondition"):
         _network().apply(_params(), image, nobody, method="encode_condition")

@@ -67,7 +67,7 @@ def _batch(kind):
         label=np.array([1, 7]),
         condition=features,
     )
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32 if x.dtype == np.float64 else None), batch)
+    return jax.device_put(jax.tree.map(lambda x: np.float32(x) if x.dtype == np.float64 else x, batch))
 
 
 @functools.cache
@@ -79,7 +79,7 @@ def _network(name, kind):
 def _params(name, kind):
     shapes = jax.eval_shape(_network(name, kind).init, jax.random.key(0))
     rng = np.random.default_rng(1)
-    return jax.tree.map(lambda leaf: jnp.asarray(0.3 * rng.normal(size=leaf.shape), jnp.float32), shapes)
+    return jax.device_put(jax.tree.map(lambda leaf: np.float32(0.3 * rng.normal(size=leaf.shape)), shapes))
 
 
 def _training(name, kind):

@@ -136,7 +136,7 @@ def test_classes_that_a_codec_lacks_have_no_kind():
 def test_a_kind_changes_its_scene_alone_and_none_changes_nothing():
     sizes = {"lane_width": 16, "lane_heads": 2, "agent_width": 8, "agent_heads": 2, "blocks": 1, "mlp_ratio": 2}
     network = denoiser(DenoiserConfig(agent_kinds=(3, 2), lane_kinds=(2,), **sizes))
-    leaves, tree = jax.tree.flatten(network.init(jax.random.key(0)))
+    leaves, tree = jax.tree.flatten(jax.device_get(network.init(jax.random.key(0))))
     noise = [0.2 * np.random.default_rng(i).normal(size=leaf.shape) for i, leaf in enumerate(leaves)]
     params = jax.tree.unflatten(tree, [jnp.asarray(x + y, jnp.float32) for x, y in zip(leaves, noise, strict=True)])
     masks = PerType(agents=jnp.ones((2, 4), bool), lanes=jnp.ones((2, 3), bool))

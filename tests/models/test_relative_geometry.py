@@ -93,7 +93,7 @@ def test_fresh_relative_geometry_is_zero():
     widths = PerType(agents=3, lanes=5)
     z = jax.tree.map(lambda m, w: rng.normal(size=(*m.shape, w)).astype(np.float32), masks, widths)
     hinted, plain = (denoiser(DenoiserConfig(**SIZES, relative_geometry=flag)) for flag in (True, False))
-    leaves = flatten(hinted.init(jax.random.key(0)))
+    leaves = flatten(jax.device_get(hinted.init(jax.random.key(0))))
     assert not any(np.any(leaf) for path, leaf in leaves.items() if path[0] == "relative_geometry")
     noisy = {path: leaf + 0.3 * rng.normal(size=leaf.shape).astype(np.float32) for path, leaf in leaves.items()}
     silent = {path: 0 * leaf if path[0] == "relative_geometry" else leaf for path, leaf in noisy.items()}

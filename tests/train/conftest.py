@@ -6,6 +6,9 @@ from __future__ import annotations
 import pytest
 
 
-@pytest.fixture(autouse=True)
-def one_bucket(monkeypatch):
-    monkeypatch.setattr("scjax.generate.batching.BUCKETS", ((61, 100),))
+@pytest.fixture(autouse=True, scope="module")
+def one_bucket():
+    """For a whole module: its trainings, which draw pictures, are fixtures of that scope."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scjax.generate.batching.BUCKETS", ((61, 100),))
+        yield

@@ -11,7 +11,7 @@ import pytest
 
 from scjax.train.thread_errors import collected_thread_errors
 
-TRAIN = """import asyncio, sys, threading, time
+TRAIN = """import asyncio, os, pathlib, sys, threading, time
 from scjax.train import checkpoint, launch, loop
 
 def fail(number):
@@ -23,16 +23,24 @@ def train(config, workdir):
     threads = [threading.Thread(target=fail, args=(number,)) for number in range(200)]
     for thread in threads:
         thread.start()
-    if sys.argv[1] == "write":
+    if failure == "write":
         raise checkpoint.OrbaxError("no room")
-    if sys.argv[1] == "bug":
+    if failure == "bug":
         time.sleep(0.1)
         raise KeyError("lanes")
     for thread in threads:
         thread.join()
 
 loop.train = train
-sys.exit(launch.main(["--config=counts:tiny", "--workdir=x"], "scjax train"))"""
+folder, *failures = sys.argv[1:]
+for failure in failures:  # a process each, which need not import anything again
+    process = os.fork()
+    if not process:
+        for number, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{folder}/{failure}.{name}", os.O_CREAT | os.O_WRONLY), number)
+        sys.exit(launch.main(["--config=counts:tiny", "--workdir=x"], "scjax train"))
+    status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    pathlib.Path(folder, failure).write_text(str(status))"""
 
 
 def fail_in_a_thread():
@@ -89,18 +97,25 @@ def test_collected_thread_errors_leave_warnings(caplog):
     assert caplog.messages == ["slow"] and not errors
 
 
-@pytest.mark.parametrize(
-    ("failure", "line"),
-    [
-        ("write", "scjax train: no room\n"),
-        ("bug", "scjax train: unexpected KeyError: 'lanes'; run with --debug for the trace, please report it\n"),
-        (
-            "none",
-            "scjax train: a thread in the background failed: unexpected ValueError: as tensorstore reports it; "
-            "run with --debug for the trace, please report it\n",
-        ),
-    ],
-)
-def test_train_command_prints_one_line_while_threads_fail(failure, line):
-    result = subprocess.run([sys.executable, "-c", TRAIN, failure], capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stdout, result.stderr) == (1, "", line)
+LINES = {
+    "write": "scjax train: no room\n",
+    "bug": "scjax train: unexpected KeyError: 'lanes'; run with --debug for the trace, please report it\n",
+    "none": (
+        "scjax train: a thread in the background failed: unexpected ValueError: as tensorstore reports it; "
+        "run with --debug for the trace, please report it\n"
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def failed_trainings(tmp_path_factory):
+    """Folder of exit status, stdout and stderr of a training for every failure of ``LINES``."""
+    folder = tmp_path_factory.mktemp("failures")
+    subprocess.run([sys.executable, "-c", TRAIN, str(folder), *LINES], check=True)
+    return folder
+
+
+@pytest.mark.parametrize("failure", LINES)
+def test_train_command_prints_one_line_while_threads_fail(failure, failed_trainings):
+    texts = [(failed_trainings / name).read_text() for name in (failure, f"{failure}.out", f"{failure}.err")]
+    assert texts == ["1", "", LINES[failure]]

@@ -85,13 +85,14 @@ def start(workdir, records, *flags, objective="autoencoder", limit=None) -> subp
     command = [sys.executable, "-m", "experiments.train", f"--config={config}", f"--workdir={workdir}"]
     if limit:  # no file may grow beyond so many KiB
         command = ["bash", "-c", f'ulimit -f {limit}; exec "$@"', "-", *command]
+    environment = {name: value for name, value in os.environ.items() if name != "GLIBC_TUNABLES"}  # as users start it
     return subprocess.Popen(
         [*command, f"--config.records={records}", *flags],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1000"},
+        env={**environment, "PYTHONPATH": str(ROOT), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1000"},
     )
 
 

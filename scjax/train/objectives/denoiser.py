@@ -287,7 +287,7 @@ class DenoiserObjective:
     def _autoencoder_params(self) -> Params:
         """Constants of the loss: neither differentiated nor part of checkpoints."""
         with jax.ensure_compile_time_eval():  # arrays, also where a trace asks first
-            return jax.tree.map(jnp.asarray, self.base.autoencoder.params)
+            return jax.device_put(self.base.autoencoder.params)
 
     @functools.cached_property
     def _mean_latents(self) -> Callable[[Scene], PerType]:
