@@ -102,14 +102,6 @@ def scene_to_map(
     known[:, [0, 1, 4, 5]] = True
     agents[~known] = np.nan
     ids = [f"{name}.lane-{row}" for row in range(len(lanes))]
-
-    links = np.asarray(scene.links)
-
-    def named(relations: np.ndarray, link: Link) -> list[tuple[str, ...]]:
-        return [tuple(ids[j] for j in np.flatnonzero(row == link)) for row in relations]
-
-    predecessors, successors = named(links.T, Link.PREDECESSOR), named(links, Link.PREDECESSOR)
-    left, right = named(links.T, Link.LEFT), named(links.T, Link.RIGHT)
     signals = np.asarray(scene.signals, np.int32)
     lit = np.flatnonzero(signals != Signal.UNKNOWN)
     agent_ids = tuple(f"{name}.agent-{row}" for row in range(len(agents)))
@@ -126,18 +118,7 @@ def scene_to_map(
         agent_ids=agent_ids,
     )
     return Map(
-        lanes=tuple(
-            MapLane(
-                id=ids[row],
-                lane_type=None,
-                points=lanes[row],
-                predecessors=predecessors[row],
-                successors=successors[row],
-                left_neighbors=tuple(map(LaneNeighbor, left[row])),
-                right_neighbors=tuple(map(LaneNeighbor, right[row])),
-            )
-            for row in range(len(lanes))
-        ),
+        lanes=_lanes_of(scene, lanes, ids),
         signal_lane_ids=tuple(ids[row] for row in lit),
         signal_states=signals[lit],
         signal_positions=lanes[lit, 0],
@@ -145,6 +126,29 @@ def scene_to_map(
         agent_types=np.asarray(scene.agent_types, np.int32),
         agents=agents,
         tiles=(tile,),
+    )
+
+
+def _lanes_of(scene: Scene, points: np.ndarray, ids: list[str]) -> tuple[MapLane, ...]:
+    """Lanes with these points and ids, and the relations of ``scene``."""
+    links = np.asarray(scene.links)
+
+    def named(relations: np.ndarray, link: Link) -> list[tuple[str, ...]]:
+        return [tuple(ids[j] for j in np.flatnonzero(row == link)) for row in relations]
+
+    predecessors, successors = named(links.T, Link.PREDECESSOR), named(links, Link.PREDECESSOR)
+    left, right = named(links.T, Link.LEFT), named(links.T, Link.RIGHT)
+    return tuple(
+        MapLane(
+            id=ids[row],
+            lane_type=None,
+            points=points[row],
+            predecessors=predecessors[row],
+            successors=successors[row],
+            left_neighbors=tuple(map(LaneNeighbor, left[row])),
+            right_neighbors=tuple(map(LaneNeighbor, right[row])),
+        )
+        for row in range(len(ids))
     )
 
 

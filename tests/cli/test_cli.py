@@ -200,7 +200,7 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         (["generate", PROMPT, "--model", "nowhere"], 1, "nowhere is no model folder"),
         (["generate", PROMPT, "--out", "/proc/nothing", "--model", "MODEL"], 1, "cannot be written"),
         (["plot", "nowhere.npz"], 1, "no such file"),
-        (["plot", "scenes.txt"], 1, ".npz and .json scenes"),
+        (["plot", "scenes.txt"], 1, "no such file"),
         (["caption", "broken.json"], 1, "broken.json"),
         (["nonsense"], 2, "nonsense"),
         (["data", "build"], 2, ""),
