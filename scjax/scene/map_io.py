@@ -197,7 +197,14 @@ def _agent_columns(row: MapAgentRow) -> list[Number]:
 def _planning(map: Map) -> dict[str, Any]:
     """Tiles, seams, routes and metadata as values of JSON."""
     fields = {name: getattr(map, name) for name in ("tiles", "seams", "routes")}
-    return msgspec.to_builtins(fields | {"metadata": dataclasses.asdict(map.metadata)})
+    return msgspec.to_builtins(fields | {"metadata": dataclasses.asdict(map.metadata)}, enc_hook=_plain_number)
+
+
+def _plain_number(value: Any) -> Any:
+    """A number of NumPy as one of Python."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written")
 
 
 def _text_of(map: Map) -> str:

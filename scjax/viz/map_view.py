@@ -41,7 +41,13 @@ _MAX_ARROWS = 4000
 
 
 def plot_map(
-    map: Map, *, ax: Axes | None = None, title: str | None = None, path: str | Path | None = None, dpi: int = 130
+    map: Map,
+    *,
+    ax: Axes | None = None,
+    title: str | None = None,
+    legend: bool = True,
+    path: str | Path | None = None,
+    dpi: int = 130,
 ) -> Axes:
     """Draws a map in its own frame: x to the right, y up, in meters.
 
@@ -51,6 +57,7 @@ def plot_map(
     Args:
       ax: where to draw; a new figure with the aspect of the map if None.
       title: a line above the picture.
+      legend: whether to explain, beside the picture, what is in it.
       path: PNG or SVG file to write as well.
       dpi: resolution of that file.
 
@@ -67,7 +74,7 @@ def plot_map(
     limits = (x_min - margin, x_max + margin, y_min - margin, y_max + margin)
     if ax is None:
         ax = _new_axes(limits)
-    scale = _LONGEST_EDGE * 72 / max(limits[1] - limits[0], limits[3] - limits[2])  # points per meter
+    scale = _points_per_meter(ax, limits)
     _draw_map_lanes(ax, map, scale)
     _draw_boxes(ax, map, scale)
     _draw_tiles(ax, map)
@@ -81,7 +88,8 @@ def plot_map(
     ax.set_axisbelow(True)
     if title is not None:
         ax.set_title(title, fontsize=8, color=INK, pad=4, parse_math=False)
-    _draw_legend(ax, map)
+    if legend:
+        _draw_legend(ax, map)
     figure = ax.get_figure(root=True)
     if path is not None and figure is not None:
         save_figure(figure, path, dpi=dpi)
@@ -97,6 +105,13 @@ def _new_axes(limits: tuple[float, float, float, float]) -> Axes:
     )
     FigureCanvasAgg(figure)
     return figure.add_subplot()
+
+
+def _points_per_meter(ax: Axes, limits: tuple[float, float, float, float]) -> float:
+    """Scale of line widths, which are in points."""
+    figure, box = ax.get_figure(root=True), ax.get_position()
+    width, height = (_LONGEST_EDGE, _LONGEST_EDGE) if figure is None else figure.get_size_inches()
+    return 72 * min(box.width * width / (limits[1] - limits[0]), box.height * height / (limits[3] - limits[2]))
 
 
 def _draw_map_lanes(ax: Axes, map: Map, scale: float) -> None:

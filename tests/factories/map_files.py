@@ -178,7 +178,7 @@ def write_map_files(folder: Path) -> dict[str, Path]:
     """One valid file of every format: format -> path."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        "CommonRoad": ("DEU_Test-1_2_T-3.xml", crossing()),
+        "CommonRoad": ("scenario.xml", crossing()),
         "Lanelet2": ("town.osm", lanelet2()),
         "Argoverse 2 map": ("log_map_archive_abc____PIT_city_1.json", json.dumps(av2_map())),
     }
@@ -187,5 +187,5 @@ def write_map_files(folder: Path) -> dict[str, Path]:
         paths[name].write_text(text)
     paths["ScenarioNet"] = folder / "sd_scene-1.pkl"
     paths["ScenarioNet"].write_bytes(pickle.dumps(scenarionet()))
-    paths["OpenDRIVE"] = write_map(folder, road("1"))
+    paths["OpenDRIVE"] = write_map(folder, road("1"), name="town.xodr")
     return paths
