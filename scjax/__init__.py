@@ -9,6 +9,7 @@
 
 Scenes:     Scene, AgentType, Signal, Link, Crop, validate, repair
 Logs:       Log, load_log, save_log, crop_log, validate_log
+Maps:       Map, import_map, import_log, load_map, save_map, crop_map, validate_map
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
 Generation: sample, reconstruct
@@ -24,7 +25,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scjax import viz
+    from scjax.data.imports import import_log, import_map
     from scjax.data.log_crop import crop_log
+    from scjax.data.map_crop import crop_map
     from scjax.diffusion import samplers
     from scjax.diffusion.energy_guidance import EnergyGuidance
     from scjax.diffusion.guidance import Guidance
@@ -34,7 +37,22 @@ if TYPE_CHECKING:
     from scjax.generate.model import save_model as save
     from scjax.generate.reconstruct import reconstruct
     from scjax.generate.sample import sample_scenes as sample
-    from scjax.scene import AgentType, Crop, Link, Log, Scene, Signal, load_log, save_log, validate, validate_log
+    from scjax.scene import (
+        AgentType,
+        Crop,
+        Link,
+        Log,
+        Map,
+        Scene,
+        Signal,
+        load_log,
+        load_map,
+        save_log,
+        save_map,
+        validate,
+        validate_log,
+        validate_map,
+    )
     from scjax.scene.per_type import PerType
     from scjax.scene.repair import repair
 
@@ -47,28 +65,37 @@ __all__ = [
     "Guidance",
     "Link",
     "Log",
+    "Map",
     "Model",
     "PerType",
     "Scene",
     "Signal",
     "Stream",
     "crop_log",
+    "crop_map",
+    "import_log",
+    "import_map",
     "load",
     "load_log",
+    "load_map",
     "reconstruct",
     "repair",
     "sample",
     "samplers",
     "save",
     "save_log",
+    "save_map",
     "validate",
     "validate_log",
+    "validate_map",
     "viz",
 ]
 
 
 _PLACES = {
+    "scjax.data.imports": ("import_log", "import_map"),
     "scjax.data.log_crop": ("crop_log",),
+    "scjax.data.map_crop": ("crop_map",),
     "scjax.diffusion.energy_guidance": ("EnergyGuidance",),
     "scjax.diffusion.guidance": ("Guidance",),
     "scjax.generate.conditions": ("Condition", "Stream"),
@@ -80,12 +107,16 @@ _PLACES = {
         "Crop",
         "Link",
         "Log",
+        "Map",
         "Scene",
         "Signal",
         "load_log",
+        "load_map",
         "save_log",
+        "save_map",
         "validate",
         "validate_log",
+        "validate_map",
     ),
     "scjax.scene.per_type": ("PerType",),
     "scjax.scene.repair": ("repair",),

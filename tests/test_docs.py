@@ -17,6 +17,7 @@ from scjax.cli import main
 from scjax.cli.config_flags import load_config
 from scjax.evaluate.config import get_config
 from scjax.train.launch import parse_arguments
+from tests.factories.map_files import write_map_files
 from tests.factories.scene_files import write_scene_file
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,6 +61,7 @@ def few_programs(monkeypatch):
 def test_python_snippets_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_scene_file(tmp_path / "recordings")
+    write_map_files(tmp_path)
     names = {"__name__": f"docs_{page.stem}"}
     for snippet in _snippets(page, "python"):
         exec(compile(snippet, str(page), "exec"), names)

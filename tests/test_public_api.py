@@ -11,7 +11,7 @@ import scjax
 
 
 def test_public_names_are_there():
-    names = {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers", "Log", "crop_log"}
+    names = {"Scene", "Condition", "Stream", "load", "sample", "viz", "samplers", "Log", "crop_log", "Map", "crop_map"}
     assert names <= set(scjax.__all__)
     for name in scjax.__all__:
         assert getattr(scjax, name) is not None

@@ -16,7 +16,8 @@ from scjax.cli.data import data
 from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
-from scjax.cli.inspect import caption, info, plot_command, schema
+from scjax.cli.inspect import caption, info, schema
+from scjax.cli.plot import plot_command
 from scjax.cli.read import read_command
 from scjax.cli.train import train_command
 

@@ -1,19 +1,14 @@
-"""scjax caption, plot and info: show what files and models hold."""
+"""scjax caption, info and schema: say what files and models hold."""
 
 from __future__ import annotations
 
 import importlib.metadata
 import json
-from pathlib import Path
 
 import click
 
 from scjax.cli.options import json_option, model_option, seed_option
-from scjax.cli.output import writable_folder
 from scjax.cli.scene_files import read_scenes, strict_option
-
-MAX_PANELS = 400
-"""Scenes in one picture."""
 
 
 @click.command()
@@ -30,7 +25,8 @@ MAX_PANELS = 400
 def caption(file, style, language, seed, strict, as_json) -> None:
     """Describes the scenes in FILE as people do. Another --seed says other things in other words.
 
-    FILE holds scenes (.npz or .json) or a recording (.json.gz), of which the scene around its first pose is taken.
+    FILE holds scenes, or a recording or map in any format that scjax plot reads, of which the scene around its first
+    pose is taken.
     """
     import numpy as np
 
@@ -49,29 +45,6 @@ def caption(file, style, language, seed, strict, as_json) -> None:
         return
     for one in captions:
         click.echo(one.text)
-
-
-@click.command("plot")
-@click.argument("file")
-@click.option("--out", metavar="FILE", help="Picture to write. [default: FILE with the ending .png]")
-@click.option("--speeds", is_flag=True, help="Also draw how far every agent moves in one second.")
-@strict_option
-def plot_command(file, out, speeds, strict) -> None:
-    """Draws the scenes in FILE from above.
-
-    FILE holds scenes (.npz or .json) or a recording (.json.gz), of which the scene around its first pose is taken.
-    """
-    from scjax.viz.grid import grid
-
-    path = Path(out) if out else Path(file.removesuffix(".gz")).with_suffix(".png")
-    if path.suffix != ".png":
-        raise click.UsageError(f"--out is {path}: pictures are .png files")
-    scenes = read_scenes(file, strict=strict)
-    if len(scenes) > MAX_PANELS:
-        raise ValueError(f"{file} holds {len(scenes)} scenes: a picture shows {MAX_PANELS} at most, split the file")
-    writable_folder(path.parent)
-    grid(scenes, speeds=speeds, path=path)
-    click.echo(str(path))
 
 
 @click.command()
@@ -105,15 +78,16 @@ def info(model_folder, as_json) -> None:
 
 
 @click.command()
-@click.argument("form", type=click.Choice(["scene", "recording"]))
+@click.argument("form", type=click.Choice(["scene", "recording", "map"]))
 def schema(form) -> None:
-    """Prints the JSON Schema of a form of files: a scene (.json) or a recording (.json.gz).
+    """Prints the JSON Schema of a form of files: a scene (.json), a recording (.json.gz) or a map (.json).
 
-    docs/scene-json.md explains both.
+    docs/scene-json.md and docs/maps.md explain them.
     """
     from scjax.data.readers.scene_json import recording_schema
     from scjax.scene.document import json_schema
+    from scjax.scene.map_io import MapFile
     from scjax.scene.scene_document import SceneFile
 
-    content = json_schema(SceneFile) if form == "scene" else recording_schema()
+    content = recording_schema() if form == "recording" else json_schema(SceneFile if form == "scene" else MapFile)
     click.echo(json.dumps(content, indent=1))

@@ -1,4 +1,4 @@
-"""Scenes from the files that a user has: scjax's own npz and JSON, logs, and recorded scenes."""
+"""Scenes from the files that a user has: scjax's own, and maps and recordings in the formats of others."""
 
 from __future__ import annotations
 
@@ -10,25 +10,11 @@ import click
 from scjax.cli.output import say
 
 if TYPE_CHECKING:
-    from scjax.scene import Log, Scene
-
-_OTHER_FORMATS = {
-    ".xodr": "OpenDRIVE",
-    ".xosc": "OpenSCENARIO",
-    ".osm": "Lanelet2",
-    ".xml": "CommonRoad or SUMO",
-    ".pkl": "ScenarioNet or Waymax",
-    ".tfrecord": "Waymo",
-    ".parquet": "Argoverse 2",
-}
-_READ = (
-    "scjax reads .npz and .json scenes (docs/scene-json.md), logs (.npz), and recorded scenes (.json.gz of schema "
-    "scene-json-1)"
-)
+    from scjax.scene import Log, Map, Scene
 
 
 def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
-    """All scenes of a file, without padding. Of a log the scene around its first pose is taken.
+    """All scenes of a file, without padding. Of a log or map the scene around its first pose is taken.
 
     What looks wrong in them is said on stderr.
 
@@ -38,21 +24,13 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     Raises:
       ValueError: names the file and what is wrong with it.
     """
+    return checked_scenes(scenes_of_content(read_content(path), path), path, strict=strict)
+
+
+def checked_scenes(scenes: list[Scene], path: str | Path, *, strict: bool) -> list[Scene]:
+    """The scenes themselves; what looks wrong in them is said on stderr, or refused if ``strict`` (ValueError)."""
     from scjax.metrics.plausibility import scene_warnings
 
-    if not str(path).strip():
-        raise ValueError("FILE is empty: give the name of a file")
-    path = Path(path)
-    if not path.name.endswith((".npz", ".json", ".json.gz")):
-        other = _OTHER_FORMATS.get(path.suffix)
-        kind = f"files of {other} have no reader yet" if other else f"{path.suffix or 'such'} files have no reader"
-        raise ValueError(f"{path}: {kind}: {_READ}")
-    if not path.is_file():
-        raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is a folder, not a file")
-    try:
-        scenes = _read(path)
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read ({error.strerror or error})") from error
     for number, scene in enumerate(scenes):
         for warning in scene_warnings(scene):
             text = f"{path}, scene {number}: {warning}"
@@ -62,42 +40,62 @@ def read_scenes(path: str | Path, *, strict: bool = False) -> list[Scene]:
     return scenes
 
 
-def _read(path: Path) -> list[Scene]:
-    from scjax.scene import io, load_log, unpadded
+def read_content(path: str | Path) -> Scene | Log | Map:
+    """What a file of any format holds.
 
-    if path.name.endswith(".json.gz"):
-        from scjax.data.readers.scene_json import read_log
+    Raises:
+      ValueError: names the file and what is wrong with it.
+    """
+    from scjax.data.imports import read_any
 
-        return [_scene_of_log(read_log(path), path)]
-    if path.suffix == ".npz" and _is_log(path):
-        return [_scene_of_log(load_log(path), path)]
-    scene = io.load_npz(path) if path.suffix == ".npz" else io.load_json(path)
-    if not scene.batch_shape:
-        return [unpadded(scene)]
+    if not str(path).strip():
+        raise ValueError("FILE is empty: give the name of a file")
+    try:
+        return read_any(path)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read ({error.strerror or error})") from error
+
+
+def scenes_of_content(content: Scene | Log | Map, path: str | Path) -> list[Scene]:
+    """All scenes in the content of a file, without padding; of a log or map, the one around its first pose.
+
+    Raises:
+      ValueError: there are none; names the file.
+    """
     import numpy as np
 
-    count = int(np.prod(scene.batch_shape))
+    from scjax.scene import Map, Scene, map_to_log, unpadded
+
+    if not isinstance(content, Scene):
+        return [_scene_of_log(map_to_log(content) if isinstance(content, Map) else content, path)]
+    if not content.batch_shape:
+        return [unpadded(content)]
+    count = int(np.prod(content.batch_shape))
     if not count:
         raise ValueError(f"{path} holds no scenes")
-    axes = len(scene.batch_shape)
-    flat = scene.replace(**{name: value.reshape(count, *value.shape[axes:]) for name, value in scene.to_dict().items()})
-    return [unpadded(flat[k]) for k in range(count)]
+    axes = len(content.batch_shape)
+    flat = {name: value.reshape(count, *value.shape[axes:]) for name, value in content.to_dict().items()}
+    batch = content.replace(**flat)
+    return [unpadded(batch[k]) for k in range(count)]
 
 
-def _is_log(path: Path) -> bool:
-    """Whether an npz file has the header of a log; names of arrays stand in it uncompressed."""
-    return b"header.npy" in path.read_bytes()
-
-
-def _scene_of_log(log: Log, path: Path) -> Scene:
+def _scene_of_log(log: Log, path: str | Path) -> Scene:
+    """The scene around the first vehicle that drives on a lane; of a map without one, around a place on a lane."""
     from scjax.data.lane_graph import build_graph, index_segments
+    from scjax.data.lane_poses import lane_poses
     from scjax.data.log_crop import crop_log
     from scjax.data.tiles import find_poses
 
-    poses = find_poses(log, index_segments(build_graph(log)), max_poses=1)
-    if not poses:
-        raise ValueError(f"{path}: it has no vehicle on a lane to take as ego")
-    say(f"scjax: {path}: the scene around object {poses[0].object_index} at step {poses[0].step}")
+    graph = build_graph(log)
+    index = index_segments(graph)
+    poses = find_poses(log, index, max_poses=1)
+    if poses:
+        say(f"scjax: {path}: the scene around object {poses[0].object_index} at step {poses[0].step}")
+    else:
+        log, _, poses = lane_poses(log, graph, index, 1)
+        if not poses:
+            raise ValueError(f"{path}: it has no vehicle on a lane to take as ego, and no lane long enough for one")
+        say(f"scjax: {path}: no vehicle on a lane: a standing ego at x {poses[0].x:.1f}, y {poses[0].y:.1f}")
     return crop_log(log, poses[0].step, poses[0].object_index)
 
 

@@ -26,6 +26,7 @@ def crop_scene(
     dyaw: float = 0.0,
     domain: int = 0,
     off_road: bool = False,
+    has_ego: bool = True,
     max_agents: int = MAX_AGENTS,
     max_lanes: int = MAX_LANES,
 ) -> Scene:
@@ -40,6 +41,7 @@ def crop_scene(
         outside the window: every scene has an ego.
       domain: index of the data set, for ``Scene.domain``.
       off_road: keep vehicles parked off the road.
+      has_ego: whether the first agent of ``local_map`` is an ego; without one, agent 0 is the nearest.
     """
     points, rotation = local_map.points, None
     if dx or dy or dyaw:
@@ -56,7 +58,7 @@ def crop_scene(
         agents[:, 4] = cos * local_map.agents[:, 4] + sin * local_map.agents[:, 5]
         agents[:, 5] = cos * local_map.agents[:, 5] - sin * local_map.agents[:, 4]
     dropped = np.zeros(len(agents), bool) if off_road else local_map.off_road
-    rows = _agents_inside(agents, dropped, crop, moved=rotation is not None)[:max_agents]
+    rows = _agents_inside(agents, dropped, crop, rotation is not None, has_ego)[:max_agents]
     lane_known = np.ones((len(order), 3), bool)
     lane_known[:, 2] = local_map.lane_z_known[source]
     return Scene(
@@ -82,17 +84,17 @@ def _to_window(values: np.ndarray, dx: float, dy: float, cos: float, sin: float)
     return moved
 
 
-def _agents_inside(agents: np.ndarray, dropped: np.ndarray, crop: Crop, moved: bool) -> np.ndarray:
-    """Rows of the agents inside the window: the ego, then the others by distance."""
+def _agents_inside(agents: np.ndarray, dropped: np.ndarray, crop: Crop, moved: bool, has_ego: bool) -> np.ndarray:
+    """Rows of the agents inside the window: the ego, if there is one, then the others by distance."""
     x_min, x_max, y_min, y_max = WINDOWS[crop]
     x, y = agents[:, 0], agents[:, 1]
     inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max) & ~dropped
-    inside[:1] = True
+    inside[:1] |= has_ego
     rows = np.flatnonzero(inside)
     if not moved:  # a local map has them in this order already
         return rows
     distance = x[rows] * x[rows] + y[rows] * y[rows]
-    distance[rows == 0] = -1.0
+    distance[(rows == 0) & has_ego] = -1.0
     return rows[np.argsort(distance, kind="stable")]
 
 

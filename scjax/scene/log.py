@@ -11,8 +11,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from scjax.scene.checks import check_known, check_range, check_unique
 from scjax.scene.limits import MAX_COORDINATE
-from scjax.scene.map_lane import MapLane
+from scjax.scene.map_lane import MapLane, check_lanes
 from scjax.scene.scene import AgentType, Signal
 
 OTHER_OBJECT = -1  # object type that no ``AgentType`` stands for
@@ -145,9 +146,7 @@ def validate_log(log: Log) -> Log:
         raise ValueError("timestamps must be finite and increase from step to step: sort the steps, drop repeated ones")
     _check_objects(log)
     _check_signals(log)
-    for lane in log.lanes:
-        _check_lane(lane)
-    _check_unique("lanes", [lane.id for lane in log.lanes])
+    check_lanes(log.lanes)
     return log
 
 
@@ -173,13 +172,13 @@ def _check_shapes(log: Log) -> None:
 
 
 def _check_objects(log: Log) -> None:
-    _check_unique("object_ids", log.object_ids)
-    _check_range("object_types", log.object_types, OTHER_OBJECT, len(AgentType) - 1)
+    check_unique("object_ids", log.object_ids)
+    check_range("object_types", log.object_types, OTHER_OBJECT, len(AgentType) - 1)
     for name in ("positions", "headings", "velocities"):
         values = getattr(log, name)
         values = values[..., None] if values.ndim == 2 else values
         if name == "positions":
-            _check_known("positions z", values[log.valid, 2])
+            check_known("positions z", values[log.valid, 2])
             values = values[..., :2]
         wrong = log.valid & ~(np.abs(values) < MAX_COORDINATE).all(-1)
         if wrong.any():
@@ -187,41 +186,12 @@ def _check_objects(log: Log) -> None:
             raise ValueError(
                 f"{name} of object {row} at step {step} is {values[row, step].tolist()}: mark the step as not valid"
             )
-    _check_known("sizes", log.sizes)
+    check_known("sizes", log.sizes)
     if not NO_EGO <= log.ego_index < log.num_objects:
         raise ValueError(f"ego_index {log.ego_index} is not an index into the {log.num_objects} objects: correct it")
 
 
 def _check_signals(log: Log) -> None:
-    _check_unique("signal_lane_ids", log.signal_lane_ids)
-    _check_range("signal_states", log.signal_states, 0, len(Signal) - 1)
-    _check_known("signal_positions", log.signal_positions)
-
-
-def _check_lane(lane: MapLane) -> None:
-    if lane.points.ndim != 2 or lane.points.shape[-1] != 3 or not len(lane.points):
-        raise ValueError(
-            f"lanes: lane {lane.id} has points of shape {lane.points.shape}: give at least one point of x, y, z"
-        )
-    if not (np.abs(lane.points[:, :2]) < MAX_COORDINATE).all():
-        raise ValueError(f"lanes: lane {lane.id} has NaN or absurd coordinates: remove those points")
-    unknown = np.isnan(lane.points[:, 2])
-    if unknown.any() and not unknown.all():
-        raise ValueError(f"lanes: lane {lane.id} has z at some points only: fill it, or set all to NaN")
-    _check_known(f"lanes: z of lane {lane.id}", lane.points[:, 2])
-
-
-def _check_known(name: str, values: np.ndarray) -> None:
-    if (np.abs(values[~np.isnan(values)]) >= MAX_COORDINATE).any():
-        raise ValueError(f"{name} holds infinite or absurd values: write NaN where a value is not known")
-
-
-def _check_range(name: str, values: np.ndarray, low: int, high: int) -> None:
-    if values.size and not (low <= values.min() and values.max() <= high):
-        raise ValueError(f"{name} holds values outside {low}..{high}: map the source's types to these")
-
-
-def _check_unique(name: str, ids: tuple[str, ...] | list[str]) -> None:
-    if len(set(ids)) < len(ids):
-        repeated = next(item for item in ids if ids.count(item) > 1)
-        raise ValueError(f"{name} holds {repeated!r} more than once: ids must differ")
+    check_unique("signal_lane_ids", log.signal_lane_ids)
+    check_range("signal_states", log.signal_states, 0, len(Signal) - 1)
+    check_known("signal_positions", log.signal_positions)

@@ -12,8 +12,8 @@ from msgspec import Struct
 
 from scjax.scene.document import parse_document
 from scjax.scene.files import write_file
+from scjax.scene.lane_io import LANE_ARRAYS, LaneHeader, pack_lanes, unpack_lanes
 from scjax.scene.log import Log, LogMetadata, validate_log
-from scjax.scene.map_lane import LaneNeighbor, MapLane
 from scjax.scene.npz import read_npz
 
 LOG_FORMAT, LOG_VERSION = "scjax-log", 1
@@ -28,8 +28,7 @@ _ARRAYS = {  # name -> kind of its dtype
     "sizes": "f",
     "signal_states": "i",
     "signal_positions": "f",
-    "lane_points": "f",
-    "lane_offsets": "i",
+    **LANE_ARRAYS,
 }
 
 
@@ -38,21 +37,6 @@ class LogVersion(Struct):
 
     format: Any = None
     version: Any = None
-
-
-class LaneHeader(Struct):
-    """A lane but its points."""
-
-    id: str
-    lane_type: str | None
-    predecessors: tuple[str, ...]
-    successors: tuple[str, ...]
-    left_neighbors: tuple[LaneNeighbor, ...]
-    right_neighbors: tuple[LaneNeighbor, ...]
-
-    def with_points(self, points: np.ndarray) -> MapLane:
-        """The lane with its points."""
-        return MapLane(points=points, **{name: getattr(self, name) for name in self.__struct_fields__})
 
 
 class LogHeader(Struct):
@@ -76,7 +60,7 @@ def save_log(log: Log, path: str | Path) -> None:
       ValueError: if the log breaks an invariant (``validate_log``).
     """
     validate_log(log)
-    lanes = [{key: value for key, value in vars(lane).items() if key != "points"} for lane in log.lanes]
+    lanes, lane_arrays = pack_lanes(log.lanes)
     header = {
         "format": LOG_FORMAT,
         "version": LOG_VERSION,
@@ -87,9 +71,7 @@ def save_log(log: Log, path: str | Path) -> None:
         "metadata": dataclasses.asdict(log.metadata),
         "lanes": lanes,
     }
-    arrays: dict[str, Any] = {name: getattr(log, name) for name in _ARRAYS if not name.startswith("lane_")}
-    arrays["lane_points"] = np.concatenate([np.zeros((0, 3)), *(lane.points for lane in log.lanes)])
-    arrays["lane_offsets"] = np.cumsum([0, *(len(lane.points) for lane in log.lanes)])
+    arrays: dict[str, Any] = {name: getattr(log, name) for name in _ARRAYS if name not in LANE_ARRAYS} | lane_arrays
     write_file(
         Path(path), lambda file: np.savez_compressed(file, allow_pickle=False, header=json.dumps(header), **arrays)
     )
@@ -120,20 +102,12 @@ def load_log(path: str | Path) -> Log:
 
 
 def _log_from(header: LogHeader, arrays: dict[str, np.ndarray]) -> Log:
-    offsets, points = arrays["lane_offsets"], arrays["lane_points"]
-    if points.ndim != 2 or offsets.shape != (len(header.lanes) + 1,):
-        raise ValueError(f"lane_offsets {offsets.shape} and lane_points {points.shape} do not fit its lanes")
-    if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets) < 0).any():
-        raise ValueError("lane_offsets do not cut lane_points into lanes")
     return Log(
-        **{name: arrays[name] for name in _ARRAYS if not name.startswith("lane_")},
+        **{name: arrays[name] for name in _ARRAYS if name not in LANE_ARRAYS},
         object_ids=header.object_ids,
         signal_lane_ids=header.signal_lane_ids,
         ego_index=header.ego_index,
         has_topology=header.has_topology,
-        lanes=tuple(
-            lane.with_points(points[start:end])
-            for lane, start, end in zip(header.lanes, offsets[:-1], offsets[1:], strict=True)
-        ),
+        lanes=unpack_lanes(header.lanes, arrays),
         metadata=header.metadata,
     )

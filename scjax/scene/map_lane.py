@@ -1,12 +1,16 @@
-"""One lane of a recorded map."""
+"""One lane of a map, as logs and maps hold it."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
+
+from scjax.scene.checks import check_known, check_unique
+from scjax.scene.limits import MAX_COORDINATE
 
 
 class LaneNeighbor(NamedTuple):
@@ -41,3 +45,27 @@ class MapLane:
     successors: tuple[str, ...] = ()
     left_neighbors: tuple[LaneNeighbor, ...] = ()
     right_neighbors: tuple[LaneNeighbor, ...] = ()
+
+
+def check_lanes(lanes: Sequence[MapLane]) -> None:
+    """The invariants of the lanes of a log or map.
+
+    A lane may consist of one point, or of several at one place: sources have such lanes, and the lane graph leaves them
+    out. Connections may name lanes that are not there, or contradict the geometry: the lane graph refuses and counts
+    them.
+
+    Raises:
+      ValueError: naming the first lane at fault, what is wrong and how to mend it.
+    """
+    for lane in lanes:
+        if lane.points.ndim != 2 or lane.points.shape[-1] != 3 or not len(lane.points):
+            raise ValueError(
+                f"lanes: lane {lane.id} has points of shape {lane.points.shape}: give at least one point of x, y, z"
+            )
+        if not (np.abs(lane.points[:, :2]) < MAX_COORDINATE).all():
+            raise ValueError(f"lanes: lane {lane.id} has NaN or absurd coordinates: remove those points")
+        unknown = np.isnan(lane.points[:, 2])
+        if unknown.any() and not unknown.all():
+            raise ValueError(f"lanes: lane {lane.id} has z at some points only: fill it, or set all to NaN")
+        check_known(f"lanes: z of lane {lane.id}", lane.points[:, 2])
+    check_unique("lanes", [lane.id for lane in lanes])

@@ -200,7 +200,7 @@ def test_caption_plot_and_info(run, folder, tmp_path):
         (["generate", PROMPT, "--model", "nowhere"], 1, "nowhere is no model folder"),
         (["generate", PROMPT, "--out", "/proc/nothing", "--model", "MODEL"], 1, "cannot be written"),
         (["plot", "nowhere.npz"], 1, "no such file"),
-        (["plot", "scenes.txt"], 1, ".npz and .json scenes"),
+        (["plot", "scenes.txt"], 1, "no such file"),
         (["caption", "broken.json"], 1, "broken.json"),
         (["nonsense"], 2, "nonsense"),
         (["data", "build"], 2, ""),
@@ -287,7 +287,7 @@ def test_debug_shows_the_trace_of_a_training(run, monkeypatch, tmp_path):
         run("--debug", "train", *arguments)
 
 
-@pytest.mark.parametrize("form", ["scene", "recording"])
+@pytest.mark.parametrize("form", ["scene", "recording", "map"])
 def test_schema_is_the_published_one(run, form):
     """docs/ has what ``scjax schema`` prints: write it again with the command if this fails."""
     published = Path(__file__).resolve().parents[2] / "docs" / f"{form}.schema.json"

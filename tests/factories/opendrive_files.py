@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scjax.data.readers.opendrive.elements import Element, parse_elements
+from scjax.data.readers.xml_elements import Element, parse_elements
 
 LINE = "<line/>"
 

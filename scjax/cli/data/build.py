@@ -86,7 +86,8 @@ def data_build(
     """Cuts training records out of recorded scenes or maps.
 
     SCENES is one file, or a folder that is searched for *.json.gz files of schema scene-json-1, without folders named
-    peer_outputs or images*; else for *.xodr maps (OpenDRIVE), which hold no vehicle and need --lane-poses.
+    peer_outputs or images*; else for *.xodr (OpenDRIVE), *.xml (CommonRoad), *.osm (Lanelet2), *.pkl (ScenarioNet) or
+    log_map_archive_*.json (Argoverse 2). The first that are found are used. Maps without a vehicle need --lane-poses.
     RECORDS receives ArrayRecord shards train-*.arrayrecord and val-*.arrayrecord, an index of each split
     (train-index.npz, val-index.npz) and, last of all, manifest.json. A record holds everything within 80 m of one ego
     pose; crop and pose jitter are chosen when it is read.

@@ -1,17 +1,25 @@
-"""Readers of recorded data sets, one format per file; each turns a folder into logs (``scjax.scene.Log``)."""
+"""Readers of recorded data sets and maps, one format per file; each turns a folder into logs (``scjax.scene.Log``)."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
-from scjax.data.readers.base import LogInfo, LogReader, OneLog
-from scjax.data.readers.opendrive import OPENDRIVE_PATTERN, OpenDriveReader
+from scjax.data.readers.av2_map import AV2_MAP
+from scjax.data.readers.base import FileFormat, FormatReader, LogInfo, LogReader, OneLog
+from scjax.data.readers.commonroad import COMMONROAD
+from scjax.data.readers.lanelet2 import LANELET2
+from scjax.data.readers.opendrive import OPENDRIVE
+from scjax.data.readers.scenarionet import SCENARIONET
 from scjax.data.readers.scene_json import PATTERN, SceneJsonReader
+
+FORMATS: tuple[FileFormat, ...] = (OPENDRIVE, COMMONROAD, LANELET2, SCENARIONET, AV2_MAP)
+"""Formats of which every file is one log; a new one is one more name."""
 
 READERS: dict[str, Callable[[str], LogReader]] = {  # file pattern -> reader of a folder of such files
     PATTERN: SceneJsonReader,
-    OPENDRIVE_PATTERN: OpenDriveReader,
+    **{entry.pattern: functools.partial(FormatReader, entry) for entry in FORMATS},
 }
 
 
@@ -35,4 +43,4 @@ def open_folder(folder: str | Path) -> LogReader:
     raise ValueError(f"{folder}: no {' or '.join(READERS)} scenes there: give the folder that holds them")
 
 
-__all__ = ["READERS", "LogInfo", "LogReader", "open_folder"]
+__all__ = ["FORMATS", "READERS", "FileFormat", "FormatReader", "LogInfo", "LogReader", "open_folder"]

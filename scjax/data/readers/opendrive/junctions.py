@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from scjax.data.readers.opendrive.elements import Element
 from scjax.data.readers.opendrive.roads import RoadEnd
+from scjax.data.readers.xml_elements import Element
 
 
 class Connection(NamedTuple):

@@ -7,9 +7,9 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from scjax.data.readers.opendrive.elements import Element
 from scjax.data.readers.opendrive.lane_lines import LaneKey, LaneLine
 from scjax.data.readers.opendrive.roads import MapRoad
+from scjax.data.readers.xml_elements import Element
 
 CAR_LIGHTS = frozenset({"1000001", "1000008", "1000009", "1000010", "1000011", "1000012", "1000020"})
 """Types of lights for cars in the standard's own catalog (country OpenDRIVE): three lamps, one or two, arrows."""

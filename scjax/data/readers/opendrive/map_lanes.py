@@ -7,7 +7,7 @@ import numpy as np
 from scjax.data.readers.opendrive.lane_lines import LaneKey, LaneLine
 from scjax.data.readers.opendrive.road_map import RoadMap
 from scjax.data.readers.vocabulary import NOT_FOR_CARS
-from scjax.scene import NO_EGO, LaneNeighbor, Log, LogMetadata, MapLane, Signal
+from scjax.scene import LaneNeighbor, Log, LogMetadata, Map, MapLane, Signal, map_to_log
 
 
 def road_map_log(road_map: RoadMap, metadata: LogMetadata) -> Log:
@@ -23,22 +23,14 @@ def road_map_log(road_map: RoadMap, metadata: LogMetadata) -> Log:
         raise ValueError("it has no lane that is driven on: leave this file out")
     signals = [key for key in road_map.signal_lanes if road_map.lines[key].lane.type != "none"]
     starts = [road_map.lines[key].points[0] for key in signals]
-    return Log(
-        timestamps=np.zeros(1),
-        object_ids=(),
-        object_types=np.zeros(0, np.int32),
-        valid=np.zeros((0, 1), bool),
-        positions=np.zeros((0, 1, 3)),
-        headings=np.zeros((0, 1)),
-        velocities=np.zeros((0, 1, 2)),
-        sizes=np.zeros((0, 3)),
-        ego_index=NO_EGO,
-        signal_lane_ids=tuple(map(str, signals)),
-        signal_states=np.full((len(signals), 1), Signal.UNKNOWN, np.int8),
-        signal_positions=np.array(starts, np.float64).reshape(-1, 3),
-        lanes=lanes,
-        has_topology=True,
-        metadata=metadata,
+    return map_to_log(
+        Map(
+            lanes=lanes,
+            signal_lane_ids=tuple(map(str, signals)),
+            signal_states=np.full(len(signals), Signal.UNKNOWN, np.int8),
+            signal_positions=np.array(starts, np.float64).reshape(-1, 3),
+            metadata=metadata,
+        )
     )
 
 

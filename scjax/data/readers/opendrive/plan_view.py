@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.data.readers.opendrive.curves import MAX_TURN, Arc, Curve, Line, ParamPoly3, Poly3, Spiral
-from scjax.data.readers.opendrive.elements import Element
+from scjax.data.readers.xml_elements import Element
 from scjax.scene.limits import MAX_COORDINATE
 
 _MAX_LENGTH = 1e6  # m of one curve

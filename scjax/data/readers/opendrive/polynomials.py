@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.data.readers.opendrive.elements import Element
+from scjax.data.readers.xml_elements import Element
 
 _MAX_COEFFICIENT = 1e30  # exporters write huge ones for stretches of a micrometer
 

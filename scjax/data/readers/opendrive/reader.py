@@ -6,55 +6,16 @@ not. Lights for cars give the lanes that they control; signs are counted.
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 import hashlib
-from collections.abc import Iterator
 from pathlib import Path
 
-from scjax.data.readers.base import LogInfo, files_below
-from scjax.data.readers.opendrive.elements import MAX_BYTES, parse_elements
+from scjax.data.readers.base import FileFormat, naming_file, read_file_bytes
 from scjax.data.readers.opendrive.map_lanes import road_map_log
 from scjax.data.readers.opendrive.road_map import RoadMap, build_road_map
+from scjax.data.readers.xml_elements import has_root, parse_elements
 from scjax.scene import Log, LogMetadata, validate_log
-from scjax.scene.files import MEGABYTE, read_limited
 
-OPENDRIVE_PATTERN = "*.xodr"
 OPENDRIVE_DOMAIN = "opendrive"
-
-
-@dataclasses.dataclass(frozen=True)
-class OpenDriveReader:
-    """Every ``*.xodr`` below a folder; each is a location of its own, named by its path."""
-
-    folder: str
-
-    def __str__(self) -> str:
-        return self.folder
-
-    def names(self) -> list[str]:
-        """Files relative to the folder, sorted.
-
-        Raises:
-          ValueError: if the folder does not exist or holds none.
-        """
-        return files_below(self.folder, OPENDRIVE_PATTERN)
-
-    def scan(self, name: str) -> LogInfo:
-        """Hash and location of a file, or the reason why it cannot be read."""
-        try:
-            data = _read_bytes(Path(self.folder, name))
-        except ValueError as error:
-            return LogInfo(name, reason=str(error))
-        return LogInfo(name, hashlib.sha256(data).hexdigest(), OPENDRIVE_DOMAIN, _cluster(name))
-
-    def read(self, name: str) -> Log:
-        """The map in a file of the folder.
-
-        Raises:
-          ValueError: as ``read_opendrive``.
-        """
-        return read_opendrive(Path(self.folder, name), _cluster(name))
 
 
 def read_opendrive(path: str | Path, location: str = "") -> Log:
@@ -67,8 +28,8 @@ def read_opendrive(path: str | Path, location: str = "") -> Log:
       ValueError: naming the file, the element with its line, what is wrong with it and what to do.
     """
     path = Path(path)
-    data = _read_bytes(path)
-    with _named(path):
+    data = read_file_bytes(path)
+    with naming_file(path):
         road_map = build_road_map(parse_elements(data))
         metadata = LogMetadata(
             domain=OPENDRIVE_DOMAIN,
@@ -89,29 +50,13 @@ def read_road_map(path: str | Path) -> RoadMap:
     Raises:
       ValueError: as ``read_opendrive``.
     """
-    data = _read_bytes(Path(path))
-    with _named(path):
+    data = read_file_bytes(Path(path))
+    with naming_file(path):
         return build_road_map(parse_elements(data))
 
 
-@contextlib.contextmanager
-def _named(path: str | Path) -> Iterator[None]:
-    """Within it, errors name the file."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+def _is_opendrive(head: bytes) -> bool:
+    return has_root(head, b"OpenDRIVE")
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ValueError(f"{path}: it has {size // MEGABYTE} MB, more than {MAX_BYTES // MEGABYTE}: split the map")
-        return read_limited(path)
-    except FileNotFoundError as error:
-        raise ValueError(f"{path}: No such file: give an {OPENDRIVE_PATTERN} file") from error
-
-
-def _cluster(name: str) -> str:
-    return name.removesuffix(".xodr")
+OPENDRIVE = FileFormat("OpenDRIVE", "*.xodr", OPENDRIVE_DOMAIN, _is_opendrive, read_opendrive)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter, defaultdict
 
-from scjax.data.readers.opendrive.elements import Element
 from scjax.data.readers.opendrive.junctions import read_connections
 from scjax.data.readers.opendrive.lane_ends import close_gaps, join_forks
 from scjax.data.readers.opendrive.lane_lines import MAX_POINTS, LaneKey, LaneLine, sample_section
@@ -15,6 +14,7 @@ from scjax.data.readers.opendrive.lane_signals import controlled_lanes, read_sig
 from scjax.data.readers.opendrive.lane_types import LaneTypes
 from scjax.data.readers.opendrive.roads import MapRoad, read_road
 from scjax.data.readers.opendrive.tapers import join_tapers
+from scjax.data.readers.xml_elements import Element
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal, NamedTuple
 
-from scjax.data.readers.opendrive.elements import Element
 from scjax.data.readers.opendrive.plan_view import PlanView, read_plan_view
 from scjax.data.readers.opendrive.polynomials import Cubics, read_cubics
+from scjax.data.readers.xml_elements import Element
 
 RoadEnd = Literal["start", "end"]
 _MAX_LANE_ID = 1000

@@ -5,7 +5,7 @@ from scjax.cli.data import main as data_main
 from scjax.data.lane_graph import build_graph
 from scjax.data.readers import LogReader, open_folder
 from scjax.data.readers.opendrive import read_opendrive, read_road_map
-from scjax.data.readers.opendrive.elements import MAX_DEPTH, parse_elements
+from scjax.data.readers.xml_elements import MAX_DEPTH, parse_elements
 from scjax.data.records import open_records, read_record, sample_scene
 from scjax.scene import LaneNeighbor, Signal, validate
 from tests.factories import opendrive_files as files
@@ -80,9 +80,9 @@ def test_folder_and_file_are_opened_by_their_pattern(tmp_path):
 
 
 def test_file_of_another_kind_is_refused(tmp_path):
-    (tmp_path / "map.osm").write_text("<osm/>")
-    with pytest.raises(ValueError, match=r"map\.osm: neither .*xodr"):
-        open_folder(tmp_path / "map.osm")
+    (tmp_path / "map.txt").write_text("<osm/>")
+    with pytest.raises(ValueError, match=r"map\.txt: neither .*xodr"):
+        open_folder(tmp_path / "map.txt")
 
 
 def test_build_makes_records_of_a_file(tmp_path, capsys):

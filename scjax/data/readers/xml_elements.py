@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from xml.parsers import expat
 
 from scjax.scene.files import MEGABYTE
@@ -10,8 +11,11 @@ from scjax.scene.files import MEGABYTE
 MAX_BYTES = 500 * MEGABYTE
 MAX_ELEMENTS = 10_000_000
 MAX_DEPTH = 64
-SKIPPED = frozenset({"userData", "include", "objects", "railroad", "surface", "roadMark", "material", "dataQuality"})
-"""Elements that no reader needs; they are most of a file, and are left out with all that is in them."""
+MAX_TEXT = 10_000  # characters between the tags of one element
+OPENDRIVE_SKIPPED = frozenset(
+    {"userData", "include", "objects", "railroad", "surface", "roadMark", "material", "dataQuality"}
+)
+"""Elements of OpenDRIVE that nobody needs; they are most of a file, and are left out with all that is in them."""
 
 _CURE = "correct the file, or export it again"
 
@@ -25,12 +29,14 @@ class Element:
       attributes: texts by name.
       line: where it starts in the file, from 1.
       children: elements in it, in order.
+      content: text between its tags, before its first child.
     """
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list[Element]
+    content: str = ""
 
     def all(self, tag: str) -> list[Element]:
         """The children of this name, in order."""
@@ -39,6 +45,13 @@ class Element:
     def first(self, tag: str) -> Element | None:
         """The first child of this name."""
         return next((child for child in self.children if child.tag == tag), None)
+
+    def only(self, tag: str) -> Element:
+        """The first child of this name; ValueError if there is none."""
+        child = self.first(tag)
+        if child is None:
+            raise self.fault(f"has no <{tag}>")
+        return child
 
     def text(self, name: str, default: str | None = None) -> str:
         """An attribute; ValueError if it is missing and has no default."""
@@ -51,7 +64,13 @@ class Element:
         """A finite number of a size up to ``most``; ValueError if it is none, or missing without a default."""
         if default is not None and name not in self.attributes:
             return default
-        text = self.text(name)
+        return self._finite(name, self.text(name), most)
+
+    def value(self, most: float = 1e9) -> float:
+        """The finite number between the tags; ValueError if it is none."""
+        return self._finite("its text", self.content.strip(), most)
+
+    def _finite(self, name: str, text: str, most: float) -> float:
         try:
             value = float(text)
         except ValueError as error:
@@ -75,7 +94,7 @@ class Element:
         return ValueError(f"line {self.line}, {name}: {reason}: {_CURE}")
 
 
-def parse_elements(data: bytes, skipped: frozenset[str] = SKIPPED) -> Element:
+def parse_elements(data: bytes, skipped: frozenset[str] = OPENDRIVE_SKIPPED) -> Element:
     """The root of an XML text.
 
     Args:
@@ -98,6 +117,14 @@ def parse_elements(data: bytes, skipped: frozenset[str] = SKIPPED) -> Element:
     return builder.root
 
 
+def has_root(head: bytes, tag: bytes) -> bool:
+    """Whether the first element of an XML text, of which ``head`` is the beginning, has this name."""
+    root = re.search(
+        rb"<(?:[\w.-]+:)?([A-Za-z_][\w.-]*)", re.sub(rb"<!--.*?-->|<[?!][^>]*>", b"", head, flags=re.DOTALL)
+    )
+    return root is not None and root[1] == tag
+
+
 class _Builder:
     """Handlers of one expat parser that build the tree."""
 
@@ -106,6 +133,8 @@ class _Builder:
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.EntityDeclHandler = self._refuse_entity
+        parser.CharacterDataHandler = self._add_text
+        parser.buffer_text = True
         self.root: Element | None = None
         self._open: list[Element] = []
         self._skipped = skipped
@@ -135,6 +164,16 @@ class _Builder:
             self._skip_depth -= 1
         else:
             self._open.pop()
+
+    def _add_text(self, text: str) -> None:
+        if self._skip_depth or not self._open or not (text := text.strip()):
+            return
+        element = self._open[-1]
+        if element.children:
+            return
+        element.content += text
+        if len(element.content) > MAX_TEXT:
+            raise ValueError(f"line {element.line}: <{element.tag}> holds more than {MAX_TEXT} characters: {_CURE}")
 
     def _refuse_entity(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber
