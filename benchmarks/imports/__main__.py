@@ -30,12 +30,23 @@ CONSUMERS = {"CommonRoad": "commonroad", "Lanelet2": "lanelet2"}
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.imports", description=__doc__)
-    parser.add_argument("--env", type=Path, required=True, help="environment with commonroad-io and Lanelet2")
-    parser.add_argument("--sumo", type=Path, required=True, help="environment with netconvert")
-    parser.add_argument("--files", type=Path, required=True, help="folder of public files, towns of CARLA among them")
+    parser.add_argument("--env", type=Path, help="environment with commonroad-io and Lanelet2")
+    parser.add_argument("--sumo", type=Path, help="environment with netconvert")
+    parser.add_argument("--files", type=Path, help="folder of public files, towns of CARLA among them")
+    parser.add_argument("--page-only", action="store_true", help="write the page again from its JSON, with new remarks")
     parser.add_argument("--out", type=Path, default=Path("docs/results/imports"), help="page, without ending")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of every map")
     args = parser.parse_args()
+    if not args.page_only:
+        if None in (args.env, args.sumo, args.files):
+            parser.error("give --env, --sumo and --files")
+        measure(args)
+    content = json.loads(args.out.with_name(f"{args.out.name}.json").read_text(encoding="utf-8"))
+    write_text(args.out.with_name(f"{args.out.name}.md"), page_text(content, args.out.name))
+
+
+def measure(args: argparse.Namespace) -> None:
+    """Reads all files, compares them, and writes numbers (JSON) and the sheet of pictures."""
     rows = [row for path in _files(args.files) if (row := _row(path, args.pictures)) is not None]
     for form, name in CONSUMERS.items():
         group = [row for row in rows if row["format"] == form and "log" in row]
@@ -51,8 +62,8 @@ def main() -> None:
         "crops": crop_times({row["file"]: row["log"] for row in rows if "log" in row}),
     }
     write_text(args.out.with_name(f"{args.out.name}.json"), json.dumps(content, indent=1))
-    save_figure(sheet, args.out.with_name(f"{args.out.name}.png"), dpi=60)
-    write_text(args.out.with_name(f"{args.out.name}.md"), page_text(content, args.out.name))
+    if sheet is not None:
+        save_figure(sheet, args.out.with_name(f"{args.out.name}.png"), dpi=60)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -45,7 +45,11 @@ class Place(click.ParamType):
     show_default=True,
     help="The whole map, or 64 m around the first vehicle; auto takes the map where no vehicle is.",
 )
-@click.option("--at", type=Place(), help="The scene at this place of the map instead, looking that way (0: to +x).")
+@click.option(
+    "--at",
+    type=Place(),
+    help="The scene at this place of the map instead, around a standing ego that looks that way (0: to +x).",
+)
 @click.option("--step", type=click.IntRange(min=0), help="Step of a recording, for --view map and --at. [default: 0]")
 @click.option("--speeds", is_flag=True, help="Also draw how far every agent of a scene moves in one second.")
 @strict_option
@@ -128,4 +132,4 @@ def _draw_of_map(
         plot_map(map, title=f"{Path(file).name}: {map.num_lanes} lanes", path=path)
     else:
         yaw = float(np.deg2rad(at[2])) if len(at) == 3 else 0.0
-        _draw_scenes([crop_map(map, at[0], at[1], yaw, ego=False)], file, path, speeds)
+        _draw_scenes([crop_map(map, at[0], at[1], yaw)], file, path, speeds)

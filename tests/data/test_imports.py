@@ -62,6 +62,21 @@ def test_folders_of_every_format_are_opened(name, files, tmp_path):
         open_folder(tmp_path).read(target.name)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_damaged_files_are_read_or_refused_in_one_line(name, files, tmp_path):
+    data, rng = files[name].read_bytes(), np.random.default_rng(7)
+    path = tmp_path / "damaged.bin"
+    for case in range(40):
+        damaged = bytearray(data[: rng.integers(1, len(data))] if case % 4 == 0 else data)
+        for place in rng.integers(0, len(damaged), 1 + case % 3):
+            damaged[place] = rng.integers(0, 256)
+        path.write_bytes(damaged)
+        try:
+            validate_map(import_map(path))
+        except ValueError as error:
+            assert str(error).startswith(str(path)) and "\n" not in str(error)
+
+
 def test_own_files_become_maps_and_logs(tmp_path):
     save_map(two_tile_map(), tmp_path / "map.json")
     save_map(two_tile_map(), tmp_path / "map.npz")

@@ -1,6 +1,7 @@
 """Reader of CommonRoad scenarios in XML, versions 2018b and 2020a: road network, traffic lights and obstacles.
 
-Not read are traffic signs, speed limits, planning problems, occupancy sets and environment obstacles; they are counted.
+Not read are traffic signs and speed limits. Planning problems, occupancy sets, phantom and environment obstacles are
+not read either, but counted.
 """
 
 from __future__ import annotations

@@ -140,17 +140,30 @@ def _bound(element: Element, osm: Osm, role: str) -> list[str]:
 
 
 def _aligned(left: list[str], right: list[str], osm: Osm) -> tuple[list[str], list[str]]:
-    """Both bounds in driving direction: side by side, with the left one on the left."""
+    """Both bounds in driving direction: the middle of each lies on the proper side of the other."""
     a, b = osm.way_points(left)[:, :2], osm.way_points(right)[:, :2]
-    same = np.hypot(*(a[0] - b[0])) + np.hypot(*(a[-1] - b[-1]))
-    crossed = np.hypot(*(a[0] - b[-1])) + np.hypot(*(a[-1] - b[0]))
-    if crossed < same:
-        right, b = right[::-1], b[::-1]
-    outline = np.concatenate([b, a[::-1]])  # counter-clockwise if the left bound is on the left
-    x, y = outline.T
-    if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:
-        return left[::-1], right[::-1]
+    if _side(_middle(b), a) > 0:
+        left, a = left[::-1], a[::-1]
+    if _side(_middle(a), b) < 0:
+        right = right[::-1]
     return left, right
+
+
+def _middle(line: np.ndarray) -> np.ndarray:
+    return line[len(line) // 2] if len(line) > 2 else line.mean(0)
+
+
+def _side(point: np.ndarray, line: np.ndarray) -> float:
+    """Above 0 if a point lies on the left of a polyline, below 0 on the right: as its nearest part sees it."""
+    steps = np.diff(line, axis=0)
+    lengths = np.maximum(np.hypot(*steps.T), 1e-9)
+    ratio = np.clip(((point - line[:-1]) * steps).sum(1) / lengths**2, 0.0, 1.0)
+    distance = np.hypot(*(point - line[:-1] - ratio[:, None] * steps).T)
+    nearest = distance <= distance.min() + 1e-9  # two parts at a corner, whose directions count together
+    direction = (steps[nearest] / lengths[nearest][:, None]).sum(0)
+    row = int(np.argmax(nearest))
+    offset = point - line[row] - ratio[row] * steps[row]
+    return float(direction[0] * offset[1] - direction[1] * offset[0])
 
 
 def _lanelet_type(tags: Mapping[str, str], unknown: Counter[str]) -> str | None:

@@ -50,8 +50,13 @@ def _borders(road: MapRoad, section: LaneSection, s: np.ndarray, at: np.ndarray)
 
 
 def _outer_border(lane: SectionLane, inner: np.ndarray, s: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """t-coordinate of a lane's outer border [m]; never on the inner side of the inner border."""
+    """t-coordinate of a lane's outer border [m]; never on the inner side of the inner border.
+
+    Some exporters write the distance of a border on the right, not its t-coordinate, which would be below 0.
+    """
     sign = np.sign(lane.id)
     if lane.border is not None:
-        return inner + sign * np.maximum(sign * (lane.border.values(s, at) - inner), 0.0)
+        border = lane.border.values(s, at)
+        is_distance = (sign * border < 0).all() and (sign * inner >= -_SMALLEST_JUMP).all()
+        return inner + sign * np.maximum(sign * ((-border if is_distance else border) - inner), 0.0)
     return inner if lane.width is None else inner + sign * np.maximum(lane.width.values(s, at), 0.0)

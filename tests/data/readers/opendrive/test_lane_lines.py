@@ -42,8 +42,9 @@ def test_width_that_changes_moves_the_center():
         assert np.interp(x, *points[0, -2].points[:, :2].T) == pytest.approx(y, abs=0.005)
 
 
-def test_borders_stand_for_widths():
-    border = cubic("border", -4.0, start="sOffset")
+@pytest.mark.parametrize("sign", [-1, 1], ids=["t-coordinate", "distance"])
+def test_borders_stand_for_widths(sign):
+    border = cubic("border", sign * 4.0, start="sOffset")
     lines = _lines(section(lane(-1), lane(-2, width=border)))
     np.testing.assert_allclose(lines[0, -2].points[:, 1], -3.75)
     np.testing.assert_allclose(lines[0, -2].widths, 0.5)
