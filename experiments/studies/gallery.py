@@ -134,7 +134,7 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         "",
         f"`{command}`",
         "",
-        f"{args.samples} {'scene' if args.samples == 1 else 'scenes'} per prompt, {selection}, seed {args.seed}. Prompts are read by a network.",
+        f"Scenes per prompt: {args.samples}, {selection}, seed {args.seed}. Prompts are read by a network.",
         "",
         *table_lines(["request", "scenes that meet it"], table),
         "",
