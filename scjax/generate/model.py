@@ -29,7 +29,7 @@ from scjax.generate.model_format import (
     read_part,
     upgrade,
 )
-from scjax.generate.outlines import ARRAYS, Outlines
+from scjax.generate.outlines import Outlines
 from scjax.generate.prompt_cache import load_prompts, write_prompts
 from scjax.models.latents import LatentStatistics
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
@@ -79,7 +79,7 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
     arrays = array_names(params)
     tables = {} if model.counts is None else {"counts": np.asarray(model.counts)}
     if model.outlines is not None:
-        tables |= {f"{_OUTLINES}{name}": getattr(model.outlines, name) for name in ARRAYS}
+        tables |= {f"{_OUTLINES}{name}": array for name, array in model.outlines.arrays().items()}
         index["outline_values"] = dict(model.outlines.values)
     arrays |= tables
     if folder.exists() and not folder.is_dir():

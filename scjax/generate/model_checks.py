@@ -204,5 +204,11 @@ def _check_outlines(model: Model) -> None:
                 raise ValueError(f"outlines: {name} has kinds that the denoiser does not know")
         if outlines.lanes.shape[1] > config.max_lanes or outlines.agents.shape[1] > config.max_agents:
             raise ValueError("outlines: the denoiser has fewer lanes or agents at most")
+        ahead = outlines.ahead
+        if ahead is not None and not (
+            ((ahead.lanes >= NO_KIND) & (ahead.lanes < math.prod(config.lane_kinds))).all()
+            and ((ahead.agents >= NO_KIND) & (ahead.agents < math.prod(config.agent_kinds))).all()
+        ):
+            raise ValueError("outlines: continuations have kinds that the denoiser does not know")
     if not ((outlines.domains >= 0) & (outlines.domains < max(len(model.domains), 1))).all():
         raise ValueError("outlines: domains are outside those of the model")

@@ -32,13 +32,15 @@ class Outline:
     """Kinds of the tokens of one scene, in token order; known elements come first.
 
     Attributes:
-      lanes: of the known lanes alone, if there are any: how many more there are is open.
+      lanes: of the known lanes alone, if there are any and the number of further ones is open.
       domain: index of the domain.
+      num_lanes: the number of all lanes; None: it is open.
     """
 
     agents: Kinds
     lanes: Kinds
     domain: int
+    num_lanes: int | None = None
 
 
 def draw_outline(
@@ -51,13 +53,17 @@ def draw_outline(
       known: known elements in token order, unpadded; None: none.
 
     Returns:
-      None where the network decides: the model has no outlines, or the window is not centered on the ego.
+      None where the network decides: the model has no outlines, or none for this window.
     """
-    if model.outlines is None or not model.denoiser.config.agent_kinds or condition.crop != Crop.CENTERED:
+    if model.outlines is None or not model.denoiser.config.agent_kinds:
+        return None
+    if condition.crop == Crop.PARTITIONED and model.outlines.ahead is not None and known is not None:
+        return _draw_continuation(rng, condition, domain, known, model)
+    if condition.crop != Crop.CENTERED:
         return None
     numbers = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
     negative = condition.negative_attributes
-    row = model.outlines.draw(rng, condition.attributes, negative=negative, domain=domain, **numbers)
+    row = model.outlines.draw(rng, condition.attributes, negative=negative, domain=domain, among=None, **numbers)
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
     draw = _AgentDraw(rng, model.outlines.agents, model.codec)
     agents = draw.fit(agents, condition.attributes)
@@ -70,7 +76,30 @@ def draw_outline(
         lanes = np.asarray(lane_kinds(known))
     else:
         lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
-    return Outline(agents, lanes, int(model.outlines.domains[row]) if domain is None else domain)
+    domain = int(model.outlines.domains[row]) if domain is None else domain
+    return Outline(agents, lanes, domain, None if known is not None and len(known.lane_mask) else len(lanes))
+
+
+def _draw_continuation(
+    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene, model: Model
+) -> Outline:
+    """Kinds of the known half, and of what lies beyond a like seam in a scene that shows most of the request.
+
+    Requested numbers of agents are those beyond the seam.
+    """
+    outlines, config = model.outlines, model.denoiser.config
+    assert outlines is not None and outlines.ahead is not None
+    request, negative = condition.attributes, condition.negative_attributes
+    among = outlines.ahead.nearest(known)
+    row = outlines.draw(rng, request, negative=negative, domain=domain, among=among)
+    agents, lanes = np.asarray(agent_kinds(known, model.codec)), np.asarray(lane_kinds(known))
+    draw = _AgentDraw(rng, outlines.agents, model.codec)
+    new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]), request)[1:]
+    agents = np.concatenate([agents, new])[: config.max_agents]
+    agents = _cut_or_fill(rng, agents, condition.num_agents, len(known.agent_mask))
+    lanes = np.concatenate([lanes, _tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
+    lanes = _cut_or_fill(rng, lanes, condition.num_lanes, len(known.lane_mask))
+    return Outline(agents, lanes, int(outlines.domains[row]) if domain is None else domain, len(lanes))
 
 
 class _AgentDraw:

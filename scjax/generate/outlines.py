@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int
 
+from scjax.generate.continuations import CONTINUATION_ARRAYS, Continuations
 from scjax.language.attributes.table import ATTRIBUTES
 from scjax.models.denoiser.kinds import NO_KIND
 
 ARRAYS = ("lanes", "agents", "domains", "measured")
 
+_AHEAD = "ahead."  # begins the names of the arrays of continuations
 _TENTHS = 10  # lengths are kept to 0.1 m
 
 
@@ -30,6 +32,7 @@ class Outlines:
       domains: index of each scene's domain [scenes].
       measured: of every scene and attribute, the position of its measurement in ``values`` [scenes, attributes].
       values: attribute -> its different measurements.
+      ahead: what lies ahead of the ego in the same scenes, by its seam; None: not kept.
     """
 
     lanes: np.ndarray
@@ -37,6 +40,7 @@ class Outlines:
     domains: np.ndarray
     measured: np.ndarray
     values: Mapping[str, Sequence[Any]]
+    ahead: Continuations | None = None
 
     @classmethod
     def of_scenes(
@@ -45,6 +49,7 @@ class Outlines:
         agents: Int[np.ndarray, "scenes agents"],
         domains: Int[np.ndarray, " scenes"],
         measured: Sequence[Mapping[str, Any]],
+        ahead: Continuations | None = None,
     ) -> Outlines:
         """Outlines of scenes with these measurements (``measure_attributes``)."""
         columns, values = [], {}
@@ -54,11 +59,11 @@ class Outlines:
             place = {value: k for k, value in enumerate(values[name])}
             columns.append([place[value] for value in column])
         places = np.array(columns, np.int16).reshape(len(ATTRIBUTES), len(measured)).T
-        return cls(lanes.astype(np.int16), agents.astype(np.int16), domains.astype(np.int16), places, values)
+        return cls(lanes.astype(np.int16), agents.astype(np.int16), domains.astype(np.int16), places, values, ahead)
 
     @classmethod
     def from_files(cls, arrays: Mapping[str, np.ndarray], values: Mapping[str, Sequence[Any]]) -> Outlines:
-        """The inverse of ``arrays`` and ``values``, whose measurements JSON turned into lists.
+        """The inverse of ``arrays()`` and ``values``, whose measurements JSON turned into lists.
 
         Raises:
           ValueError: the parts do not fit each other; names the part.
@@ -68,9 +73,18 @@ class Outlines:
         checked = {
             name: [attribute.check_measured(value) for value in values[name]] for name, attribute in ATTRIBUTES.items()
         }
-        outlines = cls(**{name: arrays[name] for name in ARRAYS}, values=checked)
+        own = {name.removeprefix(_AHEAD): array for name, array in arrays.items() if name.startswith(_AHEAD)}
+        ahead = Continuations.from_arrays(own) if own else None
+        outlines = cls(**{name: arrays[name] for name in ARRAYS}, values=checked, ahead=ahead)
         outlines.check()
         return outlines
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Name -> array of everything but ``values``, for files."""
+        own = {name: getattr(self, name) for name in ARRAYS}
+        if self.ahead is None:
+            return own
+        return own | {f"{_AHEAD}{name}": getattr(self.ahead, name) for name in CONTINUATION_ARRAYS}
 
     def check(self) -> None:
         """Whether the parts fit each other.
@@ -86,6 +100,8 @@ class Outlines:
         sizes = np.array([len(self.values.get(name, ())) for name in ATTRIBUTES])
         if self.measured.shape[1:] != sizes.shape or ((self.measured < 0) | (self.measured >= sizes)).any():
             raise ValueError("outlines: measured points outside values")
+        if self.ahead is not None:
+            self.ahead.check(scenes)
 
     def __len__(self) -> int:
         return len(self.domains)
@@ -108,13 +124,18 @@ class Outlines:
         domain: int | None = None,
         num_lanes: int | None = None,
         num_agents: int | None = None,
+        among: Int[np.ndarray, " rows"] | None = None,
     ) -> int:
         """A scene of those that show most of the request.
 
         Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers.
+
+        Args:
+          among: the scenes to choose from; None: all.
         """
-        held = self.count_held(request)
-        rows = np.flatnonzero(held == held.max())
+        rows = np.arange(len(self)) if among is None else among
+        held = self.count_held(request)[rows]
+        rows = rows[held == held.max()]
         unwanted = self.count_held(negative or {})[rows]
         rows = rows[unwanted == unwanted.min()]
         rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)

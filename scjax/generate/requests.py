@@ -110,7 +110,7 @@ def draw_request(
     if outline is not None:
         kinds = PerType(agents=outline.agents, lanes=outline.lanes)
         domain, num_agents = outline.domain, len(outline.agents)
-        num_lanes = num_lanes if num_known[1] else len(outline.lanes)
+        num_lanes = num_lanes if outline.num_lanes is None else outline.num_lanes
     domain, num_lanes, num_agents = draw_counts(
         rng,
         table,

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import numpy as np
+from jaxtyping import Int, UInt8
 
 from scjax.data import records
 from scjax.data.loader import Bucket, clip_counts
 from scjax.data.measurements import MeasuredRecords
-from scjax.data.token_order import sort_tokens
+from scjax.data.token_order import known_half, sort_tokens
+from scjax.generate.continuations import Continuations, seam_crossings
 from scjax.generate.outlines import Outlines
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.kinds import agent_kinds, lane_kinds
-from scjax.scene import Scene, pad, stack
+from scjax.scene import Crop, Scene, pad, permute, stack, unpadded
 from scjax.scene.per_type import PerType
 
 _MOST = 8000  # outlines of a model: 4 MB
@@ -29,17 +33,20 @@ def outlines_of_records(folder: str, measured: MeasuredRecords, codec: SceneCode
     stored = records.open_records(folder, "train")
     rows = outline_rows(len(stored))
     kinds_of = jax.jit(lambda scenes: scene_kinds(scenes, codec))
-    kinds, domains = [], []
+    kinds, ahead, domains = [], [], []
     for start in range(0, len(rows), _BATCH):
         scenes = [_padded_scene(stored, row, codec, bucket) for row in rows[start : start + _BATCH]]
         domains += [int(scene.domain) for scene in scenes]
         missing = [scenes[-1]] * (_BATCH - len(scenes))  # one program for all batches
         kinds.append(jax.device_get(kinds_of(stack(scenes + missing))))
+        halves = [_padded_scene(stored, row, codec, bucket, Crop.PARTITIONED) for row in rows[start : start + _BATCH]]
+        ahead += _beyond(halves, jax.device_get(kinds_of(stack(halves + [halves[-1]] * (_BATCH - len(halves))))))
     return Outlines.of_scenes(
         np.concatenate([one.lanes for one in kinds])[: len(rows)],
         np.concatenate([one.agents for one in kinds])[: len(rows)],
         np.array(domains),
         [measured[row] for row in rows],
+        Continuations.of_scenes(*(list(column) for column in zip(*ahead, strict=True))),
     )
 
 
@@ -48,6 +55,25 @@ def outline_rows(number: int) -> list[int]:
     return np.unique(np.linspace(0, number - 1, min(number, _MOST)).astype(int)).tolist()
 
 
-def _padded_scene(stored: records.RecordShards, row: int, codec: SceneCodec, bucket: Bucket) -> Scene:
-    scene = codec.select(records.sample_scene(records.read_record(stored, row)))
+def _beyond(
+    scenes: Sequence[Scene], kinds: PerType
+) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " bins"]]]:
+    """Kinds of lanes and agents beyond the seam, and the lanes that cross it, of every partitioned scene."""
+    result = []
+    for row, padded_scene in enumerate(scenes):
+        scene = unpadded(padded_scene)
+        known = known_half(np.asarray(scene.lanes)[..., :2], np.asarray(scene.agents)[..., :2])
+        known.agents[:1] = True
+        lanes, agents = (
+            np.asarray(getattr(kinds, name)[row])[: len(getattr(known, name))] for name in ("lanes", "agents")
+        )
+        seam = seam_crossings(permute(scene, np.flatnonzero(known.agents), np.flatnonzero(known.lanes)))
+        result.append((lanes[~known.lanes], agents[~known.agents], seam))
+    return result
+
+
+def _padded_scene(
+    stored: records.RecordShards, row: int, codec: SceneCodec, bucket: Bucket, crop: Crop = Crop.CENTERED
+) -> Scene:
+    scene = codec.select(records.sample_scene(records.read_record(stored, row), crop))
     return pad(sort_tokens(clip_counts(scene, bucket))[0], *bucket)

@@ -1,0 +1,253 @@
+"""``scjax.outpaint``: a map along a route or over an area, from one scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float64
+
+from scjax.generate.arguments import as_model, sampling_key
+from scjax.generate.conditions import Condition
+from scjax.generate.model import Model
+from scjax.generate.sample import sample_scenes
+from scjax.outpaint.coverage import Coverage
+from scjax.outpaint.exits import MAX_COVERED, RoadExit, choose_exit, find_exits, pose_beyond, start_lane
+from scjax.outpaint.extend import extend_map, open_condition
+from scjax.outpaint.window import WindowPose
+from scjax.scene import Map, MapRoute, Scene, TileStatus, route_line, scene_to_map, validate_map
+from scjax.scene.arguments import finite_number, whole_number
+from scjax.scene.polyline import cumulative_length
+
+MAX_LENGTH, MAX_TILES = 20_000.0, 1000
+ROUTES = ("straight", "random")
+"""Names of ways to choose a route."""
+
+_STEP_BACK = 8.0  # m by which a window that failed is moved back
+_START_KEY = 0x57  # folded into the key for the first scene
+
+
+def outpaint(
+    key: Array | int,
+    start: Scene | Map | None = None,
+    condition: Condition | str | Sequence[Condition | str] | None = None,
+    **options: Any,
+) -> Map:
+    """A map that grows from a scene or a map, tile by tile, along a route or over an area.
+
+    Args:
+      key: typed key, or the number of one.
+      start: a single scene around its ego, or a map; None: a scene that is sampled for the condition.
+      condition: what new tiles shall show; a sequence: tile by tile, and the last for all further ones.
+      options: those of ``outpaint_steps``.
+
+    Returns:
+      A valid map. Its tiles say how each went; its first route is the one along which it grew. The map is shorter than
+      requested where the road ends or no candidate continues it.
+
+    Raises:
+      ValueError: as ``outpaint_steps``.
+    """
+    map = None
+    for map in outpaint_steps(key, start, condition, **options):
+        pass
+    assert map is not None
+    return validate_map(map)
+
+
+def outpaint_steps(
+    key: Array | int,
+    start: Scene | Map | None = None,
+    condition: Condition | str | Sequence[Condition | str] | None = None,
+    *,
+    length: float | None = None,
+    route: str | Sequence[tuple[float, float]] = "straight",
+    area: tuple[float, float, float, float] | None = None,
+    at: tuple[float, float, float] | None = None,
+    max_tiles: int = MAX_TILES,
+    candidates: int = 8,
+    retries: int = 2,
+    model: Model | str | Path | None = None,
+    num_steps: int | None = None,
+) -> Iterator[Map]:
+    """As ``outpaint``, but gives the map after every tile; the first is that of ``start``.
+
+    Args:
+      length: of the route, from the ego [m]; 200 if there is no area either.
+      route: "straight", "random", or points x, y that it shall pass [m].
+      area: x_min, x_max, y_min, y_max [m]: the map grows at all roads that lead out, until they leave this area.
+        Instead of ``length``.
+      at: x, y [m] and direction [rad] where the route begins on a map; by default where the map's first route begins,
+        else at its first tile's center.
+      max_tiles: new tiles at most.
+      candidates, retries, model, num_steps: as in ``extend_map``.
+
+    Raises:
+      ValueError: an option out of range, a start without a road, or a condition that the model cannot meet.
+    """
+    key, model = sampling_key(key), as_model(model)
+    conditions = _conditions(condition)
+    max_tiles = whole_number(max_tiles, "max_tiles", 1, MAX_TILES)
+    way = _way(route)
+    if area is not None and length is not None:
+        raise ValueError("length and area are both given: leave one of them out")
+    length = finite_number(200.0 if length is None else length, "length", 1.0, MAX_LENGTH)
+    if start is None:
+        start = sample_scenes(
+            jax.random.fold_in(key, _START_KEY), conditions[0], model=model, num_steps=num_steps, repair=True
+        )[0]
+    map, first = _start(start, at)
+    options = {"candidates": candidates, "retries": retries, "model": model, "num_steps": num_steps}
+    yield map
+    grower = _Grower(key, conditions, options)
+    if area is not None:
+        yield from grower.over_area(map, _checked_area(area), max_tiles)
+    else:
+        yield from grower.along_route(map, first, length, way, max_tiles)
+
+
+@dataclasses.dataclass
+class _Grower:
+    """Adds tiles to maps; ``number`` counts them."""
+
+    key: Array
+    conditions: Sequence[Condition | str | None]
+    options: dict[str, Any]
+    number: int = 0
+
+    def along_route(
+        self, map: Map, first: str, length: float, way: str | Float64[np.ndarray, "points 2"], max_tiles: int
+    ) -> Iterator[Map]:
+        """Grows at the end of a route that begins on lane ``first``."""
+        rng = np.random.default_rng(np.asarray(jax.random.key_data(self.key)).astype(np.uint32))
+        lane_ids, yaw = (first,), 0.0
+        line = map.lane_by_id[first].points
+        yaw = pose_beyond(line).yaw
+        blocked: set[str] = set()
+        while self.number < max_tiles:
+            exits = [one for one in find_exits(map, lane_ids[-1]) if one.lane_ids[-1] not in blocked]
+            chosen = choose_exit(exits, rng, yaw=yaw, way=way)
+            if chosen is None:
+                return
+            reached = (*lane_ids, *chosen.lane_ids[1:])
+            routed = _with_route(map, reached)
+            if cumulative_length(route_line(routed, routed.routes[0]))[-1] >= length:
+                yield routed
+                return
+            grown = self._beyond(routed, chosen)
+            if not any(
+                chosen.lane_ids[-1] in pair for seam in grown.seams[len(map.seams) :] for pair in seam.connections
+            ):
+                blocked.add(chosen.lane_ids[-1])
+            else:
+                lane_ids, yaw = reached, chosen.pose.yaw
+            map = grown
+            yield map
+
+    def over_area(self, map: Map, area: tuple[float, float, float, float], max_tiles: int) -> Iterator[Map]:
+        """Grows at every open end whose window's center is in the area, the least covered first."""
+        blocked: set[str] = set()
+        while self.number < max_tiles:
+            coverage = Coverage(map)
+            lanes, places = map.lane_by_id, []
+            for end in coverage.open_ends(map):
+                if end.at_border and not end.is_start and end.lane_id not in blocked:
+                    pose = pose_beyond(lanes[end.lane_id].points)
+                    covered = coverage.share_ahead(pose.x, pose.y, pose.yaw)
+                    if _inside(pose, area) and covered <= MAX_COVERED:
+                        places.append(RoadExit((end.lane_id,), pose, covered))
+            if not places:
+                return
+            chosen = min(places, key=lambda one: one.covered)
+            blocked.add(chosen.lane_ids[-1])
+            map = self._beyond(map, chosen)
+            yield map
+
+    def _beyond(self, map: Map, chosen: RoadExit) -> Map:
+        """The map with a tile at an exit; if that tile is not complete, one a little farther back is tried."""
+        condition = self.conditions[min(self.number, len(self.conditions) - 1)]
+        points = map.lane_by_id[chosen.lane_ids[-1]].points
+        best = None
+        for attempt, back in enumerate((0.0, _STEP_BACK)):
+            pose = pose_beyond(points, back)
+            key = jax.random.fold_in(jax.random.fold_in(self.key, self.number), attempt)
+            grown = extend_map(key, map, condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self.options)
+            if best is None or (best.tiles[-1].status, grown.tiles[-1].status) in _BETTER:
+                best = grown
+            if best.tiles[-1].status == TileStatus.COMPLETE:
+                break
+        assert best is not None
+        self.number += 1
+        return best
+
+
+_BETTER = {
+    (TileStatus.MISSING, TileStatus.INCOMPLETE),
+    (TileStatus.MISSING, TileStatus.COMPLETE),
+    (TileStatus.INCOMPLETE, TileStatus.COMPLETE),
+}
+
+
+def _start(start: Scene | Map, at: tuple[float, float, float] | None) -> tuple[Map, str]:
+    """The map to begin with, and the first lane of the route."""
+    if isinstance(start, Scene):
+        if at is not None:
+            raise ValueError("at is for maps: the route of a scene begins at its ego")
+        map = scene_to_map(start)
+        return map, start_lane(map, 0.0, 0.0, 0.0)
+    if not isinstance(start, Map):
+        raise ValueError(f"start must be a scjax.Scene or a scjax.Map, not {type(start).__name__}")
+    map = validate_map(start)
+    if at is None and map.routes:
+        return map, map.routes[0].lane_ids[0]
+    if at is None and not map.tiles:
+        raise ValueError("at is missing: say where on the map the route begins, as x, y [m] and direction [rad]")
+    x, y, yaw = (map.tiles[0].x, map.tiles[0].y, map.tiles[0].yaw) if at is None else at
+    return map, start_lane(map, *(finite_number(v, "at") for v in (x, y, yaw)))
+
+
+def _conditions(condition: Any) -> list[Condition]:
+    if condition is None or isinstance(condition, Condition | str):
+        return [open_condition(condition)]
+    if not isinstance(condition, Sequence) or not len(condition):
+        raise ValueError("condition must be a scjax.Condition, a text, or a sequence of them, one for each tile")
+    return [open_condition(one) for one in condition]
+
+
+def _way(route: Any) -> str | Float64[np.ndarray, "points 2"]:
+    if isinstance(route, str):
+        if route not in ROUTES:
+            raise ValueError(f"route is {route[:60]!r}: give {' or '.join(ROUTES)}, or points x, y to pass")
+        return route
+    try:
+        points = np.asarray(route, np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError("route must be a name or points x, y [m] to pass") from error
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+        raise ValueError("route must be a name or at least two points x, y [m] to pass")
+    return points
+
+
+def _checked_area(area: Any) -> tuple[float, float, float, float]:
+    if len(area) != 4:
+        raise ValueError("area must be x_min, x_max, y_min, y_max [m]")
+    x_min, x_max, y_min, y_max = (finite_number(value, "area") for value in area)
+    if not (x_min < x_max and y_min < y_max):
+        raise ValueError(f"area is {(x_min, x_max, y_min, y_max)}: give x_min < x_max and y_min < y_max")
+    return x_min, x_max, y_min, y_max
+
+
+def _inside(pose: WindowPose, area: tuple[float, float, float, float]) -> bool:
+    x_min, x_max, y_min, y_max = area
+    return x_min <= pose.x <= x_max and y_min <= pose.y <= y_max
+
+
+def _with_route(map: Map, lane_ids: tuple[str, ...]) -> Map:
+    start = map.routes[0].start if map.routes and map.routes[0].lane_ids[0] == lane_ids[0] else 0.0
+    return dataclasses.replace(
+        map, routes=(MapRoute(lane_ids=lane_ids, start=start, name="outpainted"), *map.routes[1:])
+    )

@@ -1,0 +1,121 @@
+"""Joints between the lanes of a map and those of a new tile: which belong together, and lines that meet exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from scipy.optimize import linear_sum_assignment
+
+from scjax.outpaint.coverage import OpenEnd, outward_heading
+from scjax.scene.angles import wrap_to_pi
+from scjax.scene.polyline import cumulative_length
+
+MAX_GAP = 2.5
+"""m between ends that may be joined, before one is moved to the other."""
+
+MAX_TURN = np.deg2rad(60.0)
+"""Change of direction at a joint, at most."""
+
+_SPLIT_GAP, _SPLIT_TURN = 1.0, np.deg2rad(30.0)  # of further lanes that begin at a joint
+_BLEND = 8.0  # m of a new lane that bend to meet the known one
+_STEP = 0.5  # m between points of that bend
+_NEVER = 1e6  # cost of ends that may not be joined
+
+
+class Joint(NamedTuple):
+    """A new lane, one end of it, and the open end that it continues."""
+
+    lane: int
+    at_start: bool
+    open_end: OpenEnd
+
+
+def find_joints(lanes: Sequence[Float64[np.ndarray, "points 3"]], open_ends: Sequence[OpenEnd]) -> list[Joint]:
+    """Joints between new lanes and open ends: a best assignment, and more lanes where a known one splits or merges.
+
+    Args:
+      lanes: new lanes, in the frame of the ends.
+    """
+    joints = []
+    for at_start in (True, False):
+        ends = [end for end in open_ends if end.is_start != at_start]
+        if not ends or not lanes:
+            continue
+        gaps, turns = _gaps_and_turns(lanes, ends, at_start)
+        possible = (gaps <= MAX_GAP) & (turns < MAX_TURN)
+        costs = np.where(possible, gaps / MAX_GAP + turns / MAX_TURN, _NEVER)
+        rows, columns = linear_sum_assignment(costs)
+        pairs = {(int(row), int(column)) for row, column in zip(rows, columns, strict=True) if possible[row, column]}
+        joined = {column for _, column in pairs}
+        close = (gaps <= _SPLIT_GAP) & (turns < _SPLIT_TURN)
+        for column in range(len(lanes)):
+            if column not in joined and close[:, column].any():
+                pairs.add((int(np.where(close[:, column], gaps[:, column], np.inf).argmin()), column))
+        joints += [Joint(column, at_start, ends[row]) for row, column in sorted(pairs)]
+    return joints
+
+
+def meet(points: Float64[np.ndarray, "points 3"], end: OpenEnd) -> Float64[np.ndarray, "n 3"]:
+    """A lane whose start is moved to an open end and leaves it in its direction: a cubic bend over the first meters."""
+    arc = cumulative_length(points)
+    length = min(_BLEND, arc[-1] / 2)
+    rest = points[arc > length]
+    target = np.array([np.interp(length, arc, column) for column in points.T])
+    ahead = np.array([np.interp(min(length + 0.5, arc[-1]), arc, column) for column in points.T]) - target
+    ahead /= max(np.hypot(*ahead[:2]), 1e-9)
+    slope = np.array([np.cos(end.outward), np.sin(end.outward), 0.0])
+    chord = np.hypot(*(target - end.place)[:2])
+    u = np.linspace(0.0, 1.0, max(int(np.ceil(chord / _STEP)), 2) + 1)[:, None]
+    start, z = end.place, np.nan_to_num(end.place[2], nan=target[2])
+    start = np.array([start[0], start[1], z])
+    bend = (
+        (2 * u**3 - 3 * u**2 + 1) * start
+        + (u**3 - 2 * u**2 + u) * chord * slope
+        + (3 * u**2 - 2 * u**3) * target
+        + (u**3 - u**2) * chord * ahead
+    )
+    return np.concatenate([bend, rest])
+
+
+def _gaps_and_turns(
+    lanes: Sequence[Float64[np.ndarray, "points 3"]], ends: Sequence[OpenEnd], at_start: bool
+) -> tuple[Float64[np.ndarray, "ends lanes"], Float64[np.ndarray, "ends lanes"]]:
+    """Distances between open ends and the starts or ends of lanes [m], and changes of direction there [rad]."""
+    places = np.array([lane[0 if at_start else -1, :2] for lane in lanes])
+    outward = np.array([outward_heading(lane, at_start) or 0.0 for lane in lanes])
+    known = np.array([end.place[:2] for end in ends])
+    gaps = np.hypot(*np.moveaxis(known[:, None] - places[None], -1, 0))
+    headings = np.array([end.outward for end in ends])
+    turns = np.abs(wrap_to_pi(headings[:, None] - outward[None] - np.pi))
+    return gaps, turns
+
+
+def is_duplicate(
+    points: Float64[np.ndarray, "points 3"], others: Sequence[Float64[np.ndarray, "_ 3"]]
+) -> Bool[np.ndarray, " others"]:
+    """Whether a lane runs along each of ``others``: within 1 m and 20 degrees for 70 % of the shorter one."""
+    result = np.zeros(len(others), bool)
+    for row, other in enumerate(others):
+        one, two = sorted((points, other), key=lambda line: cumulative_length(line)[-1])
+        low, high = two[:, :2].min(0) - 1.0, two[:, :2].max(0) + 1.0
+        inside = ((one[:, :2] > low) & (one[:, :2] < high)).all(-1)
+        if inside.mean() < 0.5:
+            continue
+        near = np.hypot(*np.moveaxis(_spread(one)[:, None, :2] - _spread(two)[None, :, :2], -1, 0))
+        column = near.argmin(1)
+        turn = np.abs(wrap_to_pi(_headings(_spread(one)) - _headings(_spread(two))[column]))
+        result[row] = ((near.min(1) < 1.0) & (turn < np.deg2rad(20.0))).mean() > 0.7
+    return result
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    arc = cumulative_length(points)
+    return np.stack([np.interp(np.arange(0.0, arc[-1] + 1.0), arc, column) for column in points.T], -1)
+
+
+def _headings(points: np.ndarray) -> np.ndarray:
+    steps = np.gradient(points[:, :2], axis=0) if len(points) > 1 else np.array([[1.0, 0.0]])
+    return np.arctan2(steps[:, 1], steps[:, 0])

@@ -1,0 +1,222 @@
+"""One sampled window as a tile of a map: new lanes that meet the known ones, new agents, faults and a score."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+
+from scjax.data.map_crop import near_map
+from scjax.outpaint.coverage import AHEAD, Coverage, OpenEnd, outward_heading
+from scjax.outpaint.seams import Joint, find_joints, is_duplicate, meet
+from scjax.outpaint.window import HALF, KnownWindow, WindowPose
+from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
+from scjax.scene.angles import wrap_to_pi
+from scjax.scene.boxes import overlaps
+from scjax.scene.polyline import cumulative_length
+
+_SHORTEST = 1.0  # m of a new lane
+_COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
+_DEEP = 1.0  # m inside a covered tile
+_INNER_GAP = 1.5  # m between new lanes that are listed as connected
+_CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
+_SHARP = np.deg2rad(40.0)  # turn from one segment of a lane to the next, from which it is kinked
+_VEHICLES = 5  # so many new vehicles are better than fewer
+
+
+@dataclasses.dataclass(frozen=True)
+class TileCandidate:
+    """What a sample adds to a map.
+
+    Attributes:
+      map: the new lanes, signals and agents, in the frame of the map; no tiles.
+      connections: pairs of lane ids, the second follows the first, one of them in the map.
+      faults: what is wrong, in words; empty if nothing is.
+      score: higher is better.
+    """
+
+    map: Map
+    connections: tuple[tuple[str, str], ...]
+    faults: tuple[str, ...]
+    score: float
+
+
+def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name: str) -> TileCandidate:
+    """The new part of a sampled window.
+
+    Args:
+      sample: an unpadded scene whose first elements are those of ``window``.
+      coverage: of the map, without the front half of the window.
+      name: begins the ids of the new lanes and agents.
+    """
+    count, pose = window.scene.num_lanes, window.pose
+    lanes = pose.to_map(sample.lanes[count:])
+    kept = _are_new(lanes, window.map, coverage, pose)
+    rows = count + np.flatnonzero(kept)
+    edges = _inner_edges(sample.links[np.ix_(rows, rows)])
+    lines = [lanes[row] for row in np.flatnonzero(kept)]
+    joints = find_joints(lines, window.open_ends)
+    for joint in joints:
+        lines[joint.lane] = _met(lines[joint.lane], joint)
+    lines, edges = _closed(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
+    faults, penalty = _faults(lines, edges, joints, window)
+    new_map = _map_of(sample, rows, lines, edges, window, coverage, name)
+    ids = [lane.id for lane in new_map.lanes]
+    pairs = [
+        (joint.open_end.lane_id, ids[joint.lane]) if joint.at_start else (ids[joint.lane], joint.open_end.lane_id)
+        for joint in joints
+    ]
+    vehicles = int((new_map.agent_types == AgentType.VEHICLE).sum())
+    return TileCandidate(new_map, tuple(pairs), faults, 0.2 * min(vehicles, _VEHICLES) - penalty)
+
+
+def _are_new(
+    lanes: Float64[np.ndarray, "lanes points 3"], map: Map, coverage: Coverage, pose: WindowPose
+) -> Bool[np.ndarray, " lanes"]:
+    """Lanes of some length on uncovered ground that are not there already."""
+    if not len(lanes):
+        return np.zeros(0, bool)
+    covered = coverage.contains(lanes[..., :2].reshape(-1, 2), _DEEP).reshape(lanes.shape[:2]).mean(-1)
+    others = [lane.points for lane in near_map(map, pose.x, pose.y, HALF * 1.5).lanes]
+    long_enough = np.array([cumulative_length(lane)[-1] >= _SHORTEST for lane in lanes])
+    return (covered < _COVERED) & long_enough & np.array([not is_duplicate(lane, others).any() for lane in lanes])
+
+
+def _inner_edges(links: Int[np.ndarray, "lanes lanes"]) -> list[tuple[int, int]]:
+    return [(int(a), int(b)) for a, b in np.argwhere(links == Link.PREDECESSOR) if a != b]
+
+
+def _met(points: Float64[np.ndarray, "points 3"], joint: Joint) -> Float64[np.ndarray, "n 3"]:
+    return meet(points, joint.open_end) if joint.at_start else meet(points[::-1], joint.open_end)[::-1]
+
+
+def _closed(
+    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], fixed: set[tuple[int, bool]]
+) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
+    """Lines whose connections have no gap, and those connections; lines are moved at ends that are not ``fixed``."""
+    lines, result = list(lines), []
+    loose_starts = set(range(len(lines))) - {b for _, b in edges} - {lane for lane, start in fixed if start}
+    loose_ends = set(range(len(lines))) - {a for a, _ in edges} - {lane for lane, start in fixed if not start}
+    close = [(a, b) for a in sorted(loose_ends) for b in sorted(loose_starts) if a != b]
+    for row, (a, b) in enumerate([*edges, *close]):
+        gap = float(np.hypot(*(lines[b][0] - lines[a][-1])[:2]))
+        turn = abs(
+            wrap_to_pi((outward_heading(lines[b], True) or 0.0) + np.pi - (outward_heading(lines[a], False) or 0))
+        )
+        is_listed = row < len(edges)
+        if gap > (_INNER_GAP if is_listed else _CLOSE_GAP) or (not is_listed and turn > _CLOSE_TURN):
+            continue
+        if gap > 1e-3:
+            if (b, True) in fixed:
+                continue
+            lines[b] = meet(lines[b], OpenEnd("", False, lines[a][-1], outward_heading(lines[a], False) or 0.0, False))
+        result.append((a, b))
+    return lines, result
+
+
+def _faults(
+    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joints: Sequence[Joint], window: KnownWindow
+) -> tuple[tuple[str, ...], float]:
+    """What is wrong with new lanes, and how bad that and the joints are."""
+    met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in joints}
+    unmet = sum((end.lane_id, end.is_start) not in met for end in window.open_ends if must_continue(end, window.pose))
+    joined = {(joint.lane, joint.at_start) for joint in joints}
+    joined |= {(a, False) for a, _ in edges} | {(b, True) for _, b in edges}
+    inside = sum(
+        (row, start) not in joined and _ends_inside(line, start, window.pose)
+        for row, line in enumerate(lines)
+        for start in (True, False)
+    )
+    kinked = sum(_is_kinked(line) for line in lines)
+    faults = []
+    if unmet:
+        faults.append(f"{unmet} lanes do not go on")
+    if inside:
+        faults.append(f"{inside} lanes end or begin inside")
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked
+
+
+def must_continue(end: OpenEnd, pose: WindowPose) -> bool:
+    """Whether the road beyond an open end lies in the front half of a window."""
+    if not end.at_border:
+        return False
+    step = np.array([np.cos(end.outward), np.sin(end.outward), 0.0])
+    x, y, _ = pose.to_window(np.nan_to_num(end.place) + (AHEAD + 1.0) * step)
+    return bool(0 < x < HALF - 1 and abs(y) < HALF - 1)
+
+
+def _ends_inside(line: np.ndarray, is_start: bool, pose: WindowPose) -> bool:
+    heading = outward_heading(line, is_start)
+    if heading is None:
+        return True
+    step = np.array([np.cos(heading), np.sin(heading), 0.0])
+    x, y, _ = pose.to_window(np.nan_to_num(line[0 if is_start else -1]) + AHEAD * step)
+    return bool(max(abs(x), abs(y)) < HALF)
+
+
+def _is_kinked(line: np.ndarray) -> bool:
+    steps = np.diff(line[:, :2], axis=0)
+    steps = steps[np.hypot(*steps.T) > 0.1]
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    return bool((np.abs(wrap_to_pi(np.diff(headings))) > _SHARP).any())
+
+
+def _map_of(
+    sample: Scene,
+    rows: Int[np.ndarray, " lanes"],
+    lines: Sequence[np.ndarray],
+    edges: Sequence[tuple[int, int]],
+    window: KnownWindow,
+    coverage: Coverage,
+    name: str,
+) -> Map:
+    """New lanes, signals and agents as a map."""
+    ids = [f"{name}.lane-{row}" for row in range(len(rows))]
+    links = sample.links[np.ix_(rows, rows)]
+    lanes = tuple(
+        MapLane(
+            id=ids[row],
+            lane_type=None,
+            points=line,
+            predecessors=tuple(ids[a] for a, b in edges if b == row),
+            successors=tuple(ids[b] for a, b in edges if a == row),
+            left_neighbors=tuple(LaneNeighbor(ids[other]) for other in np.flatnonzero(links[:, row] == Link.LEFT)),
+            right_neighbors=tuple(LaneNeighbor(ids[other]) for other in np.flatnonzero(links[:, row] == Link.RIGHT)),
+        )
+        for row, line in enumerate(lines)
+    )
+    signals = sample.signals[rows]
+    lit = np.flatnonzero(signals != Signal.UNKNOWN)
+    agents, types = _new_agents(sample, window, coverage)
+    return Map(
+        lanes=lanes,
+        signal_lane_ids=tuple(ids[row] for row in lit),
+        signal_states=signals[lit].astype(np.int32),
+        signal_positions=np.array([lines[row][0] for row in lit]).reshape(-1, 3),
+        agent_ids=tuple(f"{name}.agent-{row}" for row in range(len(agents))),
+        agent_types=types.astype(np.int32),
+        agents=agents,
+    )
+
+
+def _new_agents(
+    sample: Scene, window: KnownWindow, coverage: Coverage
+) -> tuple[Float64[np.ndarray, "agents 9"], Int[np.ndarray, " agents"]]:
+    """New agents on uncovered ground in the frame of the map, without those in or on others."""
+    count, pose = len(window.scene.agents), window.pose
+    agents, types = sample.agents[count:].astype(np.float64), sample.agent_types[count:]
+    agents[:, :3] = pose.to_map(agents[:, :3])
+    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
+    agents[:, 4:6] = agents[:, 4:6] @ np.array([[cos, sin], [-sin, cos]])
+    new = ~coverage.contains(agents[:, :2], 0.5)
+    agents, types = agents[new], types[new]
+    others = window.map.agents
+    near = np.hypot(*(others[:, :2] - np.array([pose.x, pose.y])).T) < 2 * HALF
+    others = others[near & ~np.isnan(others[:, 6:8]).any(-1)]
+    is_overlap = overlaps(np.concatenate([others, agents]))
+    free = ~is_overlap[len(others) :, : len(others)].any(-1)
+    for row in range(len(agents)):
+        free[row] &= not (is_overlap[len(others) + row, len(others) :][:row] & free[:row]).any()
+    return agents[free], types[free]

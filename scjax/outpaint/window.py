@@ -1,0 +1,133 @@
+"""The window of a map that the next tile is generated in: what is known of it, in the window's frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from scjax.data.map_crop import crop_map, near_map
+from scjax.outpaint.coverage import OpenEnd
+from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
+from scjax.scene.polyline import cumulative_length
+
+HALF = TILE_SIZE / 2
+MAX_KNOWN = (40, 64)
+"""Most known agents and lanes; those nearest to the origin are kept."""
+
+_TAIL = 10.0  # m; loose ends of lanes that reach so far beyond the seam are cut off and generated anew
+_SHORTEST = 2.0  # m of a lane ahead that count
+_EGO_LENGTH, _EGO_WIDTH, _EGO_HEIGHT = 4.7, 1.9, 1.6
+
+
+class WindowPose(NamedTuple):
+    """Center of a window and direction of its x axis, in the frame of the map [m, rad]."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+
+    def to_map(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        """Points of the window in the frame of the map."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+        return np.stack([cos * x - sin * y + self.x, sin * x + cos * y + self.y, z + self.z], -1)
+
+    def to_window(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        """The inverse of ``to_map``."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        x, y, z = np.moveaxis(np.asarray(points, np.float64) - np.array([self.x, self.y, self.z]), -1, 0)
+        return np.stack([cos * x + sin * y, cos * y - sin * x, z], -1)
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownWindow:
+    """What is known of a window.
+
+    Attributes:
+      pose: where it is.
+      map: the map, whose lanes no longer reach a little beyond the seam.
+      scene: the known elements, unpadded, in the frame of the window.
+      open_ends: ends inside the window at which the road must go on, in the frame of the map.
+      has_ego: whether agent 0 of ``scene`` is a vehicle put there for the network alone.
+    """
+
+    pose: WindowPose
+    map: Map
+    scene: Scene
+    open_ends: tuple[OpenEnd, ...]
+    has_ego: bool
+
+
+def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = True, domain: int = 0) -> Scene:
+    """The known elements of the window of ``map`` at ``pose``, at most ``MAX_KNOWN``.
+
+    The crop is partitioned if nothing is known ahead of the seam, else centered.
+
+    Args:
+      speed: of the vehicle at the origin [m/s], which the network needs as ego.
+      ego: whether there is such a vehicle; without it agent 0 is the nearest agent.
+
+    Raises:
+      ValueError: no lane for cars is in the window.
+    """
+    is_open = not _reaches_ahead(map, pose)
+    crop = Crop.PARTITIONED if is_open else Crop.CENTERED
+    scene = crop_map(map, pose.x, pose.y, pose.yaw, crop=crop, ego=ego, domain=domain)
+    if ego:
+        agents = scene.agents.copy()
+        agents[0, 3], agents[0, 6:] = speed, (_EGO_LENGTH, _EGO_WIDTH, _EGO_HEIGHT)
+        scene = scene.replace(agents=agents)
+    behind = scene.agents[:, 0] <= 0 if is_open else np.ones(len(scene.agents), bool)
+    behind[:1] |= ego
+    lanes = np.arange(min(scene.num_lanes, MAX_KNOWN[1]))
+    if is_open:
+        lanes = lanes[scene.lanes[lanes, scene.lanes.shape[1] // 2 - 1, 0] <= 0]
+    return permute(scene, np.flatnonzero(behind)[: MAX_KNOWN[0]], lanes)
+
+
+def trim_tails(map: Map, pose: WindowPose) -> Map:
+    """``map`` without the parts of lanes that reach a little beyond the seam of a window and end there."""
+    near = {lane.id for lane in near_map(map, pose.x, pose.y).lanes}
+    followed = {item for lane in map.lanes for item in lane.predecessors}
+    led_to = {item for lane in map.lanes for item in lane.successors}
+    lanes = []
+    for lane in map.lanes:
+        if lane.id in near:
+            if not lane.successors and lane.id not in followed:
+                lane = dataclasses.replace(lane, points=_without_tail(lane.points, pose))
+            if not lane.predecessors and lane.id not in led_to:
+                lane = dataclasses.replace(lane, points=_without_tail(lane.points[::-1], pose)[::-1])
+        lanes.append(lane)
+    return dataclasses.replace(map, lanes=tuple(lanes))
+
+
+def _without_tail(points: Float64[np.ndarray, "points 3"], pose: WindowPose) -> Float64[np.ndarray, "n 3"]:
+    """A line whose last part beyond x = 0 is cut off, if that part is short and begins in the window."""
+    x, y, _ = pose.to_window(points).T
+    behind = np.flatnonzero(x <= 0)
+    if x[-1] <= 0 or not len(behind) or abs(y[behind[-1]]) > HALF:
+        return points
+    last = behind[-1]
+    share = -x[last] / (x[last + 1] - x[last])
+    cut = points[last] + share * (points[last + 1] - points[last])
+    tail = np.concatenate([cut[None], points[last + 1 :]])
+    if cumulative_length(tail)[-1] > _TAIL:
+        return points
+    kept = np.concatenate([points[: last + 1], cut[None]])
+    return kept if cumulative_length(kept)[-1] > 0.5 else points
+
+
+def _reaches_ahead(map: Map, pose: WindowPose) -> bool:
+    """Whether a lane of the map runs in the front half of a window."""
+    return any(_length_ahead(lane, pose) > _SHORTEST for lane in near_map(map, pose.x, pose.y, HALF * 1.5).lanes)
+
+
+def _length_ahead(lane: MapLane, pose: WindowPose) -> float:
+    points = pose.to_window(lane.points)
+    middle, steps = (points[1:] + points[:-1]) / 2, np.hypot(*np.diff(points[:, :2], axis=0).T)
+    ahead = (middle[:, 0] > 0) & (middle[:, 0] < HALF) & (np.abs(middle[:, 1]) < HALF)
+    return float(steps[ahead].sum())
