@@ -12,7 +12,7 @@ Logs:       Log, load_log, save_log, crop_log, validate_log
 Maps:       Map, import_map, import_log, load_map, save_map, crop_map, validate_map
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
-Generation: sample, reconstruct
+Generation: sample, reconstruct, outpaint, extend_map
 Pictures:   viz
 
 Each name is imported when it is first used.
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from scjax.generate.model import save_model as save
     from scjax.generate.reconstruct import reconstruct
     from scjax.generate.sample import sample_scenes as sample
+    from scjax.outpaint.extend import extend_map
+    from scjax.outpaint.outpaint import outpaint
     from scjax.scene import (
         AgentType,
         Crop,
@@ -73,11 +75,13 @@ __all__ = [
     "Stream",
     "crop_log",
     "crop_map",
+    "extend_map",
     "import_log",
     "import_map",
     "load",
     "load_log",
     "load_map",
+    "outpaint",
     "reconstruct",
     "repair",
     "sample",
@@ -102,6 +106,8 @@ _PLACES = {
     "scjax.generate.model": ("Model", "load=load_model", "save=save_model"),
     "scjax.generate.reconstruct": ("reconstruct",),
     "scjax.generate.sample": ("sample=sample_scenes",),
+    "scjax.outpaint.extend": ("extend_map",),
+    "scjax.outpaint.outpaint": ("outpaint",),
     "scjax.scene": (
         "AgentType",
         "Crop",

@@ -17,6 +17,7 @@ LEVELS = (
     ("language", "encoders", "models", "viz"),
     ("diffusion", "data"),
     ("synthetic", "towns", "generate"),
+    ("outpaint",),
     ("train", "evaluate", "convert"),
     ("cli",),
 )

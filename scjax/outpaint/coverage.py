@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from scjax.scene import TILE_SIZE, Map, MapLane, TileStatus
 
@@ -52,13 +52,13 @@ class Coverage:
         self._opened = None if opened is None else np.array([opened])
         of_tiles = {item for tile in map.tiles for item in tile.lane_ids}
         free = [_spread(lane) for lane in map.lanes if lane.id not in of_tiles]
-        self._lanes = cKDTree(np.concatenate(free)) if free else None
+        self._lanes = KDTree(np.concatenate(free)) if free else None
 
     def contains(self, points: Float64[np.ndarray, "n 2"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
         """Whether points lie on covered ground, at least ``margin`` [m] inside a tile."""
-        covered = _in_windows(points, self._poses, self._rear, margin).any(-1)
+        covered = np.any(_in_windows(points, self._poses, self._rear, margin), axis=-1, keepdims=True)[:, 0]
         if self._lanes is not None and len(points):
-            covered |= self._lanes.query(points)[0] < _BESIDE_LANES
+            covered |= np.asarray(self._lanes.query(points)[0]) < _BESIDE_LANES
         if self._opened is not None:
             covered &= ~_in_windows(points, self._opened, np.zeros(1), 0.0)[:, 0]
         return covered
@@ -74,21 +74,23 @@ class Coverage:
         """All ends of lanes for cars to which nothing is connected."""
         followed = {item for lane in map.lanes for item in lane.predecessors}
         led_to = {item for lane in map.lanes for item in lane.successors}
-        ends = []
+        ends: list[tuple[str, bool, np.ndarray, float]] = []
         for lane in map.lanes:
-            for is_start, connected in ((True, lane.predecessors or lane.id in led_to), (False, None)):
-                if connected is None:
-                    connected = lane.successors or lane.id in followed
-                if not connected and (heading := outward_heading(lane.points, is_start)) is not None:
-                    place = lane.points[0 if is_start else -1]
-                    ends.append((lane.id, is_start, place, heading))
+            is_followed, is_led_to = bool(lane.successors) or lane.id in followed, bool(lane.predecessors)
+            for is_start, is_connected in ((True, is_led_to or lane.id in led_to), (False, is_followed)):
+                heading = outward_heading(lane.points, is_start)
+                if not is_connected and heading is not None:
+                    ends.append((lane.id, is_start, lane.points[0 if is_start else -1], heading))
         if not ends:
             return []
         places = np.array([place[:2] for _, _, place, _ in ends])
         headings = np.array([heading for *_, heading in ends])
         beyond = places + AHEAD * np.stack([np.cos(headings), np.sin(headings)], -1)
         at_border = ~self.contains(beyond)
-        return [OpenEnd(*end, bool(border)) for end, border in zip(ends, at_border, strict=True)]
+        return [
+            OpenEnd(lane_id, is_start, place, outward, bool(border))
+            for (lane_id, is_start, place, outward), border in zip(ends, at_border, strict=True)
+        ]
 
 
 def outward_heading(points: Float64[np.ndarray, "points 3"], is_start: bool) -> float | None:

@@ -71,7 +71,8 @@ def extend_map(
     pose = WindowPose(x, y, _ground(map, x, y), finite_number(yaw, "yaw"))
     condition = open_condition(condition)
     window, coverage = _known_window(map, pose, truth_value(ego, "ego"))
-    name, best, attempts = str(len(map.tiles)), None, 0
+    name, attempts = str(len(map.tiles)), 0
+    best: TileCandidate | None = None
     request = dataclasses.replace(condition, known=window.scene, crop=Crop(int(window.scene.crop)))
     for attempt in range(retries + 1):
         samples = sample_scenes(
@@ -84,11 +85,15 @@ def extend_map(
         )
         attempts += candidates
         drawn = [tile_candidate(unpadded(samples[row].to_numpy()), window, coverage, name) for row in range(candidates)]
-        best = max([*drawn, *([best] if best else [])], key=lambda one: (not one.faults, one.score))
+        best = max([*drawn, *([best] if best else [])], key=_rank)
         if not best.faults:
             break
     assert best is not None
     return _joined(map, window, best, attempts, condition.prompt or "")
+
+
+def _rank(candidate: TileCandidate) -> tuple[bool, float]:
+    return not candidate.faults, candidate.score
 
 
 def open_condition(condition: Condition | str | None) -> Condition:

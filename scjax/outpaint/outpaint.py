@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -52,11 +53,8 @@ def outpaint(
     Raises:
       ValueError: as ``outpaint_steps``.
     """
-    map = None
-    for map in outpaint_steps(key, start, condition, **options):
-        pass
-    assert map is not None
-    return validate_map(map)
+    (last,) = collections.deque(outpaint_steps(key, start, condition, **options), maxlen=1)
+    return validate_map(last)
 
 
 def outpaint_steps(
@@ -139,12 +137,10 @@ class _Grower:
                 yield routed
                 return
             grown = self._beyond(routed, chosen)
-            if not any(
-                chosen.lane_ids[-1] in pair for seam in grown.seams[len(map.seams) :] for pair in seam.connections
-            ):
-                blocked.add(chosen.lane_ids[-1])
-            else:
+            if grown.lane_by_id[reached[-1]].successors:
                 lane_ids, yaw = reached, chosen.pose.yaw
+            else:
+                blocked.add(reached[-1])
             map = grown
             yield map
 
@@ -248,6 +244,5 @@ def _inside(pose: WindowPose, area: tuple[float, float, float, float]) -> bool:
 
 def _with_route(map: Map, lane_ids: tuple[str, ...]) -> Map:
     start = map.routes[0].start if map.routes and map.routes[0].lane_ids[0] == lane_ids[0] else 0.0
-    return dataclasses.replace(
-        map, routes=(MapRoute(lane_ids=lane_ids, start=start, name="outpainted"), *map.routes[1:])
-    )
+    route = MapRoute(lane_ids=lane_ids, start=start, name="outpainted")
+    return dataclasses.replace(map, routes=(route, *map.routes[1:]))

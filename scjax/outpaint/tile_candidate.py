@@ -51,11 +51,11 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
       coverage: of the map, without the front half of the window.
       name: begins the ids of the new lanes and agents.
     """
-    count, pose = window.scene.num_lanes, window.pose
-    lanes = pose.to_map(sample.lanes[count:])
+    count, pose = len(window.scene.lane_mask), window.pose
+    lanes, links = pose.to_map(np.asarray(sample.lanes)[count:]), np.asarray(sample.links)
     kept = _are_new(lanes, window.map, coverage, pose)
-    rows = count + np.flatnonzero(kept)
-    edges = _inner_edges(sample.links[np.ix_(rows, rows)])
+    rows = np.add(np.flatnonzero(kept), count)
+    edges = _inner_edges(links[np.ix_(rows, rows)])
     lines = [lanes[row] for row in np.flatnonzero(kept)]
     joints = find_joints(lines, window.open_ends)
     for joint in joints:
@@ -102,16 +102,15 @@ def _closed(
     close = [(a, b) for a in sorted(loose_ends) for b in sorted(loose_starts) if a != b]
     for row, (a, b) in enumerate([*edges, *close]):
         gap = float(np.hypot(*(lines[b][0] - lines[a][-1])[:2]))
-        turn = abs(
-            wrap_to_pi((outward_heading(lines[b], True) or 0.0) + np.pi - (outward_heading(lines[a], False) or 0))
-        )
+        outward = outward_heading(lines[a], False) or 0.0
+        turn = abs(wrap_to_pi((outward_heading(lines[b], True) or 0.0) + np.pi - outward))
         is_listed = row < len(edges)
         if gap > (_INNER_GAP if is_listed else _CLOSE_GAP) or (not is_listed and turn > _CLOSE_TURN):
             continue
         if gap > 1e-3:
             if (b, True) in fixed:
                 continue
-            lines[b] = meet(lines[b], OpenEnd("", False, lines[a][-1], outward_heading(lines[a], False) or 0.0, False))
+            lines[b] = meet(lines[b], OpenEnd("", False, lines[a][-1], outward, False))
         result.append((a, b))
     return lines, result
 
@@ -174,7 +173,7 @@ def _map_of(
 ) -> Map:
     """New lanes, signals and agents as a map."""
     ids = [f"{name}.lane-{row}" for row in range(len(rows))]
-    links = sample.links[np.ix_(rows, rows)]
+    links = np.asarray(sample.links)[np.ix_(rows, rows)]
     lanes = tuple(
         MapLane(
             id=ids[row],
@@ -187,16 +186,16 @@ def _map_of(
         )
         for row, line in enumerate(lines)
     )
-    signals = sample.signals[rows]
+    signals = np.asarray(sample.signals, np.int32)[rows]
     lit = np.flatnonzero(signals != Signal.UNKNOWN)
     agents, types = _new_agents(sample, window, coverage)
     return Map(
         lanes=lanes,
         signal_lane_ids=tuple(ids[row] for row in lit),
-        signal_states=signals[lit].astype(np.int32),
-        signal_positions=np.array([lines[row][0] for row in lit]).reshape(-1, 3),
+        signal_states=signals[lit],
+        signal_positions=np.array([lines[int(row)][0] for row in lit]).reshape(-1, 3),
         agent_ids=tuple(f"{name}.agent-{row}" for row in range(len(agents))),
-        agent_types=types.astype(np.int32),
+        agent_types=types,
         agents=agents,
     )
 
@@ -206,7 +205,7 @@ def _new_agents(
 ) -> tuple[Float64[np.ndarray, "agents 9"], Int[np.ndarray, " agents"]]:
     """New agents on uncovered ground in the frame of the map, without those in or on others."""
     count, pose = len(window.scene.agents), window.pose
-    agents, types = sample.agents[count:].astype(np.float64), sample.agent_types[count:]
+    agents, types = np.array(sample.agents, np.float64)[count:], np.asarray(sample.agent_types, np.int32)[count:]
     agents[:, :3] = pose.to_map(agents[:, :3])
     cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
     agents[:, 4:6] = agents[:, 4:6] @ np.array([[cos, sin], [-sin, cos]])
@@ -216,7 +215,7 @@ def _new_agents(
     near = np.hypot(*(others[:, :2] - np.array([pose.x, pose.y])).T) < 2 * HALF
     others = others[near & ~np.isnan(others[:, 6:8]).any(-1)]
     is_overlap = overlaps(np.concatenate([others, agents]))
-    free = ~is_overlap[len(others) :, : len(others)].any(-1)
+    free = np.array([not row.any() for row in is_overlap[len(others) :, : len(others)]], bool)
     for row in range(len(agents)):
         free[row] &= not (is_overlap[len(others) + row, len(others) :][:row] & free[:row]).any()
     return agents[free], types[free]

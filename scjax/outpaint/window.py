@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.data.map_crop import crop_map, near_map
+from scjax.data.token_order import known_half
 from scjax.outpaint.coverage import OpenEnd
 from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
 from scjax.scene.polyline import cumulative_length
@@ -78,14 +79,14 @@ def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = Tr
     crop = Crop.PARTITIONED if is_open else Crop.CENTERED
     scene = crop_map(map, pose.x, pose.y, pose.yaw, crop=crop, ego=ego, domain=domain)
     if ego:
-        agents = scene.agents.copy()
+        agents = np.array(scene.agents)
         agents[0, 3], agents[0, 6:] = speed, (_EGO_LENGTH, _EGO_WIDTH, _EGO_HEIGHT)
         scene = scene.replace(agents=agents)
-    behind = scene.agents[:, 0] <= 0 if is_open else np.ones(len(scene.agents), bool)
+    behind = np.asarray(scene.agents)[:, 0] <= 0 if is_open else np.ones(len(scene.agents), bool)
     behind[:1] |= ego
-    lanes = np.arange(min(scene.num_lanes, MAX_KNOWN[1]))
+    lanes = np.arange(min(len(scene.lane_mask), MAX_KNOWN[1]))
     if is_open:
-        lanes = lanes[scene.lanes[lanes, scene.lanes.shape[1] // 2 - 1, 0] <= 0]
+        lanes = lanes[known_half(np.asarray(scene.lanes)[lanes, :, :2], np.zeros((0, 2))).lanes]
     return permute(scene, np.flatnonzero(behind)[: MAX_KNOWN[0]], lanes)
 
 
