@@ -17,6 +17,7 @@ from scjax.cli.demo import demo
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, schema
+from scjax.cli.outpaint import outpaint_command
 from scjax.cli.plot import plot_command
 from scjax.cli.read import read_command
 from scjax.cli.train import train_command
@@ -30,6 +31,7 @@ def cli() -> None:
     \b
     scjax demo                                   one picture of scenes for six prompts
     scjax generate "a T-junction with two cars"  scenes for your own prompts
+    scjax outpaint "a street in a town"          a map of 200 m that grows from it
     scjax info                                   domains, sizes and training of the model
 
     Errors are one line; --debug, anywhere in a command, shows their trace.
@@ -40,7 +42,7 @@ DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
 for command in (
-    *(demo, generate, read_command, evaluate, caption, attributes_command, plot_command),
+    *(demo, generate, outpaint_command, read_command, evaluate, caption, attributes_command, plot_command),
     *(data, train_command, info, schema),
 ):
     cli.add_command(command)
