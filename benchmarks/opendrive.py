@@ -19,8 +19,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from scjax.data.lane_graph import DROPPED_LANE_TYPES
 from scjax.data.readers.opendrive import read_road_map
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 
 OPTIONS = {
     "output.original-names": "true",
@@ -56,7 +56,7 @@ def read_ours(path: Path) -> Network:
     connections: set[tuple[str, str]] = set()
     for key, line in road_map.lines.items():
         name = f"{key.road}_{key.lane}"
-        if road_map.lane_types[key] not in DROPPED_LANE_TYPES and not line.in_junction:
+        if road_map.lane_types[key] not in NO_CAR_LANE_TYPES and not line.in_junction:
             lengths[name] += line.length
             front, seen = [key], {key}
             while front:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.opendrive import read_netconvert, read_ours
-from scjax.data.lane_graph import DROPPED_LANE_TYPES
 from scjax.scene import Log
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import cumulative_length
 
 ALLOWED = 2.0  # percent
@@ -29,7 +29,7 @@ def consumer_results(env: Path, name: str, paths: list[Path]) -> dict[str, Any]:
 def agreement(log: Log, theirs: dict[str, Any]) -> dict[str, Any]:
     """Numbers of lanes, lengths [m] and connections of both, and the largest difference of one lane [percent]."""
     ours = {lane.id: float(cumulative_length(lane.points)[-1]) for lane in log.lanes}
-    driven = {lane.id for lane in log.lanes if lane.lane_type not in DROPPED_LANE_TYPES}
+    driven = {lane.id for lane in log.lanes if lane.lane_type not in NO_CAR_LANE_TYPES}
     links = {(lane.id, other) for lane in log.lanes for other in lane.successors if {lane.id, other} <= driven}
     row: dict[str, Any] = {"lanes": len(ours), "length": sum(ours.values()), "connections": len(links)}
     if "error" in theirs:

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scjax.data.lane_graph import DROPPED_LANE_TYPES
 from scjax.data.map_crop import crop_map
 from scjax.scene import Log, Map, MapLane, log_to_map
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 
 PLACES, EDGE, SPACING = 9, 5000.0, 100.0  # scenes of a map; m of a grid of streets
 
@@ -41,7 +41,7 @@ def street_grid() -> Map:
 
 
 def _times(name: str, map: Map) -> dict:
-    driven = [lane for lane in map.lanes if lane.lane_type not in DROPPED_LANE_TYPES]
+    driven = [lane for lane in map.lanes if lane.lane_type not in NO_CAR_LANE_TYPES]
     places = [lane.points[len(lane.points) // 2] for lane in driven[:: max(len(driven) // PLACES, 1)][:PLACES]]
     seconds = []
     for place in places:

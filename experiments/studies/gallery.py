@@ -87,7 +87,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
                 repair=args.best_of > 1,
             )
         picture = args.out / f"prompt-{number:02d}.png"
-        grid(scenes, columns=args.samples, path=picture, dpi=60)
+        grid(scenes, columns=args.samples, path=picture, dpi=max(60, 180 // args.samples))
         reduce_colors(picture)
         messages = [*(str(one.message) for one in raised), *prompt_warnings(condition)]
         if args.numbers_only and messages:
@@ -134,7 +134,7 @@ def markdown(results: Sequence[dict[str, Any]], args: argparse.Namespace, comman
         "",
         f"`{command}`",
         "",
-        f"{args.samples} scenes per prompt, {selection}, seed {args.seed}. Prompts are read by a network.",
+        f"Scenes per prompt: {args.samples}, {selection}, seed {args.seed}. Prompts are read by a network.",
         "",
         *table_lines(["request", "scenes that meet it"], table),
         "",

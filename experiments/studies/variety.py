@@ -51,8 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_jax()
     try:
         model, rows = scjax.load(args.model), {}
+        source, measured = RecordScenes(args.records, "train"), MeasuredRecords(args.records, "train")
         for name, request in REQUESTS.items():
-            recorded = recorded_scenes(args.records, request, args.samples, args.seed)
+            recorded = recorded_scenes(source, measured, request, args.samples, args.seed)
             conditions = [scjax.Condition(attributes=request)] * len(recorded)
             sampled = sample_in_calls(conditions, name, args.seed, model=model, energy_guidance=False)
             rows[name] = {"world": spread(recorded), "samples": spread(sampled)}
@@ -61,17 +62,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     write_page(args.out, _page(rows, command_line("variety", arguments)), rows)
 
 
-def recorded_scenes(folder: str, request: Mapping[str, Any], number: int, seed: int) -> list[Scene]:
-    """At most so many training scenes that show a request, drawn at random, one a place.
+def recorded_scenes(
+    source: RecordScenes, measured: MeasuredRecords, request: Mapping[str, Any], number: int, seed: int
+) -> list[Scene]:
+    """At most so many scenes that show a request, drawn at random, one a place.
+
+    Args:
+      source, measured: scenes and attributes of the same records.
 
     Raises:
       ValueError: fewer than two places show it.
     """
-    source, measured, normal = (
-        RecordScenes(folder, "train"),
-        MeasuredRecords(folder, "train"),
-        check_attributes(request),
-    )
+    normal = check_attributes(request)
     rows, places = [], set()
     for row in tqdm(np.random.default_rng(seed).permutation(len(measured)), "records", disable=None):
         if len(rows) == number:
@@ -81,7 +83,7 @@ def recorded_scenes(folder: str, request: Mapping[str, Any], number: int, seed: 
             rows.append(int(row))
             places.add(place)
     if len(rows) < 2:
-        raise ValueError(f"{folder} has {len(rows)} places that show {dict(request)}: build more records")
+        raise ValueError(f"{source.folder} has {len(rows)} places that show {dict(request)}: build more records")
     return source.read(rows)
 
 

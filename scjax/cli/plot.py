@@ -81,7 +81,7 @@ def plot_command(file, out, view, at, step, speeds, strict) -> None:
     if path.suffix not in _ENDINGS:
         raise click.UsageError(f"--out is {path}: pictures are .png or .svg files")
     content = read_content(file)
-    if at is not None or (view == "map" or (view == "auto" and not _has_vehicle(content))):
+    if at is not None or view == "map" or (view == "auto" and not _has_vehicle(content)):
         _draw_of_map(content, file, path, at, step or 0, speeds)
     else:
         if step is not None:

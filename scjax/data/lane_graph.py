@@ -15,11 +15,11 @@ from scjax.data.neighbors import infer_neighbors, recorded_neighbors
 from scjax.data.ragged import arc_lengths
 from scjax.scene import Log
 from scjax.scene.lane_chains import merge_degree2_chains
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-DROPPED_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")  # cars do not drive on them
 BEND_TURN, BEND_RADIUS = float(np.deg2rad(45.0)), 20.0  # rad and m, of sharp bends
 MAX_BEND_LENGTH, MAX_BEND_RATIO = 55.0, 5.0  # m of a merged lane with a sharp bend; of its length to the radius
 DUPLICATE_DISTANCE = 1e-6  # m between two points that are one
@@ -84,7 +84,7 @@ def build_graph(
     lanes, points = [], []
     for lane in log.lanes:
         distinct = _distinct(lane.points)
-        if lane.lane_type not in DROPPED_LANE_TYPES and len(distinct) >= 2:
+        if lane.lane_type not in NO_CAR_LANE_TYPES and len(distinct) >= 2:
             lanes.append(lane)
             points.append(distinct)
     if not lanes:

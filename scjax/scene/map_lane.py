@@ -12,6 +12,9 @@ from jaxtyping import Float64
 from scjax.scene.checks import check_known, check_unique
 from scjax.scene.limits import MAX_COORDINATE
 
+NO_CAR_LANE_TYPES = ("bike_lane", "undefined", "not_for_cars")
+"""Types of lanes on which cars do not drive."""
+
 
 class LaneNeighbor(NamedTuple):
     """A lane beside another one, and where they run side by side (field names of the Waymo map format).
@@ -32,7 +35,7 @@ class MapLane:
 
     Attributes:
       id: unique within the map.
-      lane_type: freeway, surface_street, bike_lane, bus_lane, undefined, or None where not recorded.
+      lane_type: freeway, surface_street, bike_lane, bus_lane, undefined, not_for_cars, or None where not recorded.
       points: centerline in driving direction [m]; z is NaN at all points where it was not recorded.
       predecessors, successors: ids of the lanes before and after it; empty where the source has no topology.
       left_neighbors, right_neighbors: adjacent lanes; sources may list oncoming ones too.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import Map, MapRoute, MapSeam
 from scjax.scene.polyline import cumulative_length
 
@@ -91,7 +92,7 @@ def measure_seam(map: Map, seam: MapSeam) -> SeamMeasures:
     for row, (before, after) in enumerate(seam.connections):
         one, other = lanes[before].points, lanes[after].points
         gaps[row] = np.hypot(*(other[0] - one[-1])[:2])
-        turns[row] = abs(np.angle(np.exp(1j * (_heading(other, 0) - _heading(one, -1)))))
+        turns[row] = abs(wrap_to_pi(_heading(other, 0) - _heading(one, -1)))
     return SeamMeasures(gaps, turns)
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from scjax.data.lane_graph import DROPPED_LANE_TYPES, build_graph, index_segments, nearest_lane
+from scjax.data.lane_graph import build_graph, index_segments, nearest_lane
 from scjax.data.readers.opendrive.lane_lines import LaneKey
 from scjax.data.readers.opendrive.road_map import RoadMap
 from scjax.scene import Log, Signal
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.towns.demand import Demand, vehicle_sizes, write_demand
 from scjax.towns.egos import choose_egos
 from scjax.towns.lane_paths import LanePath, match_lanes
@@ -65,7 +66,7 @@ def simulate_town(sumo: Sumo, opendrive: Path, road_map: RoadMap, log: Log, opti
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         network = convert_map(sumo, opendrive, folder)
-        paths = match_lanes(network, road_map, lambda key: road_map.lane_types[key] not in DROPPED_LANE_TYPES)
+        paths = match_lanes(network, road_map, lambda key: road_map.lane_types[key] not in NO_CAR_LANE_TYPES)
         if not paths:
             raise ValueError(f"{opendrive}: no lane of SUMO lies on a lane of ours: leave this map out")
         demand = Demand(options.vehicles_per_km, options.people_per_km, WARM_UP + options.seconds, options.seed)

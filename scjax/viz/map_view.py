@@ -13,6 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from scjax.scene import AgentType, Map, MapLane, Signal, TileStatus, route_line
+from scjax.scene.boxes import corners
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
+from scjax.scene.polyline import cumulative_length
 from scjax.viz.bev import AGENT_COLORS, GRID, INK, PAPER, SIGNAL_COLORS
 from scjax.viz.grid import save_figure
 
@@ -27,7 +30,6 @@ STATUS_COLORS = {
 }
 SEAM, ROUTE = "#8a63b5", "#1f6fd1"
 BAND, OTHER_LANE = "#dddbd5", "#d5d0c4"
-_NO_CAR_LANES = ("bike_lane", "undefined", "not_for_cars")
 _LANE_WIDTH = 3.4  # m; maps hold no lane widths, so the band is only a visual aid
 _SIZES = {
     AgentType.VEHICLE: (4.5, 2.0),
@@ -116,8 +118,8 @@ def _points_per_meter(ax: Axes, limits: tuple[float, float, float, float]) -> fl
 
 def _draw_map_lanes(ax: Axes, map: Map, scale: float) -> None:
     states = dict(zip(map.signal_lane_ids, map.signal_states, strict=True))
-    driven = [lane for lane in map.lanes if lane.lane_type not in _NO_CAR_LANES]
-    others = [lane.points[:, :2] for lane in map.lanes if lane.lane_type in _NO_CAR_LANES]
+    driven = [lane for lane in map.lanes if lane.lane_type not in NO_CAR_LANE_TYPES]
+    others = [lane.points[:, :2] for lane in map.lanes if lane.lane_type in NO_CAR_LANE_TYPES]
     ax.add_collection(
         LineCollection(others, colors=OTHER_LANE, linewidths=max(0.4, 0.3 * scale), zorder=0.9, gid="other lanes")
     )
@@ -156,15 +158,14 @@ def _arrows(lanes: Sequence[MapLane]) -> list[np.ndarray]:
     marks: list[np.ndarray] = []
     for lane in sorted(lanes, key=lambda lane: -len(lane.points))[:_MAX_ARROWS]:
         points = lane.points[:, :2]
-        steps = np.hypot(*np.diff(points, axis=0).T)
-        arc = np.concatenate([[0.0], np.cumsum(steps)])
+        arc = cumulative_length(points)
         if arc[-1] < 4.0:
             continue
         count = max(1, round(arc[-1] / _ARROW_SPACING))
         for at in (np.arange(count) + 0.5) / count * arc[-1]:
-            row = min(int(np.searchsorted(arc, at, side="right")) - 1, len(steps) - 1)
+            row = min(int(np.searchsorted(arc, at, side="right")) - 1, len(arc) - 2)
             tip = np.array([np.interp(at, arc, column) for column in points.T])
-            ahead = (points[row + 1] - points[row]) / max(steps[row], 1e-9)
+            ahead = (points[row + 1] - points[row]) / max(arc[row + 1] - arc[row], 1e-9)
             side = np.array([-ahead[1], ahead[0]])
             marks.append(np.stack([tip - 1.1 * ahead + side, tip + 0.7 * ahead, tip - 1.1 * ahead - side]))
     return marks
@@ -182,17 +183,15 @@ def _draw_boxes(ax: Axes, map: Map, scale: float) -> None:
     if not map.num_agents:
         return
     types = [AgentType(int(agent_type)) for agent_type in map.agent_types]
-    sizes = np.array([_SIZES[agent_type] for agent_type in types])
-    sizes = np.where(np.isnan(map.agents[:, 6:8]), sizes, map.agents[:, 6:8])
-    ahead = map.agents[:, 4:6]
-    side = np.stack([-ahead[:, 1], ahead[:, 0]], -1)
-    nose, flank = ahead * sizes[:, :1] / 2, side * sizes[:, 1:] / 2
-    corners = np.stack([nose + flank, nose - flank, -nose - flank, -nose + flank], 1)
-    boxes = map.agents[:, None, :2] + corners
+    agents = map.agents.copy()
+    typical = np.array([_SIZES[agent_type] for agent_type in types])
+    agents[:, 6:8] = np.where(np.isnan(agents[:, 6:8]), typical, agents[:, 6:8])
     colors = [AGENT_COLORS[agent_type] for agent_type in types]
     rim = max(0.5, 0.1 * scale)
     ax.add_collection(
-        PolyCollection(list(boxes), facecolors=colors, edgecolors=colors, linewidths=rim, zorder=3, gid="agents")
+        PolyCollection(
+            list(corners(agents)), facecolors=colors, edgecolors=colors, linewidths=rim, zorder=3, gid="agents"
+        )
     )
 
 
@@ -214,9 +213,9 @@ def _draw_tiles(ax: Axes, map: Map) -> None:
         )
         x, y = 0.9 * tile.corners[3] + 0.1 * np.array([tile.x, tile.y])  # just inside the rear left corner
         ax.text(x, y, f"{number}", fontsize=7, color=color, ha="center", va="center", zorder=5)
+    lanes = map.lane_by_id
     for seam in map.seams:
         ax.plot(*zip(seam.start, seam.end, strict=True), color=SEAM, linewidth=2.6, alpha=0.8, zorder=4.6, gid="seam")
-        lanes = map.lane_by_id
         joints = np.array([lanes[after].points[0, :2] for _, after in seam.connections]).reshape(-1, 2)
         ax.scatter(*joints.T, s=14, color=SEAM, linewidths=0, zorder=4.7)
 

@@ -9,6 +9,7 @@ import pytest
 import scjax
 from experiments.studies import variety
 from scjax.data import records
+from scjax.data.measurements import MeasuredRecords
 from scjax.evaluate.sources import RecordScenes
 from scjax.language.attributes.vector import feature_names
 from tests.factories.worlds import tiny_model
@@ -22,12 +23,13 @@ def test_copies_of_a_scene_have_no_distance(captioned_records):
 
 def test_every_place_comes_once_and_shows_the_request(captioned_records):
     folder = str(captioned_records)
-    scenes = variety.recorded_scenes(folder, {"vehicles": (1, None)}, 50, seed=0)
+    both = RecordScenes(folder, "train"), MeasuredRecords(folder, "train")
+    scenes = variety.recorded_scenes(*both, {"vehicles": (1, None)}, 50, seed=0)
     stored = records.open_records(folder, "train")
     places = {records.read_record(stored, row).cluster for row in range(len(stored))}
     assert 2 <= len(scenes) <= len(places)
     with pytest.raises(ValueError, match="0 places"):
-        variety.recorded_scenes(folder, {"vehicles": (60, None)}, 50, seed=0)
+        variety.recorded_scenes(*both, {"vehicles": (60, None)}, 50, seed=0)
 
 
 def test_the_page_has_a_row_for_the_world_and_one_for_samples(captioned_records, tmp_path, monkeypatch):

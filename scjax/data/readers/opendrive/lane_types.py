@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 from scjax.data.readers.opendrive.lane_lines import LaneLine
-from scjax.data.readers.vocabulary import LANE_WORDS, NOT_FOR_CARS, look_up
-
-_NOT_DRIVEN = ("bike_lane", "undefined", NOT_FOR_CARS)
+from scjax.data.readers.vocabulary import LANE_WORDS, look_up
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 
 
 class LaneTypes:
@@ -34,4 +33,4 @@ class LaneTypes:
 
     def is_for_cars(self, line: LaneLine) -> bool:
         """Whether cars drive on a lane."""
-        return look_up(LANE_WORDS, line.lane.type, None, "", Counter()) not in _NOT_DRIVEN
+        return look_up(LANE_WORDS, line.lane.type, None, "", Counter()) not in NO_CAR_LANE_TYPES
