@@ -25,12 +25,6 @@ LANE_DIGITS = (8, 9, len(Signal), 5, 3, 4, 3)
 """Sizes of a lane's digits: direction at its start, turn, signal, joints, level, side of the ego, length."""
 
 _AGENT_DIGITS = (4, 8, 4, 5, 3)  # besides the class: speed, direction, on a lane, side of the ego, distance from it
-    4,
-    8,
-    4,
-    5,
-    3,
-)  # besides the class: speed, direction, on a lane or not, side of the ego, distance from it
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
 _TURNS = np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0))  # between the classes of turns
