@@ -59,7 +59,7 @@ class Outlines:
             place = {value: k for k, value in enumerate(values[name])}
             columns.append([place[value] for value in column])
         places = np.array(columns, np.int16).reshape(len(ATTRIBUTES), len(measured)).T
-        return cls(lanes.astype(np.int16), agents.astype(np.int16), domains.astype(np.int16), places, values, ahead)
+        return cls(lanes.astype(np.int32), agents.astype(np.int16), domains.astype(np.int16), places, values, ahead)
 
     @classmethod
     def from_files(cls, arrays: Mapping[str, np.ndarray], values: Mapping[str, Sequence[Any]]) -> Outlines:

@@ -21,18 +21,20 @@ from scjax.scene.scene import LARGE_LENGTH, AnyArray
 NO_KIND = -1
 """Kind of an element about which the network decides, and of padding."""
 
-LANE_DIGITS = (4, 3, len(Signal), 5, 3, 4, 3)
+LANE_DIGITS = (8, 9, len(Signal), 5, 3, 4, 3)
 """Sizes of a lane's digits: direction at its start, turn, signal, joints, level, side of the ego, length."""
 
-_AGENT_DIGITS = (4, 4, 2, 5)  # besides the class: speed, direction, on a lane or not, side of the ego
+_AGENT_DIGITS = (4, 8, 4, 5, 3)  # besides the class: speed, direction, on a lane, side of the ego, distance from it
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
-_MIN_TURN = np.deg2rad(25.0)
+_TURNS = np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0))  # between the classes of turns
 _MIN_LEVEL = 3.0  # m above or below the ego's ground
 _BORDER = 2.0  # m from the window's border, where lanes are cut
 _LENGTHS = (10.0, 25.0)  # m
 _SPEEDS = (0.5, 4.0, 12.0)  # m/s
+_DISTANCES = (10.0, 20.0)  # m from the ego
 _ON_LANE = 1.4  # m from the middle of a lane
+_ALONG = 0.7  # cosine of the angle to a lane, above which an agent goes along it
 _NEAR = 3.0  # m between a box center and the points of its lane
 _SIDE = 1.8  # m to the left or right of the ego
 _MOST_BESIDE = 5.4  # m, agents of the next lane
@@ -53,8 +55,8 @@ def lane_kinds(scene: Scene) -> Int[Array, "*b lanes"]:
     turn = wrap_to_pi(headings[..., 1:] - headings[..., :-1]).sum(-1)
     level = lanes[..., 2].mean(-1)
     digits = (
-        _quadrant(headings[..., 0]),
-        jnp.where(turn > _MIN_TURN, 1, jnp.where(turn < -_MIN_TURN, 2, 0)),
+        _sector(headings[..., 0], 8),
+        _class_of(turn, _TURNS),
         jnp.asarray(scene.signals),
         _joints(lanes[..., -1, :2], links, jnp.asarray(scene.crop)),
         jnp.where(level > _MIN_LEVEL, 1, jnp.where(level < -_MIN_LEVEL, 2, 0)),
@@ -74,9 +76,10 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     digits = (
         classes,
         _class_of(agents[..., _SPEED], _SPEEDS),
-        _quadrant(jnp.arctan2(agents[..., _COS + 1], agents[..., _COS])),
-        _is_on_lane(agents[..., :2], scene),
+        _sector(jnp.arctan2(agents[..., _COS + 1], agents[..., _COS]), 8),
+        _on_lane(agents, scene),
         _side_of_agents(scene),
+        _class_of(jnp.hypot(*jnp.moveaxis(_from_ego(agents[..., :2], scene), -1, 0)), _DISTANCES),
     )
     known = scene.agent_mask & (classes != NO_KIND)
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
@@ -96,9 +99,9 @@ def _kind(digits: Sequence[Array], sizes: Sequence[int]) -> Int[Array, "*n"]:
     return jnp.asarray(total)
 
 
-def _quadrant(angle: Real[Array, "*n"]) -> Int[Array, "*n"]:
-    """0: with the ego; 1: to its left; 2: against it; 3: to its right."""
-    return jnp.round(angle / (np.pi / 2)).astype(jnp.int32) % 4
+def _sector(angle: Real[Array, "*n"], sectors: int) -> Int[Array, "*n"]:
+    """One of equal sectors, counter-clockwise. The middle of sector 0 is the direction of the ego."""
+    return jnp.round(angle / (2 * np.pi / sectors)).astype(jnp.int32) % sectors
 
 
 def _joints(ends: Real[Array, "*b lanes 2"], links: Int[Array, "*b lanes lanes"], crop: Int[Array, "*b"]):
@@ -110,11 +113,11 @@ def _joints(ends: Real[Array, "*b lanes 2"], links: Int[Array, "*b lanes lanes"]
     return jnp.where(ends_inside, 4, (after > 1) + 2 * (before > 1))
 
 
-def _is_on_lane(centers: Real[Array, "*b agents 2"], scene: Scene) -> Bool[Array, "*b agents"]:
-    """Whether a center is near a point of a lane and near the line through it."""
-    lanes = jnp.asarray(scene.lanes)[..., :2]
+def _on_lane(agents: Real[Array, "*b agents columns"], scene: Scene) -> Int[Array, "*b agents"]:
+    """0: on no lane; 1: in the middle of one and along it; 2: across; 3: against it. By the nearest point of a lane."""
+    lanes, centers = jnp.asarray(scene.lanes)[..., :2], agents[..., :2]
     if not lanes.shape[-3]:
-        return jnp.zeros(centers.shape[:-1], bool)
+        return jnp.zeros(centers.shape[:-1], jnp.int32)
     steps = lanes[..., 1:, :] - lanes[..., :-1, :]
     shape = (*lanes.shape[:-3], 1, lanes.shape[-3] * lanes.shape[-2], 2)
     points, headings = lanes.reshape(shape), jnp.concatenate([steps, steps[..., -1:, :]], -2).reshape(shape)
@@ -124,8 +127,11 @@ def _is_on_lane(centers: Real[Array, "*b agents 2"], scene: Scene) -> Bool[Array
     offset = jnp.take_along_axis(offsets, nearest, -2)[..., 0, :]
     heading = jnp.take_along_axis(jnp.broadcast_to(headings, offsets.shape), nearest, -2)[..., 0, :]
     across = offset[..., 0] * heading[..., 1] - offset[..., 1] * heading[..., 0]
-    is_in_middle = jnp.abs(across) <= _ON_LANE * jnp.hypot(heading[..., 0], heading[..., 1])
-    return is_in_middle & (squares.min(-1) < _NEAR**2)
+    length = jnp.hypot(heading[..., 0], heading[..., 1])
+    is_in_middle = (jnp.abs(across) <= _ON_LANE * length) & (squares.min(-1) < _NEAR**2)
+    along = agents[..., _COS] * heading[..., 0] + agents[..., _COS + 1] * heading[..., 1]
+    direction = jnp.where(along > _ALONG * length, 1, jnp.where(along < -_ALONG * length, 3, 2))
+    return jnp.where(is_in_middle, direction, 0)
 
 
 def _of_points(lane_mask: Bool[AnyArray, "*b lanes"], points: int) -> Bool[Array, "*b 1 rows"]:

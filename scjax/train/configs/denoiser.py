@@ -94,6 +94,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "label_dropout": 0.1,
         "condition_dropout": 0.1,
         "known_lanes_share": 0.0 if official else 0.15,  # share of scenes all of whose lanes are known
+        "known_region_share": 0.0 if official else 0.1,  # share of scenes whose elements beyond a random line are known
         "count_known": official,  # whether known tokens count in the loss mean
         "collision": 0.0,  # weight of the penalty of overlapping vehicles; the release: 0.064 a scene
         # Weights of errors in metres of the decoded estimate: joints of lanes, offsets of agents from their lane.

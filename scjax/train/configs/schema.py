@@ -130,6 +130,7 @@ class _DenoiserLoss(_Fields):
     label_dropout: Share
     condition_dropout: Share
     known_lanes_share: Share
+    known_region_share: Share
     count_known: bool
     collision: Weight
     connections: Weight

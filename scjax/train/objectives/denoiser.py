@@ -42,6 +42,7 @@ from scjax.scene import Crop, Scene
 from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
+from scjax.train.objectives.known_elements import KnownShares, draw_known
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
 from scjax.train.objectives.record_outlines import outlines_of_records, scene_kinds
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
@@ -63,14 +64,14 @@ class DenoiserLossOptions:
     Attributes:
       timesteps: distribution of the noise levels.
       label_dropout, condition_dropout: share of scenes without a label and without a condition.
-      known_lanes_share: share of scenes all of whose lanes are known.
+      known: shares of scenes with known elements.
       count_known: whether known tokens count in the loss means.
     """
 
     timesteps: TimestepSampling
     label_dropout: float
     condition_dropout: float
-    known_lanes_share: float
+    known: KnownShares
     count_known: bool
 
 
@@ -151,7 +152,7 @@ class DenoiserObjective:
                 timesteps=TimestepSampling(distribution=loss.times, continuous=loss.continuous_times),
                 label_dropout=loss.label_dropout,
                 condition_dropout=loss.condition_dropout,
-                known_lanes_share=loss.known_lanes_share,
+                known=KnownShares(lanes=loss.known_lanes_share, region=loss.known_region_share),
                 count_known=loss.count_known,
             ),
             penalties=PenaltyWeights(loss.collision, loss.connections, loss.lateral_offsets),
@@ -199,11 +200,11 @@ class DenoiserObjective:
 
     def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
         """The denoising loss at random noise levels, with random dropouts and known lanes."""
-        latent_batch = self._latent_batch(batch, random.fold_in(keys, 0))
+        scene, latent_batch = self._latent_batch(batch, random.fold_in(keys, 0))
 
         def penalty(estimate: PerType, level: NoiseLevel) -> Array:
             return decoded_penalty(
-                self.penalties, self.base, self._autoencoder_params, estimate, level, latent_batch.masks, batch.scene
+                self.penalties, self.base, self._autoencoder_params, estimate, level, latent_batch.masks, scene
             )
 
         return training_loss(
@@ -261,19 +262,19 @@ class DenoiserObjective:
             text_encoder="" if self.texts is None else self.texts.encoder,
         )
 
-    def _latent_batch(self, batch: TrainingExample, keys: Array) -> LatentBatch:
-        tokens = self.codec.normalize(batch.scene)
+    def _latent_batch(self, batch: TrainingExample, keys: Array) -> tuple[Scene, LatentBatch]:
+        """Scenes and their latents, known tokens first."""
+        scene, known, apart = draw_known(random.fold_in(keys, 1), batch.scene, self.codec, self.options.known)
+        tokens = self.codec.normalize(scene).replace(agent_behind=apart.agents, lane_behind=apart.lanes)
         posterior = autoencoder(self.base.autoencoder.config).apply(self._autoencoder_params, tokens, method="encode")
         latents = reparameterize(random.fold_in(keys, 0), posterior)
-        share, scenes = self.options.known_lanes_share, tokens.crop.shape
-        all_lanes = random.bernoulli(random.fold_in(keys, 1), share, scenes)[:, None] & tokens.lane_mask
-        return LatentBatch(
+        return scene, LatentBatch(
             latents=self.base.latents.normalize(latents),
             masks=PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask),
-            known=PerType(agents=tokens.agent_behind, lanes=tokens.lane_behind | all_lanes),
+            known=known,
             label=jnp.asarray(self.model.domains * tokens.crop + tokens.domain),
             attributes=None if batch.attributes is None else jnp.asarray(batch.attributes),
-            kinds=scene_kinds(batch.scene, self.codec) if self.model.agent_kinds else None,
+            kinds=scene_kinds(scene, self.codec) if self.model.agent_kinds else None,
             condition=condition_features(batch),
         )
 
