@@ -133,7 +133,9 @@ def _of_points(lane_mask: Bool[AnyArray, "*b lanes"], points: int) -> Bool[Array
 
 
 def _from_ego(points: Real[Array, "*b n 2"], scene: Scene) -> Real[Array, "*b n 2"]:
-    """Points in the frame of agent 0."""
+    """Points in the frame of agent 0, or as they are where there is none: the ego is at the origin then."""
+    if not scene.agents.shape[-2]:
+        return points
     ego = jnp.asarray(scene.agents)[..., :1, :]
     offsets, cos, sin = points - ego[..., :2], ego[..., _COS], ego[..., _COS + 1]
     x, y = offsets[..., 0], offsets[..., 1]
