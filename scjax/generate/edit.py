@@ -111,7 +111,7 @@ def regenerate_region(
     scene, polygon = single_scene(scene), region_polygon(region)
     best_of = whole_number(best_of, "best_of", 1, MAX_SLOTS)
     key, model = sampling_key(key), as_model(model)
-    inside = inside_polygon(scene.agents[:, :2], polygon)
+    inside = inside_polygon(np.asarray(scene.agents)[:, :2], polygon)
     inside[:1] = False
     number = int(inside.sum())
     if num_agents is not None:
@@ -119,7 +119,7 @@ def regenerate_region(
     classes = scene if num_agents is None else None
     kept = keep_elements(scene, ~inside, np.ones(len(scene.lanes), bool))
     if truth_value(lanes, "lanes"):
-        drawn = inside_polygon(scene.lanes[..., :2], polygon).mean(-1) > 0.5
+        drawn = inside_polygon(np.asarray(scene.lanes)[..., :2], polygon).mean(-1) > 0.5
         kept = _new_lanes(jax.random.fold_in(key, _LANES_KEY), kept, drawn, condition, model, best_of, options)
     if not number:
         return kept
@@ -156,7 +156,7 @@ def _gathered(
 ) -> Scene:
     """``kept`` with at most so many new agents of the candidates: those inside, the fullest candidate first."""
     count = len(kept.agents)
-    rows = [count + np.flatnonzero(is_inside(one.agents[count:, :2])) for one in candidates]
+    rows = [count + np.flatnonzero(is_inside(np.asarray(one.agents)[count:, :2])) for one in candidates]
     scene = kept
     for k in sorted(range(len(candidates)), key=lambda k: -len(rows[k])):
         for row in rows[k]:
@@ -164,7 +164,7 @@ def _gathered(
                 return scene
             boxes = np.concatenate([scene.agents, candidates[k].agents[[row]]])
             if not overlaps(boxes)[-1].any():
-                scene = join_agents(scene, candidates[k], [row])
+                scene = join_agents(scene, candidates[k], [int(row)])
     return scene
 
 

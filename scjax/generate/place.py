@@ -155,9 +155,10 @@ def check_apart(scene: Scene) -> None:
     Raises:
       ValueError: more than half of a box is covered by another one; names both.
     """
-    rows = np.argwhere(np.triu(overlaps(scene.agents)))
-    areas = intersection_areas(scene.agents[rows[:, 0]], scene.agents[rows[:, 1]])
-    sizes = (scene.agents[:, 6] * scene.agents[:, 7])[rows].min(-1)
+    rows = np.argwhere(np.triu(overlaps(np.asarray(scene.agents))))
+    agents = np.asarray(scene.agents)
+    areas = intersection_areas(agents[rows[:, 0]], agents[rows[:, 1]])
+    sizes = (agents[:, 6] * agents[:, 7])[rows].min(-1)
     inside = rows[areas > _INSIDE * sizes]
     if len(inside):
         raise ValueError(

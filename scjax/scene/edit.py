@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from scjax.scene.agent_sizes import CLASS_SIZES, CLASS_SPEEDS
 from scjax.scene.arguments import finite_number, whole_number
@@ -204,7 +203,7 @@ def _ground(scene: Scene, x: float, y: float) -> tuple[float, bool]:
 
 def _checked_place(scene: Scene, row: int) -> Scene:
     """The scene itself, if no other agent overlaps agent ``row``."""
-    hit = np.flatnonzero(_touching(scene.agents, row))
+    hit = np.flatnonzero(overlaps(np.asarray(scene.agents))[row])
     if len(hit):
         state = scene.agents[row]
         raise ValueError(
@@ -212,7 +211,3 @@ def _checked_place(scene: Scene, row: int) -> Scene:
             "remove that agent first"
         )
     return scene
-
-
-def _touching(agents: Float[np.ndarray, "agents 9"], row: int) -> np.ndarray:
-    return overlaps(np.asarray(agents))[row]
