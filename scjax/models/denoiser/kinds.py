@@ -82,7 +82,7 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
 
 
-def digits_of(kinds: Int[Array, "*n"], sizes: Sequence[int]) -> list[Int[Array, "*n"]]:
+def digits_of(kinds: Int[AnyArray, "*n"], sizes: Sequence[int]) -> list[Int[AnyArray, "*n"]]:
     """The digits of kinds, one array each."""
     steps = [math.prod(sizes[:place]) for place in range(len(sizes))]
     return [kinds // step % size for step, size in zip(steps, sizes, strict=True)]
