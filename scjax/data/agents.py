@@ -10,12 +10,6 @@ from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.limits import MAX_SIZE
 
 MAX_SPEED = 35.0  # m/s; faster ones are tracking errors
-_SIZES = {
-    AgentType.VEHICLE: (4.87, 2.15, 1.80),
-    AgentType.PEDESTRIAN: (0.92, 0.85, 1.71),
-    AgentType.CYCLIST: (1.83, 0.85, 1.79),
-    AgentType.STATIC: (0.60, 0.60, 1.00),
-}
 _SIZES = np.array([CLASS_SIZES[agent_type] for agent_type in AgentType])
 
 
