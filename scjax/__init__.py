@@ -12,7 +12,9 @@ Logs:       Log, load_log, save_log, crop_log, validate_log
 Maps:       Map, import_map, import_log, load_map, save_map, crop_map, validate_map
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
-Generation: sample, reconstruct, outpaint, extend_map
+Generation: sample, place, reconstruct, regenerate_agents, regenerate_region
+Maps grow:  outpaint, extend_map
+Editing:    insert_agent, move_agent, remove_agents
 Pictures:   viz
 
 Each name is imported when it is first used.
@@ -32,9 +34,11 @@ if TYPE_CHECKING:
     from scjax.diffusion.energy_guidance import EnergyGuidance
     from scjax.diffusion.guidance import Guidance
     from scjax.generate.conditions import Condition, Stream
+    from scjax.generate.edit import regenerate_agents, regenerate_region
     from scjax.generate.model import Model
     from scjax.generate.model import load_model as load
     from scjax.generate.model import save_model as save
+    from scjax.generate.place import place_traffic as place
     from scjax.generate.reconstruct import reconstruct
     from scjax.generate.sample import sample_scenes as sample
     from scjax.outpaint.extend import extend_map
@@ -55,6 +59,7 @@ if TYPE_CHECKING:
         validate_log,
         validate_map,
     )
+    from scjax.scene.edit import insert_agent, move_agent, remove_agents
     from scjax.scene.per_type import PerType
     from scjax.scene.repair import repair
 
@@ -78,11 +83,17 @@ __all__ = [
     "extend_map",
     "import_log",
     "import_map",
+    "insert_agent",
     "load",
     "load_log",
     "load_map",
+    "move_agent",
     "outpaint",
+    "place",
     "reconstruct",
+    "regenerate_agents",
+    "regenerate_region",
+    "remove_agents",
     "repair",
     "sample",
     "samplers",
@@ -103,7 +114,9 @@ _PLACES = {
     "scjax.diffusion.energy_guidance": ("EnergyGuidance",),
     "scjax.diffusion.guidance": ("Guidance",),
     "scjax.generate.conditions": ("Condition", "Stream"),
+    "scjax.generate.edit": ("regenerate_agents", "regenerate_region"),
     "scjax.generate.model": ("Model", "load=load_model", "save=save_model"),
+    "scjax.generate.place": ("place=place_traffic",),
     "scjax.generate.reconstruct": ("reconstruct",),
     "scjax.generate.sample": ("sample=sample_scenes",),
     "scjax.outpaint.extend": ("extend_map",),
@@ -124,6 +137,7 @@ _PLACES = {
         "validate_log",
         "validate_map",
     ),
+    "scjax.scene.edit": ("insert_agent", "move_agent", "remove_agents"),
     "scjax.scene.per_type": ("PerType",),
     "scjax.scene.repair": ("repair",),
 }

@@ -14,10 +14,12 @@ import click
 from scjax.cli.attributes import attributes_command
 from scjax.cli.data import data
 from scjax.cli.demo import demo
+from scjax.cli.edit import edit_command
 from scjax.cli.evaluate import evaluate
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, schema
 from scjax.cli.outpaint import outpaint_command
+from scjax.cli.place import place_command
 from scjax.cli.plot import plot_command
 from scjax.cli.read import read_command
 from scjax.cli.train import train_command
@@ -42,7 +44,8 @@ DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
 for command in (
-    *(demo, generate, outpaint_command, read_command, evaluate, caption, attributes_command, plot_command),
+    *(demo, generate, outpaint_command, place_command, edit_command, read_command),
+    *(evaluate, caption, attributes_command, plot_command),
     *(data, train_command, info, schema),
 ):
     cli.add_command(command)

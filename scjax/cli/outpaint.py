@@ -74,7 +74,10 @@ def outpaint_command(
         raise click.UsageError("--length and --area exclude each other: leave one of them out")
     place = None if at is None else _numbers(at, 3, "--at")
     window = None if area is None else _numbers(area, 4, "--area")
-    way = route if "," not in route else [_numbers(point, 2, "--route") for point in route.split()]
+    way = route
+    if "," in route:
+        points = [_numbers(point, 2, "--route") for point in route.split()]
+        way = [(x, y) for x, y in points]
     writable_folder(path.parent)
 
     import numpy as np
@@ -96,7 +99,7 @@ def outpaint_command(
         list(prompts) or None,
         length=length,
         route=way,
-        area=window,
+        area=None if window is None else (window[0], window[1], window[2], window[3]),
         at=None if place is None else (place[0], place[1], float(np.deg2rad(place[2]))),
         candidates=candidates,
         retries=retries,

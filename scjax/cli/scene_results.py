@@ -45,7 +45,7 @@ class SceneFiles(NamedTuple):
         results, numbers = [], Counter()
         for i, scene in enumerate(scenes):
             entry, request = entries[i // self.num_scenes], requests[i // self.num_scenes]
-            results.append(self._write_one(scene, entry, numbers[entry]) | _report(scene, request))
+            results.append(self._write_one(scene, entry, numbers[entry]) | scene_report(scene, request))
             numbers[entry] += 1  # a prompt that is given twice has twice as many scenes
         return results
 
@@ -65,7 +65,7 @@ class SceneFiles(NamedTuple):
         return f"{slug(entry.prompt)}-{self.seed}-{number}"
 
 
-def _report(scene: Scene, request: Mapping[str, Any]) -> dict[str, Any]:
+def scene_report(scene: Scene, request: Mapping[str, Any]) -> dict[str, Any]:
     """Counts of a scene, what was requested of it, which parts of that it does not show, and all that it shows."""
     from scjax.language.attributes.table import measure_attributes, score_attributes
 

@@ -6,16 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.scene import AgentType
+from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.limits import MAX_SIZE
 
 MAX_SPEED = 35.0  # m/s; faster ones are tracking errors
-# Mean length, width, height of each class on real tiles [m] (WOMD; static objects: cones and barriers).
-CLASS_SIZES = {
-    AgentType.VEHICLE: (4.87, 2.15, 1.80),
-    AgentType.PEDESTRIAN: (0.92, 0.85, 1.71),
-    AgentType.CYCLIST: (1.83, 0.85, 1.79),
-    AgentType.STATIC: (0.60, 0.60, 1.00),
-}
 _SIZES = np.array([CLASS_SIZES[agent_type] for agent_type in AgentType])
 
 

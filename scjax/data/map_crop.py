@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from scjax.data.crop import crop_scene
-from scjax.data.lane_graph import build_graph, index_segments, nearest_lane
+from scjax.data.lane_graph import LaneGraph, SegmentIndex, build_graph, index_segments, nearest_lane
 from scjax.data.local_map import RADIUS, cut_local_map, simplify_graph
 from scjax.data.tiles import Pose, pose_of
-from scjax.scene import AgentType, Crop, Map, Scene, map_to_log
+from scjax.scene import AgentType, Crop, Log, Map, Scene, map_to_log
 from scjax.scene.arguments import finite_number, truth_value
 from scjax.scene.limits import MAX_COORDINATE
 
@@ -49,12 +49,36 @@ def crop_map(
     Raises:
       ValueError: neither a place nor an agent of the map is given, or no lane for cars is in the window.
     """
+    log, index, pose, graph = _window(map, x, y, yaw, agent, truth_value(ego, "ego"))
+    local_map, _ = cut_local_map(log, simplify_graph(graph), index, pose)
+    scene = crop_scene(local_map, crop, domain=domain, off_road=off_road, has_ego=pose.object_index >= 0)
+    if not scene.num_lanes:
+        place = f"x {pose.x:g}, y {pose.y:g}"
+        raise ValueError(f"no lane for cars is in the window at {place}: choose a place on a road")
+    return scene
+
+
+def find_window(
+    map: Map, x: float | None = None, y: float | None = None, yaw: float = 0.0, *, agent: str | None = None
+) -> tuple[float, float, float, float]:
+    """x, y, z of the origin of a scene of ``crop_map``, and the direction of its x axis, in the map's frame [m, rad].
+
+    Arguments and errors as ``crop_map``.
+    """
+    _, _, pose, _ = _window(map, x, y, yaw, agent, True)
+    return pose.x, pose.y, pose.ground, pose.yaw
+
+
+def _window(
+    map: Map, x: float | None, y: float | None, yaw: float, agent: str | None, ego: bool
+) -> tuple[Log, SegmentIndex, Pose, LaneGraph]:
+    """The log of what is near a place or an agent, its lanes, and the pose; object -1 if there is no ego."""
     if agent is None:
         if x is None or y is None:
             raise ValueError("x and y are missing: say where the scene is with x and y, or with agent")
         x, y = (finite_number(v, n, -MAX_COORDINATE, MAX_COORDINATE) for v, n in ((x, "x"), (y, "y")))
         yaw = finite_number(yaw, "yaw")
-        if truth_value(ego, "ego"):
+        if ego:
             map = _with_ego(map, x, y, yaw)
             agent = _VIRTUAL_EGO
     elif agent not in map.agent_ids:
@@ -70,16 +94,10 @@ def crop_map(
         raise ValueError(f"no lane is within {NEAR:g} m of x {x:g}, y {y:g}: choose a place of the extent {map.extent}")
     graph = build_graph(log)
     index = index_segments(graph)
-    if row is None:
-        ground = float(nearest_lane(index, np.array([[x, y]]))[2][0])
-        pose = Pose(0, -1, x, y, yaw, ground, is_recorder=False)
-    else:
-        pose = pose_of(log, index, 0, row)
-    local_map, _ = cut_local_map(log, simplify_graph(graph), index, pose)
-    scene = crop_scene(local_map, crop, domain=domain, off_road=off_road, has_ego=row is not None)
-    if not scene.num_lanes:
-        raise ValueError(f"no lane for cars is in the window at x {x:g}, y {y:g}: choose a place on a road")
-    return scene
+    if row is not None:
+        return log, index, pose_of(log, index, 0, row), graph
+    ground = float(nearest_lane(index, np.array([[x, y]]))[2][0])
+    return log, index, Pose(0, -1, x, y, yaw, ground, is_recorder=False), graph
 
 
 def near_map(map: Map, x: float, y: float, distance: float = NEAR) -> Map:

@@ -12,6 +12,7 @@ from jaxtyping import Int
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition
 from scjax.language.attributes.contradictions import least_numbers
+from scjax.language.attributes.table import GROUPS
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.kinds import NO_KIND, agent_digits, agent_kinds, lane_kinds
 from scjax.scene import AgentType, Crop, Scene
@@ -25,6 +26,7 @@ _COUNTED = {
     "cyclists": AgentType.CYCLIST,
     "static": AgentType.STATIC,
 }  # attributes that count agents of a class, besides the ego
+_ABOUT_ROADS = {item.name for group in ("Road", "Lanes", "Signals") for item in GROUPS[group]} | {"ego_manoeuvre"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +50,9 @@ def draw_outline(
 ) -> Outline | None:
     """An outline of the training that shows most of the request, with agents added or left out to its numbers.
 
+    Where all lanes are known, the request's roads do not count: the outline is one of those with the most similar
+    lanes, so that its agents make sense there.
+
     Args:
       domain: None: any.
       known: known elements in token order, unpadded; None: none.
@@ -61,9 +66,20 @@ def draw_outline(
         return _draw_continuation(rng, condition, domain, known, model)
     if condition.crop != Crop.CENTERED:
         return None
-    numbers = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
-    negative = condition.negative_attributes
-    row = model.outlines.draw(rng, condition.attributes, negative=negative, domain=domain, among=None, **numbers)
+    known_lanes = None
+    request, negative = condition.attributes, condition.negative_attributes
+    if known is not None and len(known.lane_mask) == condition.num_lanes:
+        request, negative = _of_agents(request), _of_agents(negative)
+        known_lanes = np.asarray(lane_kinds(known))
+    row = model.outlines.draw(
+        rng,
+        request,
+        negative=negative,
+        domain=domain,
+        num_lanes=condition.num_lanes,
+        num_agents=condition.num_agents,
+        lanes=known_lanes,
+    )
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
     draw = _AgentDraw(rng, model.outlines.agents, model.codec)
     agents = draw.fit(agents, condition.attributes)
@@ -156,6 +172,11 @@ class _AgentDraw:
         order = self._rng.permutation(np.flatnonzero(are_members))
         order = order[np.argsort(needed[order], kind="stable")]
         return np.delete(kinds, order[:number])
+
+
+def _of_agents(request: Mapping[str, Any]) -> dict[str, Any]:
+    """What a request says of other things than roads, which are known."""
+    return {name: value for name, value in request.items() if name not in _ABOUT_ROADS}
 
 
 def _tokens(kinds: Kinds) -> Kinds:

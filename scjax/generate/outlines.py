@@ -11,15 +11,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float32, Int
 
 from scjax.generate.continuations import CONTINUATION_ARRAYS, Continuations
 from scjax.language.attributes.table import ATTRIBUTES
-from scjax.models.denoiser.kinds import NO_KIND
+from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, digits_of
 
 ARRAYS = ("lanes", "agents", "domains", "measured")
 
 _AHEAD = "ahead."  # begins the names of the arrays of continuations
+_JOINT_WEIGHT = 0.5  # of a lane's joints beside its direction, side and turn
+_AGENT_WEIGHT = 0.5  # of an agent too many or too few beside a lane of another kind
 _TENTHS = 10  # lengths are kept to 0.1 m
 
 
@@ -125,10 +127,12 @@ class Outlines:
         num_lanes: int | None = None,
         num_agents: int | None = None,
         among: Int[np.ndarray, " rows"] | None = None,
+        lanes: Int[np.ndarray, " tokens"] | None = None,
     ) -> int:
         """A scene of those that show most of the request.
 
-        Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers.
+        Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers; with
+        ``lanes``, kinds of lanes that are known, it is nearest to these and to the number of agents.
 
         Args:
           among: the scenes to choose from; None: all.
@@ -139,11 +143,35 @@ class Outlines:
         unwanted = self.count_held(negative or {})[rows]
         rows = rows[unwanted == unwanted.min()]
         rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
+        if lanes is not None:
+            distance = np.abs(_lane_counts(self.lanes[rows]) - _lane_counts(lanes[None])).sum(1)
+            if num_agents is not None:
+                distance += _AGENT_WEIGHT * np.abs((self.agents[rows] != NO_KIND).sum(1) - num_agents)
+            return int(rng.choice(rows[distance == distance.min()]))
         for kinds, number in ((self.lanes, num_lanes), (self.agents, num_agents)):
             if number is not None:
                 distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
                 rows = rows[distance == distance.min()]
         return int(rng.choice(rows))
+
+
+def _lane_counts(kinds: Int[np.ndarray, "scenes lanes"]) -> Float32[np.ndarray, "scenes counts"]:
+    """How many lanes of every scene have each direction and side of the ego, direction and turn, and joints."""
+    digits = [np.asarray(digit) for digit in digits_of(np.maximum(kinds, 0), LANE_DIGITS)]
+    direction, turn, _, joints, _, side, _ = digits
+    directions, turns, _, many_joints, _, sides, _ = LANE_DIGITS
+    rows, tokens = np.nonzero(kinds != NO_KIND)
+
+    def counts(digit: np.ndarray, size: int) -> np.ndarray:
+        place = rows * size + digit[rows, tokens]
+        return np.bincount(place, minlength=len(kinds) * size).reshape(len(kinds), size)
+
+    parts = (
+        counts(direction * sides + side, directions * sides),
+        counts(direction * turns + turn, directions * turns),
+        _JOINT_WEIGHT * counts(joints, many_joints),
+    )
+    return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def _those(rows: Int[np.ndarray, " n"], selected: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:

@@ -152,6 +152,28 @@ def _lanes_of(scene: Scene, points: np.ndarray, ids: list[str]) -> tuple[MapLane
     )
 
 
+def add_agents(
+    map: Map, scene: Scene, rows: Iterable[int], *, x: float, y: float, z: float = 0.0, yaw: float = 0.0, name: str
+) -> Map:
+    """``map`` with some agents of a scene; lanes, signals and the agents that it has stay as they are.
+
+    Args:
+      scene: a single scene without padding.
+      rows: indices of its agents.
+      x, y, z, yaw: where the scene's origin lies in the map, and the direction of its x axis [m, rad].
+      name: begins the ids, as in "name.agent-3"; a number is added to it where the map has such ids.
+    """
+    names = (name, *(f"{name}-{number}" for number in range(2, map.num_agents + 3)))
+    name = next(one for one in names if not any(item.startswith(f"{one}.agent-") for item in map.agent_ids))
+    other, chosen = scene_to_map(scene, x=x, y=y, z=z, yaw=yaw, name=name), list(rows)
+    return dataclasses.replace(
+        map,
+        agent_ids=(*map.agent_ids, *(other.agent_ids[row] for row in chosen)),
+        agent_types=np.concatenate([map.agent_types, other.agent_types[chosen]]),
+        agents=np.concatenate([map.agents, other.agents[chosen]]),
+    )
+
+
 def join_maps(
     first: Map, second: Map, connections: Iterable[tuple[str, str]] = (), seams: Iterable[MapSeam] = ()
 ) -> Map:

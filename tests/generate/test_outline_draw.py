@@ -19,6 +19,7 @@ from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agen
 from scjax.scene import AgentType, Crop
 from tests.factories.outlines import outlines
 from tests.factories.repair_scenes import queue
+from tests.factories.traffic import agent, lane, scene
 from tests.factories.worlds import tiny_model
 
 CODEC = tiny_model().codec
@@ -92,6 +93,15 @@ def test_known_agents_come_first_and_count():
 def test_of_known_lanes_alone_the_kind_is_known():
     known = queue(6.0, cars=3)
     assert _outline(known=known).lanes.tolist() == lane_kinds(known).tolist()
+
+
+def test_on_known_lanes_the_roads_of_a_request_do_not_choose_the_outline():
+    known = scene([agent(0, 0)], [lane((-9, 0), (9, 0)), lane((9, 4), (-9, 4))])
+    drawn = [
+        _outline({"layout": layout, "cyclists": 1}, known=known, seed=1, num_lanes=2).agents.tolist()
+        for layout in ("T", "roundabout")
+    ]
+    assert drawn[0] == drawn[1] and CYCLIST in np.array(drawn[0][1:]) % CLASSES
 
 
 def test_the_network_decides_on_other_windows_and_without_outlines():

@@ -85,3 +85,13 @@ def test_outlines_of_another_table_are_refused():
 
 def _json(value):
     return list(value) if isinstance(value, tuple) else value
+
+
+def test_draws_for_known_lanes_are_of_similar_lanes():
+    """Kinds 0 to 3 are four directions: with the ego, to its left, against it, to its right."""
+    rows = [((0, 0), (0,) * 3, {"vehicles": 2}), ((0, 2), (0,) * 3, {"vehicles": 2}), ((0, 2, 1), (0,), {})]
+    known, rng = outlines(*rows), np.random.default_rng(0)
+    assert {known.draw(rng, {}, lanes=np.array([2, 0]), num_agents=3) for _ in range(20)} == {1}
+    assert {known.draw(rng, {}, lanes=np.array([2, 0]), num_agents=1) for _ in range(20)} == {1}
+    assert {known.draw(rng, {}, lanes=np.array([2, 0, 1]), num_agents=3) for _ in range(20)} == {2}
+    assert {known.draw(rng, check_attributes({"vehicles": 2}), lanes=np.array([2, 0, 1])) for _ in range(20)} == {1}

@@ -27,7 +27,7 @@ LANE_DIGITS = (8, 9, len(Signal), 5, 3, 4, 3)
 _AGENT_DIGITS = (4, 8, 4, 5, 3)  # besides the class: speed, direction, on a lane, side of the ego, distance from it
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
-_TURNS = np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0))  # between the classes of turns
+_TURNS = tuple(np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0)).tolist())  # between the classes of turns
 _MIN_LEVEL = 3.0  # m above or below the ego's ground
 _BORDER = 2.0  # m from the window's border, where lanes are cut
 _LENGTHS = (10.0, 25.0)  # m
@@ -85,7 +85,7 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
 
 
-def digits_of(kinds: Int[Array, "*n"], sizes: Sequence[int]) -> list[Int[Array, "*n"]]:
+def digits_of(kinds: Int[AnyArray, "*n"], sizes: Sequence[int]) -> list[Int[AnyArray, "*n"]]:
     """The digits of kinds, one array each."""
     steps = [math.prod(sizes[:place]) for place in range(len(sizes))]
     return [kinds // step % size for step, size in zip(steps, sizes, strict=True)]
@@ -139,7 +139,9 @@ def _of_points(lane_mask: Bool[AnyArray, "*b lanes"], points: int) -> Bool[Array
 
 
 def _from_ego(points: Real[Array, "*b n 2"], scene: Scene) -> Real[Array, "*b n 2"]:
-    """Points in the frame of agent 0."""
+    """Points in the frame of agent 0, or as they are where there is none: the ego is at the origin then."""
+    if not scene.agents.shape[-2]:
+        return points
     ego = jnp.asarray(scene.agents)[..., :1, :]
     offsets, cos, sin = points - ego[..., :2], ego[..., _COS], ego[..., _COS + 1]
     x, y = offsets[..., 0], offsets[..., 1]

@@ -1,0 +1,116 @@
+"""How well do maps grow? Many routes from the model that ships, each from a scene of its own.
+
+    python -m experiments.studies.maps --maps 50 --length 500 --out docs/results/maps
+
+Every map begins with a sampled scene and goes on "straight" without a prompt. A tile is complete if every lane that
+reaches it goes on and no new lane begins or ends inside. The page says how often, how well lanes meet at the seams, how
+many candidates that took and how long.
+
+Writes OUT.md and OUT.json.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import scjax
+from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from scjax.nn.startup import start_jax
+from scjax.outpaint.measures import measure_map
+from scjax.outpaint.outpaint import outpaint_steps
+from scjax.scene import Map, TileStatus, route_line
+from scjax.scene.polyline import cumulative_length
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = script_parser("experiments.studies.maps", __doc__)
+    parser.add_argument("--model", help="model folder (default: the one that ships)")
+    parser.add_argument("--maps", type=int, default=50, metavar="N", help="(default: %(default)s)")
+    parser.add_argument("--length", type=float, default=500.0, help="of each route [m] (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first map (default: %(default)s)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for the maps and their pictures")
+    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    args = parser.parse_args(arguments)
+    start_jax()
+    try:
+        model = scjax.load(args.model)
+        rows = []
+        for seed in tqdm(range(args.seed, args.seed + args.maps), "maps", disable=None):
+            start = time.perf_counter()
+            *_, map = outpaint_steps(seed, length=args.length, model=model)
+            rows.append(measured(map, args.length, time.perf_counter() - start))
+            if args.keep:
+                args.keep.mkdir(parents=True, exist_ok=True)
+                scjax.save_map(map, args.keep / f"{seed}.npz")
+                scjax.viz.plot_map(map, path=args.keep / f"{seed}.png")
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.studies.maps: {error}")
+    write_page(args.out, page(rows, args.length, command_line("maps", arguments)), rows)
+
+
+def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
+    """What the page needs of one map."""
+    measures = measure_map(map)
+    reached = float(cumulative_length(route_line(map, map.routes[0]))[-1]) if map.routes else 0.0
+    return {
+        "route": round(reached, 1),
+        "whole": reached >= length,
+        "missing": sum(tile.status == TileStatus.MISSING for tile in map.tiles),
+        "seconds": round(seconds, 1),
+        "lane_length": round(measures.length, 1),
+        "dead_ends": measures.dead_ends,
+        "largest_share": round(measures.largest_share, 3),
+        "gaps": np.round(measures.gaps, 4).tolist(),
+        "turns": np.round(np.rad2deg(measures.turns), 2).tolist(),
+        "complete": measures.complete,
+        "tiles": measures.tiles,
+        "attempts": measures.attempts,
+        "agents": map.num_agents,
+        "overlapping": measures.overlapping,
+    }
+
+
+def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
+    """The page of the results."""
+    total = {name: sum(row[name] for row in rows) for name, value in rows[0].items() if isinstance(value, int | float)}
+    gaps, turns = (np.concatenate([np.array(row[name]) for row in rows]) for name in ("gaps", "turns"))
+    share = np.mean([row["largest_share"] for row in rows])
+    values = {
+        f"routes of {length:g} m": f"{total['whole']} of {len(rows)}",
+        "length of the route, median [m]": f"{np.median([row['route'] for row in rows]):.0f}",
+        "tiles that are complete": f"{total['complete']} of {total['tiles']} ({total['complete'] / total['tiles']:.0%})",
+        "tiles that are missing": str(total["missing"]),
+        "maps all of whose tiles are complete": str(sum(row["complete"] == row["tiles"] for row in rows)),
+        "candidates for each tile, mean": f"{total['attempts'] / total['tiles']:.1f}",
+        "connections at seams": str(len(gaps)),
+        "gaps, largest [m]": f"{gaps.max():.3f}",
+        "bends at seams: median, 90 %, largest [degrees]": "{:.1f}, {:.1f}, {:.1f}".format(
+            *np.quantile(turns, [0.5, 0.9, 1.0])
+        ),
+        "bends under 5 degrees": f"{(turns < 5).mean():.1%}",
+        "dead ends for each km of lane": f"{total['dead_ends'] / total['lane_length'] * 1000:.2f}",
+        "share of the largest connected part, mean": f"{share:.2f}",
+        "agents that overlap others": f"{total['overlapping'] / max(total['agents'], 1):.2%}",
+        "time for 100 m of route [s]": f"{total['seconds'] / total['route'] * 100:.1f}",
+    }
+    head = ["measure", "value"]
+    table = table_lines(head, [[name, value] for name, value in values.items()])
+    return "\n".join(["# Maps that grow", "", f"`{command}`", "", *table, "", *_NOTES, ""])
+
+
+_NOTES = (
+    "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a "
+    "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that "
+    "tiles cover.",
+)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""Joints at seams: who belongs together, and lines that meet without gap or bend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scjax.outpaint.coverage import OpenEnd, outward_heading
+from scjax.outpaint.seams import find_joints, is_duplicate, meet
+
+
+def _line(*points):
+    corners = np.array([(*point, 0.0) for point in points], np.float64)
+    return np.stack([np.linspace(a, b, 20) for a, b in zip(corners[:-1], corners[1:], strict=True)]).reshape(-1, 3)
+
+
+def _end(x, y, heading=0.0, name="known", is_start=False):
+    return OpenEnd(name, is_start, np.array([x, y, 0.0]), heading, True)
+
+
+@pytest.mark.parametrize(("dx", "dy", "turn"), [(0.0, 0.0, 0.0), (0.8, 1.5, 0.3), (-1.0, -2.0, -0.5)])
+def test_lanes_that_meet_have_no_gap_and_no_bend(dx, dy, turn):
+    lane = _line((dx, dy), (dx + 40 * np.cos(turn), dy + 40 * np.sin(turn)))
+    met = meet(lane, _end(0.0, 0.0))
+    assert np.array_equal(met[0], np.zeros(3)) and np.array_equal(met[-1], lane[-1])
+    heading = outward_heading(met, True)
+    assert heading is not None and abs(np.cos(heading) + 1) < np.deg2rad(5.0) ** 2
+    steps = np.hypot(*np.diff(met[:, :2], axis=0).T)
+    assert (steps > 1e-3).all() and steps.max() < 4.0
+
+
+def test_lanes_that_fit_are_left_as_they_are():
+    lane = _line((0.0, 0.0), (40.0, 0.0))
+    assert np.abs(meet(lane, _end(0.0, 0.0))[:, 1]).max() < 1e-12
+
+
+def test_joints_are_the_best_assignment_and_one_to_one():
+    lanes = [_line((0.3, 3.4), (30, 3.4)), _line((0.2, -0.2), (30, 0)), _line((30, 7), (0.1, 7))]
+    ends = [_end(0, 0, name="a"), _end(0, 3.5, name="b"), _end(0, 7, name="c", is_start=True), _end(0, -9, name="d")]
+    joints = {(joint.lane, joint.at_start, joint.open_end.lane_id) for joint in find_joints(lanes, ends)}
+    assert joints == {(1, True, "a"), (0, True, "b"), (2, False, "c")}
+
+
+def test_lanes_that_split_share_an_end():
+    lanes = [_line((0, 0), (30, 0)), _line((0, 0), (20, 10))]
+    assert {joint.lane for joint in find_joints(lanes, [_end(0, 0)])} == {0, 1}
+
+
+def test_lanes_too_far_away_or_across_are_not_joined():
+    lanes = [_line((3.0, 0), (30, 0)), _line((0, 0.5), (0, 30))]
+    assert find_joints(lanes, [_end(0, 0)]) == []
+    assert find_joints([], [_end(0, 0)]) == [] == find_joints(lanes, [])
+
+
+def test_duplicates_run_along_a_lane_in_its_direction():
+    lane = _line((0, 0), (40, 0))
+    others = [
+        _line((5, 0.4), (35, 0.4)),
+        _line((35, 0.4), (5, 0.4)),
+        _line((0, 3.5), (40, 3.5)),
+        _line((90, 0), (99, 0)),
+    ]
+    assert is_duplicate(lane, others).tolist() == [True, False, False, False]
