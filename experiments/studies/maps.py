@@ -85,7 +85,7 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
     values = {
         f"routes of {length:g} m": f"{total['whole']} of {len(rows)}",
         "length of the route, median [m]": f"{np.median([row['route'] for row in rows]):.0f}",
-        "tiles that are complete": f"{total['complete']} of {total['tiles']} ({total['complete'] / total['tiles']:.0%})",
+        "tiles that are complete": f"{total['complete']} of {total['tiles']}",
         "tiles that are missing": str(total["missing"]),
         "maps all of whose tiles are complete": str(sum(row["complete"] == row["tiles"] for row in rows)),
         "candidates for each tile, mean": f"{total['attempts'] / total['tiles']:.1f}",

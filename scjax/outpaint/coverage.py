@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.spatial import KDTree
 
-from scjax.scene import TILE_SIZE, Map, MapLane, TileStatus
+from scjax.scene import TILE_SIZE, Map, TileStatus
+from scjax.scene.polyline import spread_points
 
 AHEAD = 2.0
 """m beyond a lane's end, where uncovered ground makes it an open end."""
 
 _HALF = TILE_SIZE / 2
 _BESIDE_LANES = 1.5  # m around lanes of no tile that count as covered
-_POINTS = 1.0  # m between points of such lanes
 
 
 class OpenEnd(NamedTuple):
@@ -51,7 +51,7 @@ class Coverage:
         self._rear = np.array([-_HALF if tile.status == TileStatus.KNOWN else 0.0 for tile in tiles])
         self._opened = None if opened is None else np.array([opened])
         of_tiles = {item for tile in map.tiles for item in tile.lane_ids}
-        free = [_spread(lane) for lane in map.lanes if lane.id not in of_tiles]
+        free = [spread_points(lane.points[:, :2]) for lane in map.lanes if lane.id not in of_tiles]
         self._lanes = KDTree(np.concatenate(free)) if free else None
 
     def contains(self, points: Float64[np.ndarray, "n 2"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:
@@ -111,10 +111,3 @@ def _in_windows(
     x = cos * offsets[..., 0] + sin * offsets[..., 1]
     y = cos * offsets[..., 1] - sin * offsets[..., 0]
     return (x > rear + margin) & (x < _HALF - margin) & (np.abs(y) < _HALF - margin)
-
-
-def _spread(lane: MapLane) -> Float64[np.ndarray, "n 2"]:
-    points = lane.points[:, :2]
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    target = np.arange(0.0, arc[-1] + _POINTS, _POINTS)
-    return np.stack([np.interp(target, arc, column) for column in points.T], -1)

@@ -14,7 +14,7 @@ from scjax.outpaint.window import WindowPose
 from scjax.scene import Map
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import following_ids
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, spread_points
 
 MAX_COVERED = 0.3
 """Share of the front half of a new window that may be covered."""
@@ -125,12 +125,10 @@ def choose_exit(
 def _off_way(pose: WindowPose, way: Float64[np.ndarray, "points 2"]) -> float:
     """Distance of the middle of the new half from a way, less the progress along it [m]."""
     place = np.array([pose.x + 16 * np.cos(pose.yaw), pose.y + 16 * np.sin(pose.yaw)])
-    arc = cumulative_length(way)
-    stations = np.arange(0.0, arc[-1] + 1.0)
-    line = np.stack([np.interp(stations, arc, column) for column in way.T], -1)
+    line = spread_points(way)
     distance = np.hypot(*(line - place).T)
     nearest = int(distance.argmin())
-    return float(distance[nearest] - stations[nearest])
+    return float(distance[nearest] - nearest)
 
 
 def ends_in_window(ends: Sequence[OpenEnd], pose: WindowPose, half: float) -> tuple[OpenEnd, ...]:

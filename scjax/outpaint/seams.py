@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from scjax.outpaint.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, spread_points
 
 MAX_GAP = 2.5
 """m between ends that may be joined, before one is moved to the other."""
@@ -104,16 +104,11 @@ def is_duplicate(
         inside = ((one[:, :2] > low) & (one[:, :2] < high)).all(-1)
         if inside.mean() < 0.5:
             continue
-        near = np.hypot(*np.moveaxis(_spread(one)[:, None, :2] - _spread(two)[None, :, :2], -1, 0))
+        near = np.hypot(*np.moveaxis(spread_points(one)[:, None, :2] - spread_points(two)[None, :, :2], -1, 0))
         column = near.argmin(1)
-        turn = np.abs(wrap_to_pi(_headings(_spread(one)) - _headings(_spread(two))[column]))
+        turn = np.abs(wrap_to_pi(_headings(spread_points(one)) - _headings(spread_points(two))[column]))
         result[row] = ((near.min(1) < 1.0) & (turn < np.deg2rad(20.0))).mean() > 0.7
     return result
-
-
-def _spread(points: np.ndarray) -> np.ndarray:
-    arc = cumulative_length(points)
-    return np.stack([np.interp(np.arange(0.0, arc[-1] + 1.0), arc, column) for column in points.T], -1)
 
 
 def _headings(points: np.ndarray) -> np.ndarray:

@@ -6,13 +6,13 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
 from scjax.outpaint.coverage import OpenEnd
 from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, spread_points
 
 HALF = TILE_SIZE / 2
 MAX_KNOWN = (40, 64)
@@ -31,13 +31,13 @@ class WindowPose(NamedTuple):
     z: float
     yaw: float
 
-    def to_map(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+    def to_map(self, points: Float[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
         """Points of the window in the frame of the map."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         return np.stack([cos * x - sin * y + self.x, sin * x + cos * y + self.y, z + self.z], -1)
 
-    def to_window(self, points: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+    def to_window(self, points: Float[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
         """The inverse of ``to_map``."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         x, y, z = np.moveaxis(np.asarray(points, np.float64) - np.array([self.x, self.y, self.z]), -1, 0)
@@ -128,7 +128,5 @@ def _reaches_ahead(map: Map, pose: WindowPose) -> bool:
 
 
 def _length_ahead(lane: MapLane, pose: WindowPose) -> float:
-    points = pose.to_window(lane.points)
-    middle, steps = (points[1:] + points[:-1]) / 2, np.hypot(*np.diff(points[:, :2], axis=0).T)
-    ahead = (middle[:, 0] > 0) & (middle[:, 0] < HALF) & (np.abs(middle[:, 1]) < HALF)
-    return float(steps[ahead].sum())
+    x, y, _ = pose.to_window(spread_points(lane.points)).T
+    return float(((x > 0) & (x < HALF) & (np.abs(y) < HALF)).sum())

@@ -11,6 +11,13 @@ def cumulative_length(points: Float64[np.ndarray, "points _"]) -> Float64[np.nda
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
 
 
+def spread_points(points: Float64[np.ndarray, "points dims"], spacing: float = 1.0) -> Float64[np.ndarray, "n dims"]:
+    """Points along a polyline at this spacing in xy arc length [m]; the last one is its end."""
+    arc = cumulative_length(points)
+    target = np.arange(0.0, arc[-1] + spacing, spacing)
+    return np.stack([np.interp(target, arc, column) for column in points.T], -1)
+
+
 def smoothstep(t: np.ndarray) -> np.ndarray:
     """Cubic step from 0 at ``t`` <= 0 to 1 at ``t`` >= 1, with slope 0 at both ends."""
     t = np.clip(t, 0, 1)

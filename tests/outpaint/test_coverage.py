@@ -15,9 +15,9 @@ from scjax.scene import Crop, TileStatus
 from tests.factories.maps import map_lane, two_tile_map
 
 
-def test_frames_of_windows_go_both_ways(rng=np.random.default_rng(0)):  # noqa: B008 - the same numbers always
+def test_frames_of_windows_go_both_ways():
     pose = WindowPose(1e4, -2e4, 7.0, 2.1)
-    points = rng.normal(size=(50, 3)) * 100
+    points = np.random.default_rng(0).normal(size=(50, 3)) * 100
     assert np.abs(pose.to_window(pose.to_map(points)) - points).max() < 1e-9
 
 
@@ -74,7 +74,7 @@ def test_windows_show_what_is_behind_their_seam():
     assert scene.crop == Crop.PARTITIONED and len(scene.lane_mask) == 2 and len(scene.agent_mask) == 1
     assert np.abs(scene.lanes[..., 0].max() - 0.0) < 1e-4 and scene.agents[0, 3] == 8.0
     inner = cut_window(two_tile_map(), WindowPose(32.0, -2.0, 0.0, 0.0))
-    assert inner.crop == Crop.CENTERED and len(inner.lane_mask) == 4
+    assert inner.crop == Crop.CENTERED and np.ptp(inner.lanes[..., 0]) > 60
 
 
 def test_measures_of_a_map_by_hand():

@@ -76,11 +76,10 @@ def test_a_window_without_continuation_changes_nothing_but_the_tiles():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"start": 3}, "start must be"),
-        ({"start": two_tile_map(), "length": 100, "area": (0, 1, 0, 1)}, "length and area"),
+        ({"start": two_tile_map(), "length": 100.0, "area": (0.0, 1.0, 0.0, 1.0)}, "length and area"),
         ({"start": two_tile_map(), "route": "left"}, "route is 'left'"),
-        ({"start": two_tile_map(), "route": [(0, 0)]}, "at least two points"),
-        ({"start": two_tile_map(), "area": (1, 0, 0, 1)}, "x_min < x_max"),
+        ({"start": two_tile_map(), "route": [(0.0, 0.0)]}, "at least two points"),
+        ({"start": two_tile_map(), "area": (1.0, 0.0, 0.0, 1.0)}, "x_min < x_max"),
         ({"start": two_tile_map(), "candidates": 0}, "candidates"),
         ({"start": two_tile_map(), "at": (0.0, 500.0, 0.0)}, "no lane leads on"),
         ({"start": dataclasses.replace(two_tile_map(), tiles=(), seams=(), routes=())}, "at is missing"),

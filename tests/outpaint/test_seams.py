@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from scjax.outpaint.seams import find_joints, is_duplicate, meet
 
 def _line(*points):
     corners = np.array([(*point, 0.0) for point in points], np.float64)
-    return np.stack([np.linspace(a, b, 20) for a, b in zip(corners[:-1], corners[1:], strict=True)]).reshape(-1, 3)
+    return np.stack([np.linspace(a, b, 20) for a, b in itertools.pairwise(corners)]).reshape(-1, 3)
 
 
 def _end(x, y, heading=0.0, name="known", is_start=False):
