@@ -139,7 +139,7 @@ def test_kinds_change_what_is_sampled():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lanes": np.full((2, 4), 30_000, np.int16)}, "lanes has kinds that the denoiser does not know"),
+        ({"lanes": np.full((2, 4), 60_000, np.int32)}, "lanes has kinds that the denoiser does not know"),
         ({"agents": np.full((2, 8), -2, np.int16)}, "agents has kinds that the denoiser does not know"),
         ({"domains": np.full(2, 9, np.int16)}, "domains are outside those of the model"),
         ({"agents": np.zeros((2, 200), np.int16)}, "fewer lanes or agents at most"),

@@ -55,13 +55,16 @@ def _agents():
     return scene
 
 
-@pytest.mark.parametrize(("heading", "expected"), [(0, 0), (40, 0), (-40, 0), (90, 1), (180, 2), (-170, 2), (-90, 3)])
+@pytest.mark.parametrize(
+    ("heading", "expected"), [(0, 0), (20, 0), (-20, 0), (40, 1), (90, 2), (180, 4), (-170, 4), (-90, 6)]
+)
 def test_direction_of_a_lane_is_that_of_its_start(heading, expected):
     assert _digit(_lanes(((0, 0), heading, 80)), DIRECTION) == [expected]
 
 
-def test_lanes_turn_left_right_or_not():
-    assert _digit(_lanes(((0, 0), 170, 90), ((0, 0), 0, -90), ((0, 0), 0, 10), ((0, 0), 0, 180)), TURN) == [1, 2, 0, 1]
+def test_turns_of_lanes_are_one_of_nine_classes():
+    turns = (-90, -40, -20, -8, 0, 8, 20, 40, 90, 180)
+    assert _digit(_lanes(*[((0, 0), 170, turn) for turn in turns]), TURN) == [*range(9), 8]
 
 
 def test_signals_and_levels_of_lanes():
@@ -101,11 +104,18 @@ def test_agents_have_speeds_and_directions_and_are_on_lanes():
     scene.agents[1:, 3] = (0.2, 1.0, 5.0, 15.0)
     scene.agents[2, 4:6] = (0.0, -1.0)
     scene.agents[3:, 1] = (1.6, 1.2)
+    scene.agents[4, 4] = -1.0
     own = codec.scjax()
-    _, speed, direction, on_lane, _ = digits_of(agent_kinds(scene, own), agent_digits(own))
+    _, speed, direction, on_lane, *_ = digits_of(agent_kinds(scene, own), agent_digits(own))
     assert speed.tolist() == [0, 0, 1, 2, 3]
-    assert direction.tolist() == [0, 0, 3, 0, 0]
-    assert on_lane.tolist() == [1, 1, 1, 0, 1]
+    assert direction.tolist() == [0, 0, 6, 0, 4]
+    assert on_lane.tolist() == [1, 1, 2, 0, 3]
+
+
+def test_agents_are_near_or_far_from_the_ego():
+    scene, own = _agents(), codec.scjax()
+    scene.agents[:, 0] = (5.0, 14.0, -4.0, 16.0, 40.0)
+    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist() == [0, 0, 0, 1, 2]
 
 
 @pytest.mark.parametrize("heading", [0.0, 120.0])
@@ -115,9 +125,9 @@ def test_agents_are_ahead_behind_left_or_right_of_the_ego(heading):
     cos, sin = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
     scene.agents[:, :2] = places @ np.array([[cos, sin], [-sin, cos]]) + 3.0
     scene.agents[:, 4:6] = (cos, sin)
-    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist()[1:] == [1, 2, 3, 4]
+    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1:] == [1, 2, 3, 4]
     scene.agents[1, :2] += 50.0
-    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist()[1] == 0
+    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1] == 0
 
 
 def test_padding_has_no_kind_and_changes_none():
