@@ -11,6 +11,7 @@ Writes OUT.md and OUT.json.
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Sequence
@@ -26,7 +27,11 @@ from scjax.nn.startup import start_jax
 from scjax.outpaint.measures import measure_map
 from scjax.outpaint.outpaint import outpaint_steps
 from scjax.scene import Map, TileStatus, route_line
+from scjax.scene.files import write_text
 from scjax.scene.polyline import cumulative_length
+
+
+_KEEP = "folder for maps, pictures and numbers; what is there is not made again (default: %(default)s)"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -35,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--maps", type=int, default=50, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--length", type=float, default=500.0, help="of each route [m] (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the first map (default: %(default)s)")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for the maps and their pictures")
+    parser.add_argument("--keep", type=Path, default=Path("runs/maps"), metavar="DIR", help=_KEEP)
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
     start_jax()
@@ -43,13 +48,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         model = scjax.load(args.model)
         rows = []
         for seed in tqdm(range(args.seed, args.seed + args.maps), "maps", disable=None):
-            start = time.perf_counter()
-            *_, map = outpaint_steps(seed, length=args.length, model=model)
-            rows.append(measured(map, args.length, time.perf_counter() - start))
-            if args.keep:
+            row = args.keep / f"{seed}.json"
+            if not row.exists():
+                start = time.perf_counter()
+                *_, map = outpaint_steps(seed, length=args.length, model=model)
+                values = measured(map, args.length, time.perf_counter() - start)
                 args.keep.mkdir(parents=True, exist_ok=True)
                 scjax.save_map(map, args.keep / f"{seed}.npz")
                 scjax.viz.plot_map(map, path=args.keep / f"{seed}.png")
+                write_text(row, json.dumps(values))
+            rows.append(json.loads(row.read_text()))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.maps: {error}")
     write_page(args.out, page(rows, args.length, command_line("maps", arguments)), rows)
