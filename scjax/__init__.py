@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from scjax.generate.place import place_traffic as place
     from scjax.generate.reconstruct import reconstruct
     from scjax.generate.sample import sample_scenes as sample
-    from scjax.outpaint.extend import extend_map
-    from scjax.outpaint.outpaint import outpaint
+    from scjax.outpainting.extend import extend_map
+    from scjax.outpainting.outpaint import outpaint
     from scjax.scene import (
         AgentType,
         Crop,
@@ -119,8 +119,8 @@ _PLACES = {
     "scjax.generate.place": ("place=place_traffic",),
     "scjax.generate.reconstruct": ("reconstruct",),
     "scjax.generate.sample": ("sample=sample_scenes",),
-    "scjax.outpaint.extend": ("extend_map",),
-    "scjax.outpaint.outpaint": ("outpaint",),
+    "scjax.outpainting.extend": ("extend_map",),
+    "scjax.outpainting.outpaint": ("outpaint",),
     "scjax.scene": (
         "AgentType",
         "Crop",

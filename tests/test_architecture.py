@@ -17,7 +17,7 @@ LEVELS = (
     ("language", "encoders", "models", "viz"),
     ("diffusion", "data"),
     ("synthetic", "towns", "generate"),
-    ("outpaint",),
+    ("outpainting",),
     ("train", "evaluate", "convert"),
     ("cli",),
 )

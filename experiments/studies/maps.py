@@ -24,12 +24,11 @@ from tqdm import tqdm
 import scjax
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.nn.startup import start_jax
-from scjax.outpaint.measures import measure_map
-from scjax.outpaint.outpaint import outpaint_steps
+from scjax.outpainting.measures import measure_map
+from scjax.outpainting.outpaint import outpaint_steps
 from scjax.scene import Map, TileStatus, route_line
 from scjax.scene.files import write_text
 from scjax.scene.polyline import cumulative_length
-
 
 _KEEP = "folder for maps, pictures and numbers; what is there is not made again (default: %(default)s)"
 

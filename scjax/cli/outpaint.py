@@ -84,7 +84,7 @@ def outpaint_command(
     from tqdm import tqdm
 
     from scjax.nn.startup import start_jax
-    from scjax.outpaint.outpaint import outpaint_steps
+    from scjax.outpainting.outpaint import outpaint_steps
     from scjax.scene import Map, TileStatus, save_map, validate_map
     from scjax.viz import plot_map
 

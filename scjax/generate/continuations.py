@@ -40,9 +40,9 @@ class Continuations:
     @classmethod
     def of_scenes(
         cls,
-        lanes: list[Int[np.ndarray, " n"]],
-        agents: list[Int[np.ndarray, " n"]],
-        seams: list[UInt8[np.ndarray, " bins"]],
+        lanes: list[Int[np.ndarray, " _"]],
+        agents: list[Int[np.ndarray, " _"]],
+        seams: list[UInt8[np.ndarray, " 64"]],
     ) -> Continuations:
         """Continuations of the windows with these kinds beyond these seams."""
         return cls(_padded(lanes, np.int32), _padded(agents, np.int16), np.stack(seams))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Int, UInt8
 
 from scjax.data import records
 from scjax.data.loader import Bucket, clip_counts
@@ -55,9 +54,7 @@ def outline_rows(number: int) -> list[int]:
     return np.unique(np.linspace(0, number - 1, min(number, _MOST)).astype(int)).tolist()
 
 
-def _beyond(
-    scenes: Sequence[Scene], kinds: PerType
-) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " bins"]]]:
+def _beyond(scenes: Sequence[Scene], kinds: PerType) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Kinds of lanes and agents beyond the seam, and the lanes that cross it, of every partitioned scene."""
     result = []
     for row, padded_scene in enumerate(scenes):

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float64
 
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
-from scjax.outpaint.coverage import OpenEnd
+from scjax.outpainting.coverage import OpenEnd
 from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
 from scjax.scene.polyline import cumulative_length, spread_points
 

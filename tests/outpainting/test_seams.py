@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from scjax.outpaint.coverage import OpenEnd, outward_heading
-from scjax.outpaint.seams import find_joints, is_duplicate, meet
+from scjax.outpainting.coverage import OpenEnd, outward_heading
+from scjax.outpainting.seams import find_joints, is_duplicate, meet
 
 
 def _line(*points):

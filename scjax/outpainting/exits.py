@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.outpaint.coverage import Coverage, OpenEnd
-from scjax.outpaint.window import WindowPose
+from scjax.outpainting.coverage import Coverage, OpenEnd
+from scjax.outpainting.window import WindowPose
 from scjax.scene import Map
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import following_ids

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from scjax.outpaint.coverage import Coverage
+from scjax.outpainting.coverage import Coverage
 from scjax.scene import Map, TileStatus, measure_seam
 from scjax.scene.boxes import overlaps
 from scjax.scene.polyline import cumulative_length

@@ -16,10 +16,10 @@ from scjax.generate.arguments import as_model, sampling_key
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.generate.sample import sample_scenes
-from scjax.outpaint.coverage import Coverage
-from scjax.outpaint.exits import MAX_COVERED, RoadExit, choose_exit, find_exits, pose_beyond, start_lane
-from scjax.outpaint.extend import extend_map, open_condition
-from scjax.outpaint.window import WindowPose
+from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.exits import MAX_COVERED, RoadExit, choose_exit, find_exits, pose_beyond, start_lane
+from scjax.outpainting.extend import extend_map, open_condition
+from scjax.outpainting.window import WindowPose
 from scjax.scene import Map, MapRoute, Scene, TileStatus, route_line, scene_to_map, validate_map
 from scjax.scene.arguments import finite_number, whole_number
 from scjax.scene.polyline import cumulative_length

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import linear_sum_assignment
 
-from scjax.outpaint.coverage import OpenEnd, outward_heading
+from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.polyline import cumulative_length, spread_points
 
@@ -33,7 +33,7 @@ class Joint(NamedTuple):
     open_end: OpenEnd
 
 
-def find_joints(lanes: Sequence[Float64[np.ndarray, "points 3"]], open_ends: Sequence[OpenEnd]) -> list[Joint]:
+def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence[OpenEnd]) -> list[Joint]:
     """Joints between new lanes and open ends: a best assignment, and more lanes where a known one splits or merges.
 
     Args:
@@ -81,7 +81,7 @@ def meet(points: Float64[np.ndarray, "points 3"], end: OpenEnd) -> Float64[np.nd
 
 
 def _gaps_and_turns(
-    lanes: Sequence[Float64[np.ndarray, "points 3"]], ends: Sequence[OpenEnd], at_start: bool
+    lanes: Sequence[Float64[np.ndarray, "_ 3"]], ends: Sequence[OpenEnd], at_start: bool
 ) -> tuple[Float64[np.ndarray, "ends lanes"], Float64[np.ndarray, "ends lanes"]]:
     """Distances between open ends and the starts or ends of lanes [m], and changes of direction there [rad]."""
     places = np.array([lane[0 if at_start else -1, :2] for lane in lanes])

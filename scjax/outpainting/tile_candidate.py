@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.data.map_crop import near_map
-from scjax.outpaint.coverage import AHEAD, Coverage, OpenEnd, outward_heading
-from scjax.outpaint.seams import Joint, find_joints, is_duplicate, meet
-from scjax.outpaint.window import HALF, KnownWindow, WindowPose
+from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
+from scjax.outpainting.seams import Joint, find_joints, is_duplicate, meet
+from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from scjax.outpaint.coverage import Coverage
-from scjax.outpaint.exits import choose_exit, find_exits, pose_beyond, start_lane
-from scjax.outpaint.measures import measure_map
-from scjax.outpaint.window import WindowPose, cut_window, trim_tails
+from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.exits import choose_exit, find_exits, pose_beyond, start_lane
+from scjax.outpainting.measures import measure_map
+from scjax.outpainting.window import WindowPose, cut_window, trim_tails
 from scjax.scene import Crop, TileStatus
 from tests.factories.maps import map_lane, two_tile_map
 

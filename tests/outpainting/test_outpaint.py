@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import scjax
-from scjax.outpaint.outpaint import outpaint_steps
-from scjax.outpaint.tile_candidate import tile_candidate
-from scjax.outpaint.window import KnownWindow, WindowPose, cut_window
+from scjax.outpainting.outpaint import outpaint_steps
+from scjax.outpainting.tile_candidate import tile_candidate
+from scjax.outpainting.window import KnownWindow, WindowPose, cut_window
 from scjax.scene import TileStatus, measure_seam, save_map
 from tests.factories.maps import two_tile_map
 
@@ -66,7 +66,7 @@ def test_a_window_without_continuation_changes_nothing_but_the_tiles():
     map = two_tile_map()
     pose = WindowPose(95.5, -2.0, 0.0, 0.0)
     known = cut_window(map, pose)
-    from scjax.outpaint.coverage import Coverage
+    from scjax.outpainting.coverage import Coverage
 
     window = KnownWindow(pose, map, known, (), True)
     candidate = tile_candidate(known, window, Coverage(map), "2")

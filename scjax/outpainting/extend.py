@@ -13,10 +13,10 @@ from scjax.generate.arguments import as_conditions, as_model, sampling_key
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.generate.sample import sample_scenes
-from scjax.outpaint.coverage import Coverage
-from scjax.outpaint.exits import ends_in_window
-from scjax.outpaint.tile_candidate import TileCandidate, tile_candidate
-from scjax.outpaint.window import HALF, KnownWindow, WindowPose, cut_window, trim_tails
+from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.exits import ends_in_window
+from scjax.outpainting.tile_candidate import TileCandidate, tile_candidate
+from scjax.outpainting.window import HALF, KnownWindow, WindowPose, cut_window, trim_tails
 from scjax.scene import Crop, Map, MapSeam, MapTile, TileStatus, join_maps, unpadded
 from scjax.scene.arguments import finite_number, truth_value, whole_number
 from scjax.scene.limits import MAX_COORDINATE
