@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.spatial import KDTree
 
 from scjax.scene import TILE_SIZE, Map, TileStatus
 from scjax.scene.polyline import spread_points
@@ -52,6 +51,8 @@ class Coverage:
         self._opened = None if opened is None else np.array([opened])
         of_tiles = {item for tile in map.tiles for item in tile.lane_ids}
         free = [spread_points(lane.points[:, :2]) for lane in map.lanes if lane.id not in of_tiles]
+        from scipy.spatial import KDTree
+
         self._lanes = KDTree(np.concatenate(free)) if free else None
 
     def contains(self, points: Float64[np.ndarray, "n 2"], margin: float = 0.0) -> Bool[np.ndarray, " n"]:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.optimize import linear_sum_assignment
 
 from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
@@ -39,6 +38,8 @@ def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence
     Args:
       lanes: new lanes, in the frame of the ends.
     """
+    from scipy.optimize import linear_sum_assignment
+
     joints = []
     for at_start in (True, False):
         ends = [end for end in open_ends if end.is_start != at_start]
