@@ -59,7 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             rows.append(json.loads(row.read_text()))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.maps: {error}")
-    write_page(args.out, page(rows, args.length, command_line("maps", arguments)), rows)
+    write_page(
+        args.out, page(rows, args.length, command_line("maps", arguments)), [_without_lists(row) for row in rows]
+    )
+
+
+def _without_lists(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in row.items() if not isinstance(value, list)}
 
 
 def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
@@ -113,8 +119,8 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
 
 
 _NOTES = (
-    "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a "
-    "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that "
+    "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a",
+    "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that",
     "tiles cover.",
 )
 
