@@ -111,7 +111,6 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
         "dead ends for each km of lane": f"{total['dead_ends'] / total['lane_length'] * 1000:.2f}",
         "share of the largest connected part, mean": f"{share:.2f}",
         "agents that overlap others": f"{total['overlapping'] / max(total['agents'], 1):.2%}",
-        "time for 100 m of route [s]": f"{total['seconds'] / total['route'] * 100:.1f}",
     }
     head = ["measure", "value"]
     table = table_lines(head, [[name, value] for name, value in values.items()])

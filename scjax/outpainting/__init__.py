@@ -1,1 +1,1 @@
-"""Maps that grow tile by tile: known half, candidates, seam, next place (design of the paper's outpainting)."""
+"""Maps that grow tile by tile: the known part of a window, candidates, seams, the next place."""

@@ -72,13 +72,11 @@ class Coverage:
         return float(self.contains(points.reshape(-1, 2)).mean())
 
     def open_ends(self, map: Map) -> list[OpenEnd]:
-        """All ends of lanes for cars to which nothing is connected."""
-        followed = {item for lane in map.lanes for item in lane.predecessors}
-        led_to = {item for lane in map.lanes for item in lane.successors}
+        """All ends of lanes to which nothing is connected."""
+        starts, ends_met = connected_ends(map)
         ends: list[tuple[str, bool, np.ndarray, float]] = []
         for lane in map.lanes:
-            is_followed, is_led_to = bool(lane.successors) or lane.id in followed, bool(lane.predecessors)
-            for is_start, is_connected in ((True, is_led_to or lane.id in led_to), (False, is_followed)):
+            for is_start, is_connected in ((True, lane.id in starts), (False, lane.id in ends_met)):
                 heading = outward_heading(lane.points, is_start)
                 if not is_connected and heading is not None:
                     ends.append((lane.id, is_start, lane.points[0 if is_start else -1], heading))
@@ -92,6 +90,14 @@ class Coverage:
             OpenEnd(lane_id, is_start, place, outward, bool(border))
             for (lane_id, is_start, place, outward), border in zip(ends, at_border, strict=True)
         ]
+
+
+def connected_ends(map: Map) -> tuple[set[str], set[str]]:
+    """Ids of the lanes whose start, and of those whose end, is connected to another lane."""
+    starts = {lane.id for lane in map.lanes if lane.predecessors}
+    ends = {lane.id for lane in map.lanes if lane.successors}
+    starts |= {item for lane in map.lanes for item in lane.successors}
+    return starts, ends | {item for lane in map.lanes for item in lane.predecessors}
 
 
 def outward_heading(points: Float64[np.ndarray, "points 3"], is_start: bool) -> float | None:

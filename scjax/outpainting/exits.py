@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.outpainting.coverage import Coverage, OpenEnd
-from scjax.outpainting.window import WindowPose
+from scjax.outpainting.window import HALF, WindowPose
 from scjax.scene import Map
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import following_ids
@@ -37,12 +37,12 @@ class RoadExit(NamedTuple):
     covered: float
 
 
-def find_exits(map: Map, first: str, coverage: Coverage | None = None) -> list[RoadExit]:
+def find_exits(map: Map, first: str) -> list[RoadExit]:
     """All open ends at the border of the covered ground that can be reached from lane ``first``, nearest first.
 
     Along successors where these reach any, else also by changes to lanes beside.
     """
-    coverage = Coverage(map) if coverage is None else coverage
+    coverage = Coverage(map)
     ends = {end.lane_id: end for end in coverage.open_ends(map) if end.at_border and not end.is_start}
     lanes = map.lane_by_id
     for follow in (lambda lane: lane.successors, following_ids):
@@ -131,11 +131,11 @@ def _off_way(pose: WindowPose, way: Float64[np.ndarray, "points 2"]) -> float:
     return float(distance[nearest] - nearest)
 
 
-def ends_in_window(ends: Sequence[OpenEnd], pose: WindowPose, half: float) -> tuple[OpenEnd, ...]:
+def ends_in_window(ends: Sequence[OpenEnd], pose: WindowPose) -> tuple[OpenEnd, ...]:
     """The open ends at the border of the covered ground that lie in a window."""
     result = []
     for end in ends:
         x, y, _ = pose.to_window(np.nan_to_num(end.place))
-        if end.at_border and max(abs(x), abs(y)) < half:
+        if end.at_border and max(abs(x), abs(y)) < HALF:
             result.append(end)
     return tuple(result)

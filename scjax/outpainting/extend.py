@@ -42,7 +42,7 @@ def extend_map(
     """``map`` with one more tile of 64 m x 64 m, whose rear half lies on what is there.
 
     Lanes and agents of the map stay where they are, but for lanes that reach up to 10 m beyond the middle of the tile
-    and end there: those parts are generated anew. New lanes meet the old ones without gap or bend. Of several
+    and end there: those parts are generated anew. New lanes meet the old ones without a gap. Of several
     candidates, sampled as one batch, the one with the fewest faults is added; more are drawn while it has any.
 
     Args:
@@ -118,8 +118,8 @@ def _known_window(map: Map, pose: WindowPose, ego: bool) -> tuple[KnownWindow, C
     scene = cut_window(trimmed, pose, ego=ego)
     opened = (pose.x, pose.y, pose.yaw) if scene.crop == Crop.PARTITIONED else None
     coverage = Coverage(map, opened)
-    ends = ends_in_window(coverage.open_ends(trimmed), pose, HALF)
-    return KnownWindow(pose, trimmed, scene, ends, ego), coverage
+    ends = ends_in_window(coverage.open_ends(trimmed), pose)
+    return KnownWindow(pose, trimmed, scene, ends), coverage
 
 
 def _ground(map: Map, x: float, y: float) -> float:

@@ -118,7 +118,7 @@ def _closed(
 def _faults(
     lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joints: Sequence[Joint], window: KnownWindow
 ) -> tuple[tuple[str, ...], float]:
-    """What is wrong with new lanes, and how bad that and the joints are."""
+    """What is wrong with new lanes, and how bad that is: lower is better."""
     met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in joints}
     unmet = sum((end.lane_id, end.is_start) not in met for end in window.open_ends if must_continue(end, window.pose))
     joined = {(joint.lane, joint.at_start) for joint in joints}

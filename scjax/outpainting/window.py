@@ -10,7 +10,7 @@ from jaxtyping import Float, Float64
 
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
-from scjax.outpainting.coverage import OpenEnd
+from scjax.outpainting.coverage import OpenEnd, connected_ends
 from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
 from scjax.scene.polyline import cumulative_length, spread_points
 
@@ -53,14 +53,12 @@ class KnownWindow:
       map: the map, whose lanes no longer reach a little beyond the seam.
       scene: the known elements, unpadded, in the frame of the window.
       open_ends: ends inside the window at which the road must go on, in the frame of the map.
-      has_ego: whether agent 0 of ``scene`` is a vehicle put there for the network alone.
     """
 
     pose: WindowPose
     map: Map
     scene: Scene
     open_ends: tuple[OpenEnd, ...]
-    has_ego: bool
 
 
 def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = True, domain: int = 0) -> Scene:
@@ -93,14 +91,13 @@ def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = Tr
 def trim_tails(map: Map, pose: WindowPose) -> Map:
     """``map`` without the parts of lanes that reach a little beyond the seam of a window and end there."""
     near = {lane.id for lane in near_map(map, pose.x, pose.y).lanes}
-    followed = {item for lane in map.lanes for item in lane.predecessors}
-    led_to = {item for lane in map.lanes for item in lane.successors}
+    starts, ends = connected_ends(map)
     lanes = []
     for lane in map.lanes:
         if lane.id in near:
-            if not lane.successors and lane.id not in followed:
+            if lane.id not in ends:
                 lane = dataclasses.replace(lane, points=_without_tail(lane.points, pose))
-            if not lane.predecessors and lane.id not in led_to:
+            if lane.id not in starts:
                 lane = dataclasses.replace(lane, points=_without_tail(lane.points[::-1], pose)[::-1])
         lanes.append(lane)
     return dataclasses.replace(map, lanes=tuple(lanes))

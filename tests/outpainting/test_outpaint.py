@@ -68,7 +68,7 @@ def test_a_window_without_continuation_changes_nothing_but_the_tiles():
     known = cut_window(map, pose)
     from scjax.outpainting.coverage import Coverage
 
-    window = KnownWindow(pose, map, known, (), True)
+    window = KnownWindow(pose, map, known, ())
     candidate = tile_candidate(known, window, Coverage(map), "2")
     assert candidate.map.num_lanes == 0 and candidate.connections == () and candidate.map.num_agents == 0
 
