@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from scjax.scene import TILE_SIZE, Map, TileStatus
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import spread_points
 
 AHEAD = 2.0
@@ -72,10 +73,12 @@ class Coverage:
         return float(self.contains(points.reshape(-1, 2)).mean())
 
     def open_ends(self, map: Map) -> list[OpenEnd]:
-        """All ends of lanes to which nothing is connected."""
+        """All ends of lanes for cars to which nothing is connected."""
         starts, ends_met = connected_ends(map)
         ends: list[tuple[str, bool, np.ndarray, float]] = []
         for lane in map.lanes:
+            if lane.lane_type in NO_CAR_LANE_TYPES:
+                continue
             for is_start, is_connected in ((True, lane.id in starts), (False, lane.id in ends_met)):
                 heading = outward_heading(lane.points, is_start)
                 if not is_connected and heading is not None:

@@ -14,6 +14,7 @@ from scjax.outpainting.window import HALF, WindowPose
 from scjax.scene import Map
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import following_ids
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import cumulative_length, spread_points
 
 MAX_COVERED = 0.3
@@ -81,13 +82,15 @@ def pose_beyond(points: Float64[np.ndarray, "points 3"], back: float = 0.0) -> W
 
 
 def start_lane(map: Map, x: float, y: float, yaw: float) -> str:
-    """The lane nearest to a place among those within 60 degrees of a direction.
+    """The lane for cars nearest to a place among those within 60 degrees of a direction.
 
     Raises:
       ValueError: there is none within 5 m.
     """
     best, nearest = "", 5.0
     for lane in map.lanes:
+        if lane.lane_type in NO_CAR_LANE_TYPES:
+            continue
         middle, steps = (lane.points[1:, :2] + lane.points[:-1, :2]) / 2, np.diff(lane.points[:, :2], axis=0)
         distance = np.hypot(*(middle - np.array([x, y])).T) - np.hypot(*steps.T) / 2
         turn = np.abs(wrap_to_pi(np.arctan2(steps[:, 1], steps[:, 0]) - yaw))

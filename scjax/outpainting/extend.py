@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from scjax.data.map_crop import find_window
 from scjax.generate.arguments import as_conditions, as_model, sampling_key
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
@@ -68,7 +69,7 @@ def extend_map(
     retries = whole_number(retries, "retries", 0, MAX_RETRIES)
     repair = truth_value(repair, "repair")
     x, y = (finite_number(v, n, -MAX_COORDINATE, MAX_COORDINATE) for v, n in ((x, "x"), (y, "y")))
-    pose = WindowPose(x, y, _ground(map, x, y), finite_number(yaw, "yaw"))
+    pose = WindowPose(*find_window(map, x, y, finite_number(yaw, "yaw")))
     condition = open_condition(condition)
     window, coverage = _known_window(map, pose, truth_value(ego, "ego"))
     name, attempts = str(len(map.tiles)), 0
@@ -120,16 +121,6 @@ def _known_window(map: Map, pose: WindowPose, ego: bool) -> tuple[KnownWindow, C
     coverage = Coverage(map, opened)
     ends = ends_in_window(coverage.open_ends(trimmed), pose)
     return KnownWindow(pose, trimmed, scene, ends), coverage
-
-
-def _ground(map: Map, x: float, y: float) -> float:
-    """Height of the nearest point of a lane [m]; 0 where it is not known."""
-    nearest, height = np.inf, 0.0
-    for lane in map.lanes:
-        distance = np.hypot(*(lane.points[:, :2] - np.array([x, y])).T)
-        if distance.min() < nearest:
-            nearest, height = distance.min(), lane.points[distance.argmin(), 2]
-    return float(np.nan_to_num(height))
 
 
 def _joined(map: Map, window: KnownWindow, best: TileCandidate, attempts: int, prompt: str) -> Map:

@@ -1,13 +1,13 @@
-"""Joints between the lanes of a map and those of a new tile: which belong together, and lines that meet exactly."""
+"""Which lanes of a new tile continue which open ends of the map, and which are there already."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from scjax.outpainting.bends import Joint
 from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.polyline import cumulative_length, spread_points
@@ -19,17 +19,7 @@ MAX_TURN = np.deg2rad(60.0)
 """Change of direction at a joint, at most."""
 
 _SPLIT_GAP, _SPLIT_TURN = 1.0, np.deg2rad(30.0)  # of further lanes that begin at a joint
-_BLEND = 8.0  # m of a new lane that bend to meet the known one
-_STEP = 0.5  # m between points of that bend
 _NEVER = 1e6  # cost of ends that may not be joined
-
-
-class Joint(NamedTuple):
-    """A new lane, one end of it, and the open end that it continues."""
-
-    lane: int
-    at_start: bool
-    open_end: OpenEnd
 
 
 def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence[OpenEnd]) -> list[Joint]:
@@ -57,28 +47,6 @@ def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence
                 pairs.add((int(np.where(close[:, column], gaps[:, column], np.inf).argmin()), column))
         joints += [Joint(column, at_start, ends[row]) for row, column in sorted(pairs)]
     return joints
-
-
-def meet(points: Float64[np.ndarray, "points 3"], end: OpenEnd) -> Float64[np.ndarray, "n 3"]:
-    """A lane whose start is moved to an open end and leaves it in its direction: a cubic bend over the first meters."""
-    arc = cumulative_length(points)
-    length = min(_BLEND, arc[-1] / 2)
-    rest = points[arc > length]
-    target = np.array([np.interp(length, arc, column) for column in points.T])
-    ahead = np.array([np.interp(min(length + 0.5, arc[-1]), arc, column) for column in points.T]) - target
-    ahead /= max(np.hypot(*ahead[:2]), 1e-9)
-    slope = np.array([np.cos(end.outward), np.sin(end.outward), 0.0])
-    chord = np.hypot(*(target - end.place)[:2])
-    u = np.linspace(0.0, 1.0, max(int(np.ceil(chord / _STEP)), 2) + 1)[:, None]
-    start, z = end.place, np.nan_to_num(end.place[2], nan=target[2])
-    start = np.array([start[0], start[1], z])
-    bend = (
-        (2 * u**3 - 3 * u**2 + 1) * start
-        + (u**3 - 2 * u**2 + u) * chord * slope
-        + (3 * u**2 - 2 * u**3) * target
-        + (u**3 - u**2) * chord * ahead
-    )
-    return np.concatenate([bend, rest])
 
 
 def _gaps_and_turns(

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.data.map_crop import near_map
+from scjax.outpainting.bends import Joint, bend_lanes
 from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
-from scjax.outpainting.seams import Joint, find_joints, is_duplicate, meet
+from scjax.outpainting.seams import find_joints, is_duplicate
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
@@ -20,6 +21,7 @@ from scjax.scene.polyline import cumulative_length
 _SHORTEST = 1.0  # m of a new lane
 _COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
 _DEEP = 1.0  # m inside a covered tile
+_NO_GAP = 1e-3  # m between ends that are one place
 _INNER_GAP = 1.5  # m between new lanes that are listed as connected
 _CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
 _SHARP = np.deg2rad(40.0)  # turn from one segment of a lane to the next, from which it is kinked
@@ -58,9 +60,10 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     edges = _inner_edges(links[np.ix_(rows, rows)])
     lines = [lanes[row] for row in np.flatnonzero(kept)]
     joints = find_joints(lines, window.open_ends)
-    for joint in joints:
-        lines[joint.lane] = _met(lines[joint.lane], joint)
     lines, edges = _closed(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
+    lines = bend_lanes(lines, edges, joints)
+    edges = [(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP]
+    joints = [one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= _NO_GAP]
     faults, penalty = _faults(lines, edges, joints, window)
     new_map = _map_of(sample, rows, lines, edges, window, coverage, name)
     ids = [lane.id for lane in new_map.lanes]
@@ -88,31 +91,32 @@ def _inner_edges(links: Int[np.ndarray, "lanes lanes"]) -> list[tuple[int, int]]
     return [(int(a), int(b)) for a, b in np.argwhere(links == Link.PREDECESSOR) if a != b]
 
 
-def _met(points: Float64[np.ndarray, "points 3"], joint: Joint) -> Float64[np.ndarray, "n 3"]:
-    return meet(points, joint.open_end) if joint.at_start else meet(points[::-1], joint.open_end)[::-1]
-
-
 def _closed(
-    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], fixed: set[tuple[int, bool]]
+    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joined: set[tuple[int, bool]]
 ) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
-    """Lines whose connections have no gap, and those connections; lines are moved at ends that are not ``fixed``."""
-    lines, result = list(lines), []
-    loose_starts = set(range(len(lines))) - {b for _, b in edges} - {lane for lane, start in fixed if start}
-    loose_ends = set(range(len(lines))) - {a for a, _ in edges} - {lane for lane, start in fixed if not start}
+    """Lines whose connections have no gap, and those connections; ends that are ``joined`` get no further ones."""
+    loose_starts = set(range(len(lines))) - {b for _, b in edges} - {lane for lane, start in joined if start}
+    loose_ends = set(range(len(lines))) - {a for a, _ in edges} - {lane for lane, start in joined if not start}
     close = [(a, b) for a in sorted(loose_ends) for b in sorted(loose_starts) if a != b]
+    met, moved = [], {}
     for row, (a, b) in enumerate([*edges, *close]):
-        gap = float(np.hypot(*(lines[b][0] - lines[a][-1])[:2]))
-        outward = outward_heading(lines[a], False) or 0.0
+        gap, outward = _gap(lines[b][0], lines[a][-1]), outward_heading(lines[a], False) or 0.0
         turn = abs(wrap_to_pi((outward_heading(lines[b], True) or 0.0) + np.pi - outward))
         is_listed = row < len(edges)
         if gap > (_INNER_GAP if is_listed else _CLOSE_GAP) or (not is_listed and turn > _CLOSE_TURN):
             continue
-        if gap > 1e-3:
-            if (b, True) in fixed:
-                continue
-            lines[b] = meet(lines[b], OpenEnd("", False, lines[a][-1], outward, False))
-        result.append((a, b))
-    return lines, result
+        if gap <= _NO_GAP:
+            met.append((a, b))
+        elif (b, True) not in joined and b not in moved:
+            moved[b] = a, Joint(b, True, OpenEnd("", False, lines[a][-1], outward, False))
+    if moved:
+        lines = bend_lanes(lines, met, [joint for _, joint in moved.values()])
+        met += [(a, b) for b, (a, _) in moved.items()]
+    return list(lines), met
+
+
+def _gap(one: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> float:
+    return float(np.hypot(*(one - other)[:2]))
 
 
 def _faults(

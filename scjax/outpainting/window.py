@@ -11,7 +11,8 @@ from jaxtyping import Float, Float64
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
 from scjax.outpainting.coverage import OpenEnd, connected_ends
-from scjax.scene import TILE_SIZE, Crop, Map, MapLane, Scene, permute
+from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, Scene, permute
+from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.polyline import cumulative_length, spread_points
 
 HALF = TILE_SIZE / 2
@@ -20,7 +21,6 @@ MAX_KNOWN = (40, 64)
 
 _TAIL = 10.0  # m; loose ends of lanes that reach so far beyond the seam are cut off and generated anew
 _SHORTEST = 2.0  # m of a lane ahead that count
-_EGO_LENGTH, _EGO_WIDTH, _EGO_HEIGHT = 4.7, 1.9, 1.6
 
 
 class WindowPose(NamedTuple):
@@ -78,7 +78,7 @@ def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = Tr
     scene = crop_map(map, pose.x, pose.y, pose.yaw, crop=crop, ego=ego, domain=domain)
     if ego:
         agents = np.array(scene.agents)
-        agents[0, 3], agents[0, 6:] = speed, (_EGO_LENGTH, _EGO_WIDTH, _EGO_HEIGHT)
+        agents[0, 3], agents[0, 6:] = speed, CLASS_SIZES[AgentType.VEHICLE]
         scene = scene.replace(agents=agents)
     behind = np.asarray(scene.agents)[:, 0] <= 0 if is_open else np.ones(len(scene.agents), bool)
     behind[:1] |= ego

@@ -1,14 +1,13 @@
-"""Joints at seams: who belongs together, and lines that meet without gap or bend."""
+"""Joints at seams: who belongs together, and what is there already."""
 
 from __future__ import annotations
 
 import itertools
 
 import numpy as np
-import pytest
 
-from scjax.outpainting.coverage import OpenEnd, outward_heading
-from scjax.outpainting.seams import find_joints, is_duplicate, meet
+from scjax.outpainting.coverage import OpenEnd
+from scjax.outpainting.seams import find_joints, is_duplicate
 
 
 def _line(*points):
@@ -18,22 +17,6 @@ def _line(*points):
 
 def _end(x, y, heading=0.0, name="known", is_start=False):
     return OpenEnd(name, is_start, np.array([x, y, 0.0]), heading, True)
-
-
-@pytest.mark.parametrize(("dx", "dy", "turn"), [(0.0, 0.0, 0.0), (0.8, 1.5, 0.3), (-1.0, -2.0, -0.5)])
-def test_lanes_that_meet_have_no_gap_and_no_bend(dx, dy, turn):
-    lane = _line((dx, dy), (dx + 40 * np.cos(turn), dy + 40 * np.sin(turn)))
-    met = meet(lane, _end(0.0, 0.0))
-    assert np.array_equal(met[0], np.zeros(3)) and np.array_equal(met[-1], lane[-1])
-    heading = outward_heading(met, True)
-    assert heading is not None and abs(np.cos(heading) + 1) < np.deg2rad(5.0) ** 2
-    steps = np.hypot(*np.diff(met[:, :2], axis=0).T)
-    assert (steps > 1e-3).all() and steps.max() < 4.0
-
-
-def test_lanes_that_fit_are_left_as_they_are():
-    lane = _line((0.0, 0.0), (40.0, 0.0))
-    assert np.abs(meet(lane, _end(0.0, 0.0))[:, 1]).max() < 1e-12
 
 
 def test_joints_are_the_best_assignment_and_one_to_one():
