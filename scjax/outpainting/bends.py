@@ -14,7 +14,7 @@ from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.polyline import cumulative_length
 
 _LENGTH, _PER_GAP, _PER_TURN = 8.0, 4.0, 12.0  # m of new lanes that bend; more for each m of a gap and each rad
-_STEP = 0.25  # m between points of a bend
+_STEP, _LEAST_STEP = 0.25, 0.05  # m between points of a bend, and at least
 
 
 class Joint(NamedTuple):
@@ -143,8 +143,8 @@ def _shifted(line: Float64[np.ndarray, "points 3"], bends: Sequence[_Bend]) -> F
         near = np.arange(0.0, min(bend.length, arc[-1]), _STEP)
         knots.append(near if bend.at_start else arc[-1] - near)
     places = np.unique(np.concatenate(knots))
-    places = places[np.diff(places, prepend=-1.0) > 1e-3]
-    places[-1] = arc[-1]
+    places = places[np.diff(places, prepend=-1.0) > _LEAST_STEP]
+    places = np.append(places[places < arc[-1] - _LEAST_STEP], arc[-1])
     points = np.stack([np.interp(places, arc, column) for column in line.T], -1)
     for bend in bends:
         points += bend.at(places if bend.at_start else arc[-1] - places)

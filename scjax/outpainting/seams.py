@@ -15,18 +15,27 @@ from scjax.scene.polyline import cumulative_length, spread_points
 MAX_GAP = 2.5
 """m between ends that may be joined, before one is moved to the other."""
 
+SAME_PLACE = 0.05
+"""m between ends of the map at which its lanes split or merge; imported ones do not meet exactly."""
+
 MAX_TURN = np.deg2rad(60.0)
 """Change of direction at a joint, at most."""
 
 _SPLIT_GAP, _SPLIT_TURN = 1.0, np.deg2rad(30.0)  # of further lanes that begin at a joint
+_PAST_END = 0.1  # m beyond the end of a lane, from where nothing is beside it
 _NEVER = 1e6  # cost of ends that may not be joined
 
 
-def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence[OpenEnd]) -> list[Joint]:
-    """Joints between new lanes and open ends: a best assignment, and more lanes where a known one splits or merges.
+def find_joints(
+    lanes: Sequence[Float64[np.ndarray, "_ 3"]],
+    open_ends: Sequence[OpenEnd],
+    edges: Sequence[tuple[int, int]] = (),
+) -> list[Joint]:
+    """Joints between new lanes and open ends: a best assignment, and more where lanes split or merge at the seam.
 
     Args:
       lanes: new lanes, in the frame of the ends.
+      edges: pairs of new lanes, the second of which follows the first; ends with such a neighbor do not split off.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -40,13 +49,21 @@ def find_joints(lanes: Sequence[Float64[np.ndarray, "_ 3"]], open_ends: Sequence
         costs = np.where(possible, gaps / MAX_GAP + turns / MAX_TURN, _NEVER)
         rows, columns = linear_sum_assignment(costs)
         pairs = {(int(row), int(column)) for row, column in zip(rows, columns, strict=True) if possible[row, column]}
-        joined = {column for _, column in pairs}
+        joined = {column for _, column in pairs} | {b if at_start else a for a, b in edges}
         close = (gaps <= _SPLIT_GAP) & (turns < _SPLIT_TURN)
         for column in range(len(lanes)):
             if column not in joined and close[:, column].any():
-                pairs.add((int(np.where(close[:, column], gaps[:, column], np.inf).argmin()), column))
+                pairs.add((int(np.where(close[:, column], costs[:, column], np.inf).argmin()), column))
+        left = set(range(len(ends))) - {row for row, _ in pairs}
+        pairs |= {(row, column) for one, column in pairs for row in left if _is_same_place(ends[one], ends[row])}
         joints += [Joint(column, at_start, ends[row]) for row, column in sorted(pairs)]
     return joints
+
+
+def _is_same_place(one: OpenEnd, other: OpenEnd) -> bool:
+    """Whether two lanes of the map split or merge at their open ends."""
+    turn = abs(wrap_to_pi(one.outward - other.outward))
+    return bool(np.hypot(*(one.place - other.place)[:2]) < SAME_PLACE and turn < _SPLIT_TURN)
 
 
 def _gaps_and_turns(
@@ -73,10 +90,14 @@ def is_duplicate(
         inside = ((one[:, :2] > low) & (one[:, :2] < high)).all(-1)
         if inside.mean() < 0.5:
             continue
-        near = np.hypot(*np.moveaxis(spread_points(one)[:, None, :2] - spread_points(two)[None, :, :2], -1, 0))
+        points_one, points_two = spread_points(one)[:, :2], spread_points(two)[:, :2]
+        near = np.hypot(*np.moveaxis(points_one[:, None] - points_two[None], -1, 0))
         column = near.argmin(1)
-        turn = np.abs(wrap_to_pi(_headings(spread_points(one)) - _headings(spread_points(two))[column]))
-        result[row] = ((near.min(1) < 1.0) & (turn < np.deg2rad(20.0))).mean() > 0.7
+        headings = _headings(points_two)[column]
+        turn = np.abs(wrap_to_pi(_headings(points_one) - headings))
+        ahead = ((points_one - points_two[column]) * np.stack([np.cos(headings), np.sin(headings)], -1)).sum(-1)
+        beside = ((column > 0) & (column < len(points_two) - 1)) | (np.abs(ahead) < _PAST_END)
+        result[row] = (beside & (near.min(1) < 1.0) & (turn < np.deg2rad(20.0))).mean() > 0.7
     return result
 
 

@@ -11,19 +11,20 @@ from jaxtyping import Bool, Float64, Int
 from scjax.data.map_crop import near_map
 from scjax.outpainting.bends import Joint, bend_lanes
 from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
-from scjax.outpainting.seams import find_joints, is_duplicate
+from scjax.outpainting.seams import SAME_PLACE, find_joints, is_duplicate
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps
 from scjax.scene.polyline import cumulative_length
 
-_SHORTEST = 1.0  # m of a new lane
+_SHORTEST = 0.5  # m of a new lane
 _COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
 _DEEP = 1.0  # m inside a covered tile
 _NO_GAP = 1e-3  # m between ends that are one place
 _INNER_GAP = 1.5  # m between new lanes that are listed as connected
 _CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
+_ANGLE = np.deg2rad(5.0)  # between lanes that meet at a seam
 _SHARP = np.deg2rad(40.0)  # turn from one segment of a lane to the next, from which it is kinked
 _VEHICLES = 5  # so many new vehicles are better than fewer
 
@@ -59,11 +60,13 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     rows = np.add(np.flatnonzero(kept), count)
     edges = _inner_edges(links[np.ix_(rows, rows)])
     lines = [lanes[row] for row in np.flatnonzero(kept)]
-    joints = find_joints(lines, window.open_ends)
+    joints = find_joints(lines, window.open_ends, edges)
     lines, edges = _closed(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
     lines = bend_lanes(lines, edges, joints)
     edges = [(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP]
-    joints = [one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= _NO_GAP]
+    joints = [
+        one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
+    ]
     faults, penalty = _faults(lines, edges, joints, window)
     new_map = _map_of(sample, rows, lines, edges, window, coverage, name)
     ids = [lane.id for lane in new_map.lanes]
@@ -133,12 +136,20 @@ def _faults(
         for start in (True, False)
     )
     kinked = sum(_is_kinked(line) for line in lines)
+    angled = sum(_turn(lines[joint.lane], joint) > _ANGLE for joint in joints)
     faults = []
     if unmet:
         faults.append(f"{unmet} lanes do not go on")
     if inside:
         faults.append(f"{inside} lanes end or begin inside")
-    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked
+    if angled:
+        faults.append(f"{angled} lanes meet at an angle")
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 1.0 * angled
+
+
+def _turn(line: np.ndarray, joint: Joint) -> float:
+    heading = outward_heading(line, joint.at_start)
+    return np.pi if heading is None else abs(wrap_to_pi(heading + np.pi - joint.open_end.outward))
 
 
 def must_continue(end: OpenEnd, pose: WindowPose) -> bool:
