@@ -13,7 +13,7 @@ Maps:       Map, import_map, import_log, load_map, save_map, crop_map, validate_
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
 Generation: sample, place, reconstruct, regenerate_agents, regenerate_region
-Maps grow:  outpaint, extend_map
+Maps grow:  outpaint, extend_map, complete_rear
 Editing:    insert_agent, move_agent, remove_agents
 Pictures:   viz
 
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from scjax.generate.sample import sample_scenes as sample
     from scjax.outpainting.extend import extend_map
     from scjax.outpainting.outpaint import outpaint
+    from scjax.outpainting.rear import complete_rear
     from scjax.scene import (
         AgentType,
         Crop,
@@ -78,6 +79,7 @@ __all__ = [
     "Scene",
     "Signal",
     "Stream",
+    "complete_rear",
     "crop_log",
     "crop_map",
     "extend_map",
@@ -121,6 +123,7 @@ _PLACES = {
     "scjax.generate.sample": ("sample=sample_scenes",),
     "scjax.outpainting.extend": ("extend_map",),
     "scjax.outpainting.outpaint": ("outpaint",),
+    "scjax.outpainting.rear": ("complete_rear",),
     "scjax.scene": (
         "AgentType",
         "Crop",

@@ -24,12 +24,13 @@ from tqdm import tqdm
 import scjax
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.nn.startup import start_jax
-from scjax.outpainting.measures import measure_map
+from scjax.outpainting.measures import NEAR_SEAM, measure_map, measure_zones
 from scjax.outpainting.outpaint import outpaint_steps
 from scjax.scene import Map, TileStatus, route_line
 from scjax.scene.files import write_text
 from scjax.scene.polyline import cumulative_length
 
+ZONES = ("at seams", "elsewhere")
 _KEEP = "folder for maps, pictures and numbers; what is there is not made again (default: %(default)s)"
 
 
@@ -51,12 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if not row.exists():
                 start = time.perf_counter()
                 *_, map = outpaint_steps(seed, length=args.length, model=model)
-                values = measured(map, args.length, time.perf_counter() - start)
+                seconds = time.perf_counter() - start
                 args.keep.mkdir(parents=True, exist_ok=True)
                 scjax.save_map(map, args.keep / f"{seed}.npz")
                 scjax.viz.plot_map(map, path=args.keep / f"{seed}.png")
-                write_text(row, json.dumps(values))
-            rows.append(json.loads(row.read_text()))
+                write_text(row, json.dumps({"seconds": round(seconds, 1)}))
+            seconds = json.loads(row.read_text())["seconds"]
+            rows.append(measured(scjax.load_map(args.keep / f"{seed}.npz"), args.length, seconds))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.maps: {error}")
     write_page(
@@ -70,7 +72,7 @@ def _without_lists(row: dict[str, Any]) -> dict[str, Any]:
 
 def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
     """What the page needs of one map."""
-    measures = measure_map(map)
+    measures, zones = measure_map(map), measure_zones(map)
     reached = float(cumulative_length(route_line(map, map.routes[0]))[-1]) if map.routes else 0.0
     return {
         "route": round(reached, 1),
@@ -87,6 +89,11 @@ def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
         "attempts": measures.attempts,
         "agents": map.num_agents,
         "overlapping": measures.overlapping,
+        **{
+            f"{zone} {name}": value
+            for zone, one in zip(ZONES, zones, strict=True)
+            for name, value in one._asdict().items()
+        },
     }
 
 
@@ -112,15 +119,27 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
         "share of the largest connected part, mean": f"{share:.2f}",
         "agents that overlap others": f"{total['overlapping'] / max(total['agents'], 1):.2%}",
     }
-    head = ["measure", "value"]
-    table = table_lines(head, [[name, value] for name, value in values.items()])
-    return "\n".join(["# Maps that grow", "", f"`{command}`", "", *table, "", *_NOTES, ""])
+    values["time for 100 m of route, mean [s]"] = f"{total['seconds'] / max(total['route'], 1) * 100:.0f}"
+    table = table_lines(["measure", "value"], [[name, value] for name, value in values.items()])
+    rates = {
+        "lane ends that are dead": [_rate(total, zone, "dead_ends", "ends", 100) + " %" for zone in ZONES],
+        "kinks for each km of lane": [_rate(total, zone, "kinks", "length", 1000) for zone in ZONES],
+        "agents that overlap others": [_rate(total, zone, "overlapping", "agents", 100) + " %" for zone in ZONES],
+    }
+    seams = table_lines(
+        ["measure", f"within {NEAR_SEAM:g} m of a seam", "elsewhere"], [[name, *pair] for name, pair in rates.items()]
+    )
+    return "\n".join(["# Maps that grow", "", f"`{command}`", "", *table, "", *seams, "", *_NOTES, ""])
+
+
+def _rate(total: dict[str, Any], zone: str, part: str, whole: str, factor: int) -> str:
+    return f"{total[f'{zone} {part}'] / max(total[f'{zone} {whole}'], 1) * factor:.2f}"
 
 
 _NOTES = (
     "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a",
     "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that",
-    "tiles cover.",
+    "tiles cover. A kink is a change of direction by more than 25 degrees from one meter to the next.",
 )
 
 

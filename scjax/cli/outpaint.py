@@ -42,6 +42,7 @@ def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
     help="Grow at all roads that lead out, until they leave this area in meters. Instead of --length.",
 )
 @click.option("--at", metavar="X,Y,DEGREES", help="Where the route begins on a map, and which way.")
+@click.option("--rear", is_flag=True, help="Add what is behind the ego of the forward scene --start, and nothing else.")
 @click.option("--candidates", default=8, show_default=True, type=click.IntRange(1, 64), help="Samples for each tile.")
 @click.option("--retries", default=2, show_default=True, type=click.IntRange(0, 10), help="Rounds of more samples.")
 @num_steps_option
@@ -50,7 +51,7 @@ def _numbers(text: str, count: int, option: str) -> tuple[float, ...]:
 @model_option
 @json_option
 def outpaint_command(
-    prompts, start, length, route, area, at, candidates, retries, num_steps, seed, out, model_folder, as_json
+    prompts, start, length, route, area, at, rear, candidates, retries, num_steps, seed, out, model_folder, as_json
 ) -> None:
     """Lets a map grow tile by tile, along a route or over an area, and draws it beside the map file.
 
@@ -63,6 +64,7 @@ def outpaint_command(
     scjax outpaint --start scene.json --route random --length 500
     scjax outpaint --start Town01.xodr --at 120,-2,0 "a T-junction"
     scjax outpaint "a crossing" --area=-100,100,-100,100
+    scjax outpaint --start forward.npz --rear
 
     The map says of every tile whether it is complete. It is shorter than requested where the road ends or where no
     sample continues it; this is said on stderr. `scjax plot` draws the map again, or the scene at any place of it.
@@ -72,6 +74,10 @@ def outpaint_command(
         raise click.UsageError(f"--out is {out}: maps are .npz or .json files")
     if length is not None and area is not None:
         raise click.UsageError("--length and --area exclude each other: leave one of them out")
+    if rear and (start is None or length is not None or area is not None or at is not None or len(prompts) > 1):
+        raise click.UsageError(
+            "--rear goes with --start FILE and at most one PROMPT, without --length, --area and --at"
+        )
     place = None if at is None else _numbers(at, 3, "--at")
     window = None if area is None else _numbers(area, 4, "--area")
     way = route
@@ -85,7 +91,8 @@ def outpaint_command(
 
     from scjax.nn.startup import start_jax
     from scjax.outpainting.outpaint import outpaint_steps
-    from scjax.scene import Map, TileStatus, save_map, validate_map
+    from scjax.outpainting.rear import complete_rear
+    from scjax.scene import Map, Scene, TileStatus, save_map, validate_map
     from scjax.viz import plot_map
 
     start_jax()
@@ -93,22 +100,25 @@ def outpaint_command(
     if start is not None:
         content = read_content(start)
         begin = content if isinstance(content, Map) else scenes_of_content(content, start)[0]
-    steps = outpaint_steps(
-        seed,
-        begin,
-        list(prompts) or None,
-        length=length,
-        route=way,
-        area=None if window is None else (window[0], window[1], window[2], window[3]),
-        at=None if place is None else (place[0], place[1], float(np.deg2rad(place[2]))),
-        candidates=candidates,
-        retries=retries,
-        num_steps=num_steps,
-        model=model_folder,
-    )
-    begun = next(steps)
-    first = len(begun.tiles)
-    (map,) = collections.deque([begun, *tqdm(steps, "tiles", unit="tile", disable=None)], maxlen=1)
+    sampling = {"candidates": candidates, "retries": retries, "num_steps": num_steps, "model": model_folder}
+    if rear:
+        if not isinstance(begin, Scene):
+            raise ValueError(f"{start}: --rear takes a forward scene, not a map")
+        first, map = 1, complete_rear(seed, begin, next(iter(prompts), None), **sampling)
+    else:
+        steps = outpaint_steps(
+            seed,
+            begin,
+            list(prompts) or None,
+            length=length,
+            route=way,
+            area=None if window is None else (window[0], window[1], window[2], window[3]),
+            at=None if place is None else (place[0], place[1], float(np.deg2rad(place[2]))),
+            **sampling,
+        )
+        begun = next(steps)
+        first = len(begun.tiles)
+        (map,) = collections.deque([begun, *tqdm(steps, "tiles", unit="tile", disable=None)], maxlen=1)
     save_map(validate_map(map), path)
     plot_map(map, path=path.with_suffix(".png"))
     new = map.tiles[first:]

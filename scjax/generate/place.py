@@ -21,6 +21,7 @@ from scjax.scene.boxes import intersection_areas, overlaps
 from scjax.scene.edit import keep_elements, single_scene
 from scjax.scene.limits import MAX_SLOTS, MAX_SPEED
 from scjax.scene.map_forms import add_agents
+from scjax.scene.map_removal import remove_from_map
 
 EGO_SPEED = 5.0
 """m/s, of the ego that is put at a place of a map."""
@@ -207,14 +208,8 @@ def _without_agents(map: Map, x: float, y: float, yaw: float, ego: str | None) -
     offset = map.agents[:, :2] - np.array([x, y])
     cos, sin = np.cos(yaw), np.sin(yaw)
     reach = np.abs(offset @ np.array([[cos, -sin], [sin, cos]])).max(-1, initial=0.0)
-    rows = [row for row, item in enumerate(map.agent_ids) if reach[row] > TILE_SIZE / 2 or item == ego]
-    ids = tuple(map.agent_ids[row] for row in rows)
-    tiles = (
-        dataclasses.replace(tile, agent_ids=tuple(item for item in tile.agent_ids if item in ids)) for tile in map.tiles
-    )
-    return dataclasses.replace(
-        map, agent_ids=ids, agent_types=map.agent_types[rows], agents=map.agents[rows], tiles=tuple(tiles)
-    )
+    inside = [item for row, item in enumerate(map.agent_ids) if reach[row] <= TILE_SIZE / 2 and item != ego]
+    return remove_from_map(map, agent_ids=inside)
 
 
 def _place_of(map: Map, at: At | None) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.generate.sample import sample_scenes
 from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.dead_turns import DeadTurns, without_turns
 from scjax.outpainting.exits import ends_in_window
 from scjax.outpainting.tile_candidate import TileCandidate, tile_candidate
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose, cut_window, trim_tails
@@ -42,9 +43,12 @@ def extend_map(
 ) -> Map:
     """``map`` with one more tile of 64 m x 64 m, whose rear half lies on what is there.
 
-    Lanes and agents of the map stay where they are, but for lanes that reach up to 10 m beyond the middle of the tile
-    and end there: those parts are generated anew. New lanes meet the old ones without a gap. Of several
-    candidates, sampled as one batch, the one with the fewest faults is added; more are drawn while it has any.
+    Lanes and agents of the map stay where they are, with two exceptions. Lanes that reach up to 10 m beyond the middle
+    of the tile and end there lose that part, which is generated anew. Lanes of generated tiles are left out if nothing
+    continues them and the road has another way there. New lanes meet the old ones without a gap.
+
+    Of several candidates, sampled as one batch, the one with the fewest faults is added; more are drawn while it has
+    any.
 
     Args:
       key: typed key, or the number of one.
@@ -120,7 +124,7 @@ def _known_window(map: Map, pose: WindowPose, ego: bool) -> tuple[KnownWindow, C
     opened = (pose.x, pose.y, pose.yaw) if scene.crop == Crop.PARTITIONED else None
     coverage = Coverage(map, opened)
     ends = ends_in_window(coverage.open_ends(trimmed), pose)
-    return KnownWindow(pose, trimmed, scene, ends), coverage
+    return KnownWindow(pose, trimmed, scene, ends, DeadTurns(trimmed, ends, pose.x, pose.y)), coverage
 
 
 def _joined(map: Map, window: KnownWindow, best: TileCandidate, attempts: int, prompt: str) -> Map:
@@ -143,7 +147,8 @@ def _joined(map: Map, window: KnownWindow, best: TileCandidate, attempts: int, p
         missing = dataclasses.replace(tile, status=TileStatus.MISSING, fault=fault, lane_ids=(), agent_ids=())
         return dataclasses.replace(map, tiles=(*map.tiles, missing))
     addition = dataclasses.replace(best.map, tiles=(tile,))
-    return join_maps(window.map, addition, best.connections, _seams(window, best, len(map.tiles)))
+    joined = join_maps(window.map, addition, best.connections, _seams(window, best, len(map.tiles)))
+    return without_turns(joined, set(best.dead_lane_ids))
 
 
 def _seams(window: KnownWindow, best: TileCandidate, number: int) -> list[MapSeam]:

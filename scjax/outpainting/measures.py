@@ -5,14 +5,38 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from scjax.outpainting.coverage import Coverage
 from scjax.scene import Map, TileStatus, measure_seam
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, spread_points
+
+NEAR_SEAM = 8.0
+"""m from a seam, within which a place counts as at it."""
+
+_SHARP = np.deg2rad(25.0)  # change of direction from one meter of a lane to the next, from which it is kinked
+
+
+class ZoneMeasures(NamedTuple):
+    """Measures of the part of a map that is near its seams, or of all other ground of its tiles.
+
+    Attributes:
+      length: of its lanes [m].
+      ends, dead_ends: ends of lanes, and those of them to which nothing is connected, on covered ground.
+      kinks: meters of lanes after which the direction changes by more than 25 degrees.
+      agents, overlapping: agents, and those of them whose boxes share ground with another one.
+    """
+
+    length: float
+    ends: int
+    dead_ends: int
+    kinks: int
+    agents: int
+    overlapping: int
 
 
 class MapMeasures(NamedTuple):
@@ -67,3 +91,38 @@ def measure_map(map: Map) -> MapMeasures:
         attempts=sum(tile.attempts for tile in generated),
         overlapping=int(np.any(overlaps(boxes), axis=-1, keepdims=True).sum()) if len(boxes) else 0,
     )
+
+
+def measure_zones(map: Map) -> tuple[ZoneMeasures, ZoneMeasures]:
+    """Measures of the ground within ``NEAR_SEAM`` of a seam, and of all other ground."""
+    seams = np.array([(*seam.start, *seam.end) for seam in map.seams]).reshape(-1, 4)
+    dead = [end.place[:2] for end in Coverage(map).open_ends(map) if not end.at_border]
+    ends = [lane.points[row, :2] for lane in map.lanes for row in (0, -1)]
+    lines = [spread_points(lane.points[:, :2]) for lane in map.lanes]
+    kinks = [kinks_of(lane.points) for lane in map.lanes]
+    boxes = map.agents[~np.isnan(map.agents[:, 6:8]).any(-1)]
+    is_overlap = np.any(overlaps(boxes), axis=-1, keepdims=True)[:, 0] if len(boxes) else np.zeros(0, bool)
+    places = (np.concatenate([*lines, np.zeros((0, 2))]), ends, dead, np.concatenate([*kinks, np.zeros((0, 2))]))
+    places = (*places, boxes[:, :2], boxes[is_overlap, :2])
+    near = [_is_near(np.asarray(some, np.float64).reshape(-1, 2), seams) for some in places]
+    counts = [(int(one.sum()), int((~one).sum())) for one in near]
+    (length, *rest), (other_length, *others) = zip(*counts, strict=True)
+    return ZoneMeasures(float(length), *rest), ZoneMeasures(float(other_length), *others)
+
+
+def kinks_of(line: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, "kinks 2"]:
+    """The places of a line at which its direction changes by more than 25 degrees from one meter to the next."""
+    line = spread_points(line[:, :2])
+    steps = np.diff(line, axis=0)
+    turns = np.abs(wrap_to_pi(np.diff(np.arctan2(steps[:, 1], steps[:, 0]))))
+    return line[1:-1][(turns > _SHARP) & (np.hypot(*steps.T)[1:] > 0.1)]  # the last step may be of no length
+
+
+def _is_near(points: Float64[np.ndarray, "n 2"], seams: Float64[np.ndarray, "seams 4"]) -> Bool[np.ndarray, " n"]:
+    """Whether points are within ``NEAR_SEAM`` of one of the line segments."""
+    near = np.zeros(len(points), bool)
+    for start_end in seams:
+        start, way = start_end[:2], start_end[2:] - start_end[:2]
+        share = np.clip((points - start) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
+        near |= np.hypot(*(points - start - share[:, None] * way).T) < NEAR_SEAM
+    return near

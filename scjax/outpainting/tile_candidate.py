@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float64, Int
 from scjax.data.map_crop import near_map
 from scjax.outpainting.bends import Joint, bend_lanes
 from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
+from scjax.outpainting.measures import kinks_of
 from scjax.outpainting.seams import SAME_PLACE, find_joints, is_duplicate
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
@@ -25,7 +26,6 @@ _NO_GAP = 1e-3  # m between ends that are one place
 _INNER_GAP = 1.5  # m between new lanes that are listed as connected
 _CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
 _ANGLE = np.deg2rad(5.0)  # between lanes that meet at a seam
-_SHARP = np.deg2rad(40.0)  # turn from one segment of a lane to the next, from which it is kinked
 _VEHICLES = 5  # so many new vehicles are better than fewer
 
 
@@ -38,12 +38,14 @@ class TileCandidate:
       connections: pairs of lane ids, the second follows the first, one of them in the map.
       faults: what is wrong, in words; empty if nothing is.
       score: higher is better.
+      dead_lane_ids: lanes of the older map that lead nowhere now and can be left out.
     """
 
     map: Map
     connections: tuple[tuple[str, str], ...]
     faults: tuple[str, ...]
     score: float
+    dead_lane_ids: tuple[str, ...] = ()
 
 
 def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name: str) -> TileCandidate:
@@ -67,7 +69,10 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     joints = [
         one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
     ]
-    faults, penalty = _faults(lines, edges, joints, window)
+    met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in joints}
+    ends = [end for end in window.open_ends if must_continue(end, window.pose)]
+    dead, unmet = window.dead_turns.of([end for end in ends if (end.lane_id, end.is_start) not in met])
+    faults, penalty = _faults(lines, edges, joints, len(unmet), window.pose)
     new_map = _map_of(sample, rows, lines, edges, window, coverage, name)
     ids = [lane.id for lane in new_map.lanes]
     pairs = [
@@ -75,7 +80,8 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
         for joint in joints
     ]
     vehicles = int((new_map.agent_types == AgentType.VEHICLE).sum())
-    return TileCandidate(new_map, tuple(pairs), faults, 0.2 * min(vehicles, _VEHICLES) - penalty)
+    score = 0.2 * min(vehicles, _VEHICLES) - penalty - 1.0 * len(dead)
+    return TileCandidate(new_map, tuple(pairs), faults, score, tuple(sorted(dead)))
 
 
 def _are_new(
@@ -123,19 +129,21 @@ def _gap(one: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> fl
 
 
 def _faults(
-    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joints: Sequence[Joint], window: KnownWindow
+    lines: Sequence[np.ndarray],
+    edges: Sequence[tuple[int, int]],
+    joints: Sequence[Joint],
+    unmet: int,
+    pose: WindowPose,
 ) -> tuple[tuple[str, ...], float]:
-    """What is wrong with new lanes, and how bad that is: lower is better."""
-    met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in joints}
-    unmet = sum((end.lane_id, end.is_start) not in met for end in window.open_ends if must_continue(end, window.pose))
+    """What is wrong with new lanes, of which so many are missing, and how bad that is: lower is better."""
     joined = {(joint.lane, joint.at_start) for joint in joints}
     joined |= {(a, False) for a, _ in edges} | {(b, True) for _, b in edges}
     inside = sum(
-        (row, start) not in joined and _ends_inside(line, start, window.pose)
+        (row, start) not in joined and _ends_inside(line, start, pose)
         for row, line in enumerate(lines)
         for start in (True, False)
     )
-    kinked = sum(_is_kinked(line) for line in lines)
+    kinked = sum(len(kinks_of(line)) > 0 for line in lines)
     angled = sum(_turn(lines[joint.lane], joint) > _ANGLE for joint in joints)
     faults = []
     if unmet:
@@ -144,6 +152,8 @@ def _faults(
         faults.append(f"{inside} lanes end or begin inside")
     if angled:
         faults.append(f"{angled} lanes meet at an angle")
+    if kinked:
+        faults.append(f"{kinked} lanes bend sharply")
     return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 1.0 * angled
 
 
@@ -168,13 +178,6 @@ def _ends_inside(line: np.ndarray, is_start: bool, pose: WindowPose) -> bool:
     step = np.array([np.cos(heading), np.sin(heading), 0.0])
     x, y, _ = pose.to_window(np.nan_to_num(line[0 if is_start else -1]) + AHEAD * step)
     return bool(max(abs(x), abs(y)) < HALF)
-
-
-def _is_kinked(line: np.ndarray) -> bool:
-    steps = np.diff(line[:, :2], axis=0)
-    steps = steps[np.hypot(*steps.T) > 0.1]
-    headings = np.arctan2(steps[:, 1], steps[:, 0])
-    return bool((np.abs(wrap_to_pi(np.diff(headings))) > _SHARP).any())
 
 
 def _map_of(

@@ -11,6 +11,7 @@ from jaxtyping import Float, Float64
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
 from scjax.outpainting.coverage import OpenEnd, connected_ends
+from scjax.outpainting.dead_turns import DeadTurns
 from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, Scene, permute
 from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.polyline import cumulative_length, spread_points
@@ -53,12 +54,14 @@ class KnownWindow:
       map: the map, whose lanes no longer reach a little beyond the seam.
       scene: the known elements, unpadded, in the frame of the window.
       open_ends: ends inside the window at which the road must go on, in the frame of the map.
+      dead_turns: which lanes of the map can be left out where nothing continues them.
     """
 
     pose: WindowPose
     map: Map
     scene: Scene
     open_ends: tuple[OpenEnd, ...]
+    dead_turns: DeadTurns
 
 
 def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = True, domain: int = 0) -> Scene:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.outpaint import outpaint_steps
 from scjax.outpainting.tile_candidate import tile_candidate
 from scjax.outpainting.window import KnownWindow, WindowPose, cut_window
@@ -68,7 +69,7 @@ def test_a_window_without_continuation_changes_nothing_but_the_tiles():
     known = cut_window(map, pose)
     from scjax.outpainting.coverage import Coverage
 
-    window = KnownWindow(pose, map, known, ())
+    window = KnownWindow(pose, map, known, (), DeadTurns(map, (), 0.0, 0.0))
     candidate = tile_candidate(known, window, Coverage(map), "2")
     assert candidate.map.num_lanes == 0 and candidate.connections == () and candidate.map.num_agents == 0
 

@@ -8,6 +8,7 @@ import scjax
 from scjax.data.readers.scene_json import read_log
 from scjax.data.token_order import known_half
 from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.exits import ends_in_window
 from scjax.outpainting.tile_candidate import tile_candidate
 from scjax.outpainting.window import KnownWindow, WindowPose
@@ -28,7 +29,8 @@ def links_cut_and_found(scene: Scene) -> tuple[set[tuple[int, int]], set[tuple[i
     whole = permute(scene, np.arange(1), np.concatenate([known_rows, new_rows]))
     pose, map = WindowPose(0.0, 0.0, 0.0, 0.0), scene_to_map(known)
     opened = Coverage(map, (0.0, 0.0, 0.0))
-    window = KnownWindow(pose, map, known, ends_in_window(opened.open_ends(map), pose))
+    ends = ends_in_window(opened.open_ends(map), pose)
+    window = KnownWindow(pose, map, known, ends, DeadTurns(map, ends, 0.0, 0.0))
     candidate = tile_candidate(whole, window, opened, "new")
     row_of = {f"0.lane-{k}": int(row) for k, row in enumerate(known_rows)}
     for lane in candidate.map.lanes:
