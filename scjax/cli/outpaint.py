@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import collections
 import json
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from scjax.cli.options import json_option, model_option, num_steps_option, seed_option
 from scjax.cli.output import say, writable_folder
 from scjax.cli.scene_files import read_content, scenes_of_content
+
+if TYPE_CHECKING:
+    from scjax.scene import Map, Scene
 
 _ENDINGS = (".npz", ".json")
 
@@ -78,7 +83,10 @@ def outpaint_command(
         raise click.UsageError(
             "--rear goes with --start FILE and at most one PROMPT, without --length, --area and --at"
         )
-    place = None if at is None else _numbers(at, 3, "--at")
+    place = None
+    if at is not None:
+        x, y, degrees = _numbers(at, 3, "--at")
+        place = (x, y, math.radians(degrees))
     window = None if area is None else _numbers(area, 4, "--area")
     way = route
     if "," in route:
@@ -86,39 +94,18 @@ def outpaint_command(
         way = [(x, y) for x, y in points]
     writable_folder(path.parent)
 
-    import numpy as np
-    from tqdm import tqdm
-
     from scjax.nn.startup import start_jax
-    from scjax.outpainting.outpaint import outpaint_steps
-    from scjax.outpainting.rear import complete_rear
-    from scjax.scene import Map, Scene, TileStatus, save_map, validate_map
+    from scjax.scene import TileStatus, save_map, validate_map
     from scjax.viz import plot_map
 
     start_jax()
-    begin = None
-    if start is not None:
-        content = read_content(start)
-        begin = content if isinstance(content, Map) else scenes_of_content(content, start)[0]
+    begin = None if start is None else _start_of(start)
     sampling = {"candidates": candidates, "retries": retries, "num_steps": num_steps, "model": model_folder}
     if rear:
-        if not isinstance(begin, Scene):
-            raise ValueError(f"{start}: --rear takes a forward scene, not a map")
-        first, map = 1, complete_rear(seed, begin, next(iter(prompts), None), **sampling)
+        first, map = 1, _with_rear(seed, begin, next(iter(prompts), None), str(start), sampling)
     else:
-        steps = outpaint_steps(
-            seed,
-            begin,
-            list(prompts) or None,
-            length=length,
-            route=way,
-            area=None if window is None else (window[0], window[1], window[2], window[3]),
-            at=None if place is None else (place[0], place[1], float(np.deg2rad(place[2]))),
-            **sampling,
-        )
-        begun = next(steps)
-        first = len(begun.tiles)
-        (map,) = collections.deque([begun, *tqdm(steps, "tiles", unit="tile", disable=None)], maxlen=1)
+        ways = {"length": length, "route": way, "area": window, "at": place}
+        first, map = _grown(seed, begin, list(prompts) or None, ways, sampling)
     save_map(validate_map(map), path)
     plot_map(map, path=path.with_suffix(".png"))
     new = map.tiles[first:]
@@ -132,3 +119,34 @@ def outpaint_command(
     else:
         click.echo("\n".join(files))
     say(f"{len(new)} new tiles, {map.num_lanes} lanes, {map.num_agents} agents", quiet=as_json)
+
+
+def _start_of(path: str) -> Scene | Map:
+    """The map or first scene of a file."""
+    from scjax.scene import Map
+
+    content = read_content(path)
+    return content if isinstance(content, Map) else scenes_of_content(content, path)[0]
+
+
+def _with_rear(seed: int, scene: Any, prompt: str | None, path: str, sampling: dict[str, Any]) -> Map:
+    from scjax.outpainting.rear import complete_rear
+    from scjax.scene import Scene
+
+    if not isinstance(scene, Scene):
+        raise ValueError(f"{path}: --rear takes a forward scene, not a map")
+    return complete_rear(seed, scene, prompt, **sampling)
+
+
+def _grown(
+    seed: int, begin: Scene | Map | None, prompts: list[str] | None, ways: dict[str, Any], sampling: dict[str, Any]
+) -> tuple[int, Map]:
+    """The number of tiles that were there, and the map when it has grown; with a progress bar."""
+    from tqdm import tqdm
+
+    from scjax.outpainting.outpaint import outpaint_steps
+
+    steps = outpaint_steps(seed, begin, prompts, **ways, **sampling)
+    begun = next(steps)
+    (map,) = collections.deque([begun, *tqdm(steps, "tiles", unit="tile", disable=None)], maxlen=1)
+    return len(begun.tiles), map

@@ -9,7 +9,6 @@ from jaxtyping import Array
 
 from scjax.generate.conditions import Condition
 from scjax.outpainting.coverage import Coverage
-from scjax.outpainting.exits import pose_beyond
 from scjax.outpainting.extend import extend_map
 from scjax.scene import Crop, Map, Scene, scene_to_map
 from scjax.scene.edit import single_scene
@@ -49,8 +48,5 @@ def complete_rear(key: Array | int, scene: Scene, condition: Condition | str | N
         and abs(end.place[1]) < _REACH
         and np.cos(end.outward) < -0.5
     ]
-    if not back:
-        return extend_map(key, map, condition, x=0.0, y=0.0, yaw=np.pi, ego=False, **options)
-    nearest = min(back, key=lambda end: abs(end.place[1]))
-    pose = pose_beyond(map.lane_by_id[nearest.lane_id].points)
-    return extend_map(key, map, condition, x=pose.x, y=pose.y, yaw=pose.yaw, **options)
+    y = min((float(end.place[1]) for end in back), key=abs, default=0.0)
+    return extend_map(key, map, condition, x=0.0, y=y, yaw=np.pi, ego=bool(back), **options)

@@ -21,6 +21,7 @@ MAX_KNOWN = (40, 64)
 """Most known agents and lanes; those nearest to the origin are kept."""
 
 _TAIL = 10.0  # m; loose ends of lanes that reach so far beyond the seam are cut off and generated anew
+_ON_SEAM = 1e-3  # m beyond the seam that are no tail
 _SHORTEST = 2.0  # m of a lane ahead that count
 
 
@@ -110,7 +111,7 @@ def _without_tail(points: Float64[np.ndarray, "points 3"], pose: WindowPose) -> 
     """A line whose last part beyond x = 0 is cut off, if that part is short and begins in the window."""
     x, y, _ = pose.to_window(points).T
     behind = np.flatnonzero(x <= 0)
-    if x[-1] <= 0 or not len(behind) or abs(y[behind[-1]]) > HALF:
+    if x[-1] <= _ON_SEAM or not len(behind) or abs(y[behind[-1]]) > HALF:
         return points
     last = behind[-1]
     share = -x[last] / (x[last + 1] - x[last])

@@ -13,7 +13,8 @@ from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.outpaint import outpaint_steps
 from scjax.outpainting.tile_candidate import tile_candidate
 from scjax.outpainting.window import KnownWindow, WindowPose, cut_window
-from scjax.scene import TileStatus, measure_seam, save_map
+from scjax.scene import Crop, TileStatus, measure_seam, save_map
+from scjax.scene.io import save_npz
 from tests.factories.maps import two_tile_map
 
 FEW = {"candidates": 2, "retries": 0, "num_steps": 4}
@@ -117,3 +118,44 @@ def test_the_command_says_what_is_wrong_in_one_line(arguments, code, message, ru
     actual, _, err = run("outpaint", *arguments)
     assert (actual, message in err) == (code, True), err
     assert code == 2 or len(err.splitlines()) == 1
+
+
+@pytest.fixture(scope="module")
+def forward():
+    """What a camera sees of a straight street."""
+    map = two_tile_map()
+    return scjax.crop_map(map, 20.0, -2.0, crop=Crop.FORWARD)
+
+
+def test_what_is_behind_a_forward_scene_meets_it_and_all_of_it_stays(forward):
+    map = scjax.complete_rear(0, forward, **FEW)
+    scjax.validate_map(map)
+    count = forward.num_lanes
+    lines = np.asarray(forward.lanes, np.float64)
+    assert all(np.array_equal(map.lane_by_id[f"0.lane-{row}"].points, lines[row]) for row in range(count))
+    assert map.tiles[1].status in (TileStatus.COMPLETE, TileStatus.INCOMPLETE) and abs(map.tiles[1].yaw) > 3.1
+    new = map.tiles[1].lane_ids
+    behind = np.concatenate([map.lane_by_id[name].points for name in new])
+    assert behind[:, 0].max() < 1.0 and behind[:, 0].min() < -20.0
+    own, oncoming = (
+        {pair for pair in map.seams[0].connections if pair[0 if ahead else 1] in new} for ahead in (True, False)
+    )
+    assert own and oncoming, "the same side of the road is driven on behind the ego"
+
+
+def test_only_forward_scenes_have_a_rear_to_complete(forward):
+    with pytest.raises(ValueError, match="not cut forward"):
+        scjax.complete_rear(0, scjax.crop_map(two_tile_map(), 0.0, -2.0))
+
+
+def test_the_command_completes_the_rear(run, tmp_path, forward):
+    save_npz(forward, tmp_path / "forward.npz")
+    options = ("--candidates", "2", "--retries", "0", "--num-steps", "4", "--json")
+    code, out, err = run("outpaint", "--start", "forward.npz", "--rear", *options)
+    assert code == 0, err
+    assert len(json.loads(out)["tiles"]) == 1
+    code, _, err = run("outpaint", "--rear")
+    assert code == 2 and "--rear goes with --start" in err
+    save_map(two_tile_map(), tmp_path / "start.json")
+    code, _, err = run("outpaint", "--start", "start.json", "--rear")
+    assert code == 1 and "--rear takes a forward scene" in err
