@@ -139,7 +139,7 @@ def _rate(total: dict[str, Any], zone: str, part: str, whole: str, factor: int) 
 _NOTES = (
     "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a",
     "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that",
-    "tiles cover. A kink is a change of direction by more than 25 degrees from one meter to the next.",
+    "tiles cover. A kink is a change of direction by more than 25 degrees within a meter.",
 )
 
 

@@ -43,7 +43,7 @@ from scjax.train.objectives.record_outlines import outline_rows
 _RAW = {"energy_guidance": False}
 _SHOWN_BY_STEPS = ("kinked_lanes", "loose_ends", "overlaps", "twin_lanes")
 _SOUND = ("open_joints", "kinked_lanes", "loose_ends", "overlaps", "against_lane", "ego_off_lane", "twin_lanes")
-_FAULTS = {
+FAULTS = {
     "open_joints": "connections open by more than 0.5 m",
     "kinked_lanes": "kinked lanes",
     "loose_ends": "loose lane ends",
@@ -215,10 +215,10 @@ def _page(found: Mapping[str, dict[str, Any]], distances: Mapping[str, list[floa
         names = list(dict.fromkeys(name for row in found.values() for name in row[key]))
         cells = [[name, *(_counts(row[key].get(name, (0, 0))) for row in found.values())] for name in names]
         lines += ["", f"## {title}", "", *table_lines(["", *found], cells)]
-    cells = [[text, *(_percent(row["faults"][name]) for row in found.values())] for name, text in _FAULTS.items()]
+    cells = [[text, *(_percent(row["faults"][name]) for row in found.values())] for name, text in FAULTS.items()]
     lines += ["", "## Scenes with faults", "", *table_lines(["", *found], cells), ""]
     if by_steps:
-        head = ["labels as requests, raw", "in full", "single wishes", *(_FAULTS[name] for name in _SHOWN_BY_STEPS)]
+        head = ["labels as requests, raw", "in full", "single wishes", *(FAULTS[name] for name in _SHOWN_BY_STEPS)]
         cells = [
             [name, *(_percent(row[key]) for key in ("prompts", "wishes")), *_fault_cells(row, _SHOWN_BY_STEPS)]
             for name, row in by_steps.items()

@@ -18,7 +18,8 @@ from scjax.scene.polyline import cumulative_length, spread_points
 NEAR_SEAM = 8.0
 """m from a seam, within which a place counts as at it."""
 
-_SHARP = np.deg2rad(25.0)  # change of direction from one meter of a lane to the next, from which it is kinked
+_STEP = 0.25  # m between points of lanes whose directions are compared
+_SHARP = np.deg2rad(25.0)  # change of direction within a meter, from which a lane is kinked
 
 
 class ZoneMeasures(NamedTuple):
@@ -27,7 +28,7 @@ class ZoneMeasures(NamedTuple):
     Attributes:
       length: of its lanes [m].
       ends, dead_ends: ends of lanes, and those of them to which nothing is connected, on covered ground.
-      kinks: meters of lanes after which the direction changes by more than 25 degrees.
+      kinks: meters of lanes within which the direction changes by more than 25 degrees.
       agents, overlapping: agents, and those of them whose boxes share ground with another one.
     """
 
@@ -111,11 +112,16 @@ def measure_zones(map: Map) -> tuple[ZoneMeasures, ZoneMeasures]:
 
 
 def kinks_of(line: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, "kinks 2"]:
-    """The places of a line at which its direction changes by more than 25 degrees from one meter to the next."""
-    line = spread_points(line[:, :2])
-    steps = np.diff(line, axis=0)
-    turns = np.abs(wrap_to_pi(np.diff(np.arctan2(steps[:, 1], steps[:, 0]))))
-    return line[1:-1][(turns > _SHARP) & (np.hypot(*steps.T)[1:] > 0.1)]  # the last step may be of no length
+    """The places of a line at which its direction changes by more than 25 degrees within a meter."""
+    steps = np.diff(spread_points(line[:, :2], _STEP), axis=0)
+    steps = steps[np.hypot(*steps.T) > _STEP / 4]  # the last one may be of no length
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    far = round(1.0 / _STEP)
+    sharp = np.zeros(len(headings), bool)
+    for apart in range(1, min(far, len(headings) - 1) + 1):
+        sharp[:-apart] |= np.abs(wrap_to_pi(headings[apart:] - headings[:-apart])) > _SHARP
+    places = line[0, :2] + np.cumsum(steps, axis=0)
+    return places[sharp][::far]
 
 
 def _is_near(points: Float64[np.ndarray, "n 2"], seams: Float64[np.ndarray, "seams 4"]) -> Bool[np.ndarray, " n"]:

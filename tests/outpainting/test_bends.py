@@ -67,13 +67,36 @@ def test_bends_go_on_where_a_short_lane_splits_and_merges(x, y, turn):
     assert np.array_equal(bent[3][0], lines[3][0])
 
 
-def test_bends_end_before_another_joint():
+def test_joints_near_each_other_are_all_met():
+    """Two short lanes merge into one; their open ends are moved alike, or apart."""
+    lines = [_line((0, 0), (3, 1)), _line((0, 2), (3, 1)), _line((3, 1), (40, 1))]
+    for shifts in ((1.0, 1.0), (0.6, -0.6), (0.0, 1.5)):
+        ends = [_end(0.0, 0.0 + shifts[0], 0.3), _end(0.0, 2.0 + shifts[1], -0.3)]
+        bent = bend_lanes(lines, [(0, 2), (1, 2)], [Joint(0, True, ends[0]), Joint(1, True, ends[1])])
+        assert _meets(bent[0], ends[0]) and _meets(bent[1], ends[1])
+        assert np.abs(bent[0][-1] - bent[2][0]).max() < 1e-9 > np.abs(bent[1][-1] - bent[2][0]).max()
+    lines[:2] = _line((0, 0.9), (3, 1)), _line((0, 1.1), (3, 1))
+    ends = [_end(0.0, 1.9, 0.03), _end(0.0, 2.1, -0.03)]
+    bent = bend_lanes(lines, [(0, 2), (1, 2)], [Joint(k, True, end) for k, end in enumerate(ends)])
+    assert all(_is_smooth(np.concatenate([one, bent[2][1:]])) for one in bent[:2])
+
+
+def test_a_lane_between_two_joints_meets_both():
     lines = [_line((0, 0), (3, 0)), _line((3, 0), (6, 0))]
     ends = [_end(0, 0.5, 0.0), OpenEnd("other", True, np.array([6.0, -0.5, 1.0]), np.pi, True)]
     bent = bend_lanes(lines, [(0, 1)], [Joint(0, True, ends[0]), Joint(1, False, ends[1])])
     assert np.abs(bent[0][0] - ends[0].place).max() < 1e-9
     assert np.abs(bent[1][-1] - ends[1].place).max() < 1e-9
     assert np.abs(bent[0][-1] - bent[1][0]).max() < 1e-9
+
+
+def test_lanes_in_a_ring_stay_connected():
+    corners = [(0, 0), (4, 0), (4, 4), (0, 4)]
+    lines = [_line(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)] + [_line((-6, 0), (0, 0))]
+    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 0)]
+    bent = bend_lanes(lines, edges, [Joint(4, True, _end(-6.0, 1.0, 0.2))])
+    assert _meets(bent[4], _end(-6.0, 1.0, 0.2))
+    assert max(np.abs(bent[a][-1] - bent[b][0]).max() for a, b in edges) < 1e-9
 
 
 def test_of_joints_at_one_place_the_first_counts():
