@@ -83,7 +83,7 @@ def build_graph(
     """
     lanes, points = [], []
     for lane in log.lanes:
-        distinct = _distinct(lane.points)
+        distinct = distinct_points(lane.points)
         if lane.lane_type not in NO_CAR_LANE_TYPES and len(distinct) >= 2:
             lanes.append(lane)
             points.append(distinct)
@@ -161,7 +161,7 @@ def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains
     return signals
 
 
-def _distinct(points: np.ndarray) -> np.ndarray:
+def distinct_points(points: np.ndarray) -> np.ndarray:
     """``points`` without those that repeat the one before."""
     step = np.hypot(*np.diff(points[:, :2], axis=0).T)
     return points[np.concatenate([[True], step >= DUPLICATE_DISTANCE])[: len(points)]]

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.data.map_crop import find_window
+from scjax.data.map_joins import connect_lanes
 from scjax.generate.arguments import as_conditions, as_model, sampling_key
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
@@ -71,7 +72,7 @@ def extend_map(
     key, model = sampling_key(key), as_model(model)
     candidates = whole_number(candidates, "candidates", 1, MAX_CANDIDATES)
     retries = whole_number(retries, "retries", 0, MAX_RETRIES)
-    repair = truth_value(repair, "repair")
+    repair, map = truth_value(repair, "repair"), connect_lanes(map)
     x, y = (finite_number(v, n, -MAX_COORDINATE, MAX_COORDINATE) for v, n in ((x, "x"), (y, "y")))
     pose = WindowPose(*find_window(map, x, y, finite_number(yaw, "yaw")))
     condition = open_condition(condition)

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float64
 
+from scjax.data.map_joins import connect_lanes
 from scjax.generate.arguments import as_model, sampling_key
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
@@ -42,7 +43,8 @@ def outpaint(
 
     Args:
       key: typed key, or the number of one.
-      start: a single scene around its ego, or a map; None: a scene that is sampled for the condition.
+      start: a single scene around its ego, or a map; None: a scene that is sampled for the condition. Of a map only the
+        connections that a car can drive count and stay (``connect_lanes``).
       condition: what new tiles shall show; a sequence: tile by tile, and the last for all further ones.
       options: those of ``outpaint_steps``.
 
@@ -197,7 +199,7 @@ def _start(start: Scene | Map, at: tuple[float, float, float] | None) -> tuple[M
         return map, start_lane(map, 0.0, 0.0, 0.0)
     if not isinstance(start, Map):
         raise ValueError(f"start must be a scjax.Scene or a scjax.Map, not {type(start).__name__}")
-    map = validate_map(start)
+    map = connect_lanes(validate_map(start))
     if at is None and map.routes:
         return map, map.routes[0].lane_ids[0]
     if at is None and not map.tiles:
