@@ -1,0 +1,109 @@
+"""Do maps that people have grow, and take traffic? One more tile at an open end of each, and agents in a window there.
+
+    python -m experiments.studies.imported_maps FILE [FILE...] --out docs/results/imported_maps
+
+Of every file the open end is taken beyond which the least ground is covered. A tile is added there without a prompt, as
+``scjax outpaint --at`` does, and eight vehicles are placed around the new seam, as ``scjax place`` does.
+
+Writes OUT.md and OUT.json, and for each file a picture of the tile and its surroundings in RUNS, to be looked at.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import scjax
+from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from scjax.data.map_crop import near_map
+from scjax.data.map_joins import connect_lanes
+from scjax.nn.startup import start_jax
+from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.exits import pose_beyond
+from scjax.outpainting.window import WindowPose
+from scjax.scene import Map, measure_seam
+
+_VEHICLES = 8
+_SHOWN = 80.0  # m around the new tile in its picture
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = script_parser("experiments.studies.imported_maps", __doc__)
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="maps of any format that scjax reads")
+    parser.add_argument("--model", help="model folder (default: the one that ships)")
+    parser.add_argument("--runs", type=Path, default=Path("runs/imported_maps"), help="(default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    args = parser.parse_args(arguments)
+    start_jax()
+    try:
+        model = scjax.load(args.model)
+        rows = [
+            {"file": path.name} | grown(scjax.import_map(path), model, args.seed, args.runs / f"{path.stem}.png")
+            for path in tqdm(args.files, "files", disable=None)
+        ]
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.studies.imported_maps: {error}")
+    write_page(args.out, page(rows, command_line("imported_maps", ["FILE...", "--out", str(args.out)])), rows)
+
+
+def grown(map: Map, model: scjax.Model, seed: int, picture: Path) -> dict[str, Any]:
+    """What happens at one open end of a map."""
+    map = connect_lanes(map)
+    pose = open_place(map)
+    if pose is None:
+        return {"lanes": map.num_lanes, "tile": "no open end", "fault": "", "connections": 0, "turn": None, "agents": 0}
+    larger = scjax.extend_map(seed, map, x=pose.x, y=pose.y, yaw=pose.yaw, model=model)
+    tile, joints = larger.tiles[-1], [measure_seam(larger, seam) for seam in larger.seams]
+    conditions = scjax.Condition(attributes={"vehicles": _VEHICLES})
+    busy = scjax.place(seed, larger, conditions, at=(pose.x, pose.y, pose.yaw), model=model, best_of=4, repair=True)
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    shown = near_map(busy, pose.x, pose.y, _SHOWN)
+    scjax.viz.plot_map(shown, path=picture)
+    turns = np.concatenate([np.zeros(0), *(joint.turns for joint in joints)])
+    return {
+        "lanes": map.num_lanes,
+        "tile": tile.status.value,
+        "fault": tile.fault,
+        "connections": len(turns),
+        "turn": round(float(np.rad2deg(turns.max())), 1) if len(turns) else None,
+        "agents": busy.num_agents - larger.num_agents,
+    }
+
+
+def open_place(map: Map) -> WindowPose | None:
+    """The window at the open end beyond which the least ground is covered; of several the first one."""
+    coverage = Coverage(map)
+    lanes = map.lane_by_id
+    poses = [
+        pose_beyond(lanes[end.lane_id].points) for end in coverage.open_ends(map) if end.at_border and not end.is_start
+    ]
+    return min(poses, key=lambda pose: coverage.share_ahead(pose.x, pose.y, pose.yaw), default=None)
+
+
+def page(rows: Sequence[dict[str, Any]], command: str) -> str:
+    """The page of the results."""
+    head = ["file", "lanes", "new tile", "fault", "connections at the seam", "largest turn [degrees]", "agents placed"]
+    table = table_lines(head, [["" if value is None else str(value) for value in row.values()] for row in rows])
+    complete = sum(row["tile"] == "complete" for row in rows)
+    return "\n".join(
+        [
+            "# Maps of others, grown",
+            "",
+            f"`{command}`",
+            "",
+            f"{complete} of {len(rows)} tiles are complete.",
+            "",
+            *table,
+            "",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    main()
