@@ -9,6 +9,8 @@ from scjax.language.attributes.table import score_attributes
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
 
+_AGAINST = 90.0  # degrees between a vehicle and its lane
+
 
 class SceneScore(NamedTuple):
     """What is wrong with a scene. Less is better; earlier fields decide first.
@@ -16,7 +18,7 @@ class SceneScore(NamedTuple):
     Attributes:
       missed: attributes that are requested and that the scene does not show, plus one if the ego is on no lane
         (fragments of lanes pass for much, such as for a curve); 0 without a request.
-      faults: overlapping boxes, lane connections open by more than 1 m, and vehicles on no lane.
+      faults: overlapping boxes, lane connections open by more than 1 m, and vehicles on no lane or against theirs.
       gap: sum of the gaps at lane connections [m].
     """
 
@@ -27,11 +29,12 @@ class SceneScore(NamedTuple):
 
 def score_scene(scene: Scene, attributes: Mapping[str, Any]) -> SceneScore:
     """Scores a scene for the attributes that are requested; without any the faults alone count."""
-    gaps, (offsets, _) = connection_gaps(scene), lane_offsets(scene)
+    gaps, (offsets, angles) = connection_gaps(scene), lane_offsets(scene)
     missed = 0
     if attributes:
         missed = len(score_attributes(scene, attributes).misses) + int((offsets[:1] > ON_LANE).sum())
-    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int((offsets > ON_LANE).sum())
+    misplaced = (offsets > ON_LANE) | (angles > _AGAINST)
+    faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int(misplaced.sum())
     return SceneScore(missed, faults, float(gaps.sum()))
 
 

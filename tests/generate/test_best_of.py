@@ -53,6 +53,13 @@ def test_score_counts_an_ego_off_the_lanes():
     assert score_scene(off, road).missed == score_scene(on, road).missed + 1
 
 
+def test_score_counts_vehicles_against_their_lane():
+    along, against = chain(0.0), chain(0.0)
+    against.agents[0, 4:6] *= -1
+    assert score_scene(against, {}).faults == score_scene(along, {}).faults + 1
+    assert best_index([against, along], {}) == 1
+
+
 def test_score_prefers_smaller_gaps_of_equals():
     assert best_index([chain(1.2), chain(0.4), chain(0.9)], {}) == 1
 
