@@ -50,6 +50,13 @@ COLUMNS = {
     "off_lane": "off lanes",
     "off_heading": "against lanes",
 }
+OURS: dict[str, tuple[bool, dict[str, Any]]] = {
+    "ours: number of vehicles": (False, {}),
+    "ours: number of vehicles, temperature 0.5": (False, {"temperature": scjax.PerType(agents=0.5, lanes=0.3)}),
+    "ours: number of vehicles, best of 4, repaired": (False, {"best_of": 4, "repair": True}),
+    "ours: attributes of the agents": (True, {}),
+}
+"""Row -> whether the attributes of the agents are given, and options of ``scjax.sample``."""
 _DRAWS = 200  # bootstrap
 _NO_OTHERS = {"pedestrians": 0, "cyclists": 0, "static": 0}
 
@@ -72,9 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "random on lanes": on_lanes(references, args.seed),
             "another real scene, same numbers": retrieved(source, references, clusters, args.seed),
         }
-        for name, measured in (("ours: number of vehicles", False), ("ours: attributes of the agents", True)):
+        for name, (measured, options) in OURS.items():
             conditions = [request_of(scene, model, measured=measured) for scene in references]
-            rows[name] = sample_in_calls(conditions, name, args.seed, model=model)
+            rows[name] = sample_in_calls(conditions, name, args.seed, model=model, **options)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.placement: {error}")
     content = {name: measure(references, scenes, clusters, args.seed) for name, scenes in rows.items()}
