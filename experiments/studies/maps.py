@@ -12,6 +12,7 @@ Writes OUT.md and OUT.json.
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
+from experiments.studies.gallery import reduce_colors
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.nn.startup import start_jax
 from scjax.outpainting.measures import NEAR_SEAM, measure_map, measure_zones
@@ -41,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--length", type=float, default=500.0, help="of each route [m] (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the first map (default: %(default)s)")
     parser.add_argument("--keep", type=Path, default=Path("runs/maps"), metavar="DIR", help=_KEEP)
+    parser.add_argument("--show", type=int, metavar="SEED", help="the map whose picture the page shows (default: none)")
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
     start_jax()
@@ -61,13 +64,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             rows.append(measured(scjax.load_map(args.keep / f"{seed}.npz"), args.length, seconds))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.maps: {error}")
-    write_page(
-        args.out, page(rows, args.length, command_line("maps", arguments)), [_without_lists(row) for row in rows]
-    )
-
-
-def _without_lists(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in row.items() if not isinstance(value, list)}
+    text = page(rows, args.length, command_line("maps", arguments))
+    if args.show is not None:
+        picture = args.out.with_suffix(".png")
+        shutil.copyfile(args.keep / f"{args.show}.png", picture)
+        reduce_colors(picture)
+        text += f"\n![One of the maps]({picture.name})\n"
+    columns = {name: [row[name] for row in rows] for name, value in rows[0].items() if not isinstance(value, list)}
+    write_page(args.out, text, columns)
 
 
 def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def test_the_page_of_maps_counts_tiles_seams_and_ends(tmp_path):
         "| lane ends that are dead | 0.00 % | 0.00 % |",
     ):
         assert line in text
-    assert len(json.loads((tmp_path / "page.json").read_text())) == 2
+    assert json.loads((tmp_path / "page.json").read_text())["tiles"] == [1, 1]
 
 
 def test_windows_show_the_new_half_of_tiles_on_covered_ground():
