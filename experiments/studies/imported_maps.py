@@ -3,7 +3,8 @@
     python -m experiments.studies.imported_maps FILE [FILE...] --out docs/results/imported_maps
 
 Of every file the open end is taken beyond which the least ground is covered. A tile is added there without a prompt, as
-``scjax outpaint --at`` does, and eight vehicles are placed around the new seam, as ``scjax place`` does.
+``scjax outpaint --at`` does, and eight vehicles are placed around the new seam, as ``scjax place`` does: together with
+those that the tile brought. Maps without an open end get vehicles alone, around their longest lane.
 
 Writes OUT.md and OUT.json, and for each file a picture of the tile and its surroundings in RUNS, to be looked at.
 """
@@ -26,7 +27,8 @@ from scjax.nn.startup import start_jax
 from scjax.outpainting.coverage import Coverage
 from scjax.outpainting.exits import pose_beyond
 from scjax.outpainting.window import WindowPose
-from scjax.scene import Map, measure_seam
+from scjax.scene import Map, MapSeam, measure_seam
+from scjax.scene.polyline import cumulative_length
 
 _VEHICLES = 8
 _SHOWN = 80.0  # m around the new tile in its picture
@@ -37,15 +39,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="maps of any format that scjax reads")
     parser.add_argument("--model", help="model folder (default: the one that ships)")
     parser.add_argument("--runs", type=Path, default=Path("runs/imported_maps"), help="(default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first file (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
     start_jax()
     try:
         model = scjax.load(args.model)
         rows = [
-            {"file": path.name} | grown(scjax.import_map(path), model, args.seed, args.runs / f"{path.stem}.png")
-            for path in tqdm(args.files, "files", disable=None)
+            {"file": path.name} | grown(scjax.import_map(path), model, args.seed + row, args.runs / f"{path.stem}.png")
+            for row, path in enumerate(tqdm(args.files, "files", disable=None))
         ]
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.imported_maps: {error}")
@@ -53,27 +55,31 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def grown(map: Map, model: scjax.Model, seed: int, picture: Path) -> dict[str, Any]:
-    """What happens at one open end of a map."""
+    """What happens at one open end of a map; without any, vehicles are placed around its longest lane."""
     map = connect_lanes(map)
     pose = open_place(map)
+    row: dict[str, Any] = {"lanes": map.num_lanes, "tile": "no open end", "fault": "", "connections": 0, "turn": None}
+    larger = map
     if pose is None:
-        return {"lanes": map.num_lanes, "tile": "no open end", "fault": "", "connections": 0, "turn": None, "agents": 0}
-    larger = scjax.extend_map(seed, map, x=pose.x, y=pose.y, yaw=pose.yaw, model=model)
-    tile, joints = larger.tiles[-1], [measure_seam(larger, seam) for seam in larger.seams]
-    conditions = scjax.Condition(attributes={"vehicles": _VEHICLES})
-    busy = scjax.place(seed, larger, conditions, at=(pose.x, pose.y, pose.yaw), model=model, best_of=4, repair=True)
+        points = max((lane.points for lane in map.lanes), key=lambda points: float(cumulative_length(points)[-1]))
+        pose = pose_beyond(points, back=float(cumulative_length(points)[-1]) / 2)
+    else:
+        larger = scjax.extend_map(seed, map, x=pose.x, y=pose.y, yaw=pose.yaw, model=model)
+        tile, joints = larger.tiles[-1], measure_seam(larger, seam_of(larger))
+        turn = round(float(np.rad2deg(joints.turns.max())), 1) if len(joints.turns) else None
+        row |= {"tile": tile.status.value, "fault": tile.fault, "connections": len(joints.turns), "turn": turn}
+    condition = scjax.Condition(attributes={"vehicles": _VEHICLES})
+    busy = scjax.place(seed, larger, condition, at=(pose.x, pose.y, pose.yaw), model=model, best_of=4, repair=True)
     picture.parent.mkdir(parents=True, exist_ok=True)
-    shown = near_map(busy, pose.x, pose.y, _SHOWN)
-    scjax.viz.plot_map(shown, path=picture)
-    turns = np.concatenate([np.zeros(0), *(joint.turns for joint in joints)])
-    return {
-        "lanes": map.num_lanes,
-        "tile": tile.status.value,
-        "fault": tile.fault,
-        "connections": len(turns),
-        "turn": round(float(np.rad2deg(turns.max())), 1) if len(turns) else None,
-        "agents": busy.num_agents - larger.num_agents,
-    }
+    scjax.viz.plot_map(near_map(busy, pose.x, pose.y, _SHOWN), path=picture)
+    return row | {"agents": busy.num_agents - larger.num_agents}
+
+
+def seam_of(map: Map) -> MapSeam:
+    """The connections of the last tile's lanes to others."""
+    new = set(map.tiles[-1].lane_ids)
+    pairs = [(lane.id, item) for lane in map.lanes for item in lane.successors if (lane.id in new) != (item in new)]
+    return MapSeam(tiles=(0, 0), start=(0.0, 0.0), end=(0.0, 0.0), connections=tuple(pairs))
 
 
 def open_place(map: Map) -> WindowPose | None:
@@ -90,14 +96,14 @@ def page(rows: Sequence[dict[str, Any]], command: str) -> str:
     """The page of the results."""
     head = ["file", "lanes", "new tile", "fault", "connections at the seam", "largest turn [degrees]", "agents placed"]
     table = table_lines(head, [["" if value is None else str(value) for value in row.values()] for row in rows])
-    complete = sum(row["tile"] == "complete" for row in rows)
+    complete, closed = (sum(row["tile"] == status for row in rows) for status in ("complete", "no open end"))
     return "\n".join(
         [
             "# Maps of others, grown",
             "",
             f"`{command}`",
             "",
-            f"{complete} of {len(rows)} tiles are complete.",
+            f"{complete} of {len(rows) - closed} tiles are complete; {closed} maps have no open end.",
             "",
             *table,
             "",

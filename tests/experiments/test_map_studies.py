@@ -55,4 +55,4 @@ def test_imported_maps_grow_where_least_is_covered():
     pose = imported_maps.open_place(two_tile_map())
     assert pose is not None and (pose.x, round(float(np.cos(pose.yaw)))) in ((95.5, 1), (-31.5, -1))
     rows = [{"file": "a.xodr", "lanes": 4, "tile": "complete", "fault": "", "connections": 2, "turn": 0.4, "agents": 8}]
-    assert "1 of 1 tiles are complete." in imported_maps.page(rows, "command")
+    assert "1 of 1 tiles are complete; 0 maps have no open end." in imported_maps.page(rows, "command")
