@@ -4,7 +4,7 @@
 
 Of every file the open end is taken beyond which the least ground is covered. A tile is added there without a prompt, as
 ``scjax outpaint --at`` does, and eight vehicles are placed around the new seam, as ``scjax place`` does: together with
-those that the tile brought. Maps without an open end get vehicles alone, around their longest lane.
+those that the tile brought. Maps without an open end get vehicles alone, around their longest lane for cars.
 
 Writes OUT.md and OUT.json, and for each file a picture of the tile and its surroundings in RUNS, to be looked at.
 """
@@ -28,6 +28,7 @@ from scjax.outpainting.coverage import Coverage
 from scjax.outpainting.exits import pose_beyond
 from scjax.outpainting.window import WindowPose
 from scjax.scene import Map, MapSeam, measure_seam
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import cumulative_length
 
 _VEHICLES = 8
@@ -61,7 +62,8 @@ def grown(map: Map, model: scjax.Model, seed: int, picture: Path) -> dict[str, A
     row: dict[str, Any] = {"lanes": map.num_lanes, "tile": "no open end", "fault": "", "connections": 0, "turn": None}
     larger = map
     if pose is None:
-        points = max((lane.points for lane in map.lanes), key=lambda points: float(cumulative_length(points)[-1]))
+        for_cars = [lane.points for lane in map.lanes if lane.lane_type not in NO_CAR_LANE_TYPES]
+        points = max(for_cars, key=lambda points: float(cumulative_length(points)[-1]))
         pose = pose_beyond(points, back=float(cumulative_length(points)[-1]) / 2)
     else:
         larger = scjax.extend_map(seed, map, x=pose.x, y=pose.y, yaw=pose.yaw, model=model)
