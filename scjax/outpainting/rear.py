@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.generate.conditions import Condition
-from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.coverage import Coverage, OpenEnd
 from scjax.outpainting.extend import extend_map
 from scjax.scene import Crop, Map, Scene, scene_to_map
 from scjax.scene.edit import single_scene
@@ -40,7 +40,14 @@ def complete_rear(key: Array | int, scene: Scene, condition: Condition | str | N
     if scene.crop != Crop.FORWARD:
         raise ValueError("scene is not cut forward (Scene.crop): a centered scene already shows what is behind its ego")
     map = scene_to_map(scene)
-    back = [
+    back = lanes_back(map)
+    y = min((float(end.place[1]) for end in back), key=abs, default=0.0)
+    return extend_map(key, map, condition, x=0.0, y=y, yaw=np.pi, ego=bool(back), **options)
+
+
+def lanes_back(map: Map) -> list[OpenEnd]:
+    """The ends of lanes that lead out of a forward scene behind its ego, at most 16 m beside it."""
+    return [
         end
         for end in Coverage(map).open_ends(map)
         if not end.is_start
@@ -48,5 +55,3 @@ def complete_rear(key: Array | int, scene: Scene, condition: Condition | str | N
         and abs(end.place[1]) < _REACH
         and np.cos(end.outward) < -0.5
     ]
-    y = min((float(end.place[1]) for end in back), key=abs, default=0.0)
-    return extend_map(key, map, condition, x=0.0, y=y, yaw=np.pi, ego=bool(back), **options)

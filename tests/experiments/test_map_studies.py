@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments.studies import imported_maps, map_tiles, maps
+from experiments.studies import imported_maps, map_tiles, maps, rear
 from scjax.scene import MapTile, TileStatus, save_map
 from tests.factories.maps import street_grid, two_tile_map
 
@@ -56,3 +56,13 @@ def test_imported_maps_grow_where_least_is_covered():
     assert pose is not None and (pose.x, round(float(np.cos(pose.yaw)))) in ((95.5, 1), (-31.5, -1))
     rows = [{"file": "a.xodr", "lanes": 4, "tile": "complete", "fault": "", "connections": 2, "turn": 0.4, "agents": 8}]
     assert "1 of 1 tiles are complete; 0 maps have no open end." in imported_maps.page(rows, "command")
+
+
+def test_the_page_of_rears_counts_both_kinds_of_roads():
+    rows = [
+        {"back": True, "status": "complete", "fault": ""},
+        {"back": False, "status": "incomplete", "fault": "1 lane"},
+    ]
+    text = rear.page(rows, "command")
+    assert "| a lane leads back beside the ego | 1 | 1 | 0 | 0 |" in text
+    assert "| no lane leads back, such as on one-way roads | 1 | 0 | 1 | 0 |" in text
