@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.polyline import cumulative_length
@@ -92,6 +90,9 @@ class _Roads:
     """Lines, and which of their ends are one place."""
 
     def __init__(self, lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]]):
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
         self._lines = lines
         self._lengths = [float(cumulative_length(line)[-1]) for line in lines]
         ends, starts = np.array([(2 * a + 1, 2 * b) for a, b in edges], int).reshape(-1, 2).T

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from scjax.outpainting.coverage import OpenEnd
 from scjax.scene import AgentType, Map, TileStatus
@@ -74,6 +73,8 @@ def without_turns(map: Map, lane_ids: set[str]) -> Map:
     """``map`` without these lanes and the generated vehicles on them that are on no other lane."""
     if not lane_ids:
         return map
+    from scipy.spatial import KDTree
+
     trees = []
     for is_removed in (True, False):
         lines = [spread_points(lane.points[:, :2]) for lane in map.lanes if (lane.id in lane_ids) == is_removed]

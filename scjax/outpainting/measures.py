@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from scjax.outpainting.coverage import Coverage
 from scjax.scene import Map, TileStatus, measure_seam
@@ -67,6 +65,9 @@ class MapMeasures(NamedTuple):
 
 def measure_map(map: Map) -> MapMeasures:
     """Measures of a map with at least one lane."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     row_of = {lane.id: row for row, lane in enumerate(map.lanes)}
     lengths = np.array([cumulative_length(lane.points)[-1] for lane in map.lanes])
     pairs = [
