@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from experiments.studies.page import add_sampling_options, command_line, script_parser, table_lines, write_page
 from scjax.data.map_crop import near_map
 from scjax.data.map_joins import connect_lanes
 from scjax.nn.startup import start_jax
@@ -38,10 +38,7 @@ _SHOWN = 80.0  # m around the new tile in its picture
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.studies.imported_maps", __doc__)
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="maps of any format that scjax reads")
-    parser.add_argument("--model", help="model folder (default: the one that ships)")
-    parser.add_argument("--runs", type=Path, default=Path("runs/imported_maps"), help="(default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first file (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    add_sampling_options(parser, "runs/imported_maps", "of the first file")
     args = parser.parse_args(arguments)
     start_jax()
     try:

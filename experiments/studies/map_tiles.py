@@ -7,8 +7,8 @@ experiments/prompts/tiles.jsonl in turn. Of every generated tile the window arou
 shows that half whole, and 16 m beyond the seams on both sides. Single scenes are sampled with and without the prompts,
 one each, and repaired, as tiles are.
 
-The judge (JUDGE.py --prompts FILE --scenes FOLDER --out FOLDER) shares no code with scjax. Windows without a prompt are
-asked for in turn too: that says how often a wish holds by chance.
+The judge (JUDGE.py --prompts FILE --scenes FOLDER --out FOLDER) shares no code with scjax. Scenes without a prompt are
+judged by one of the prompts in turn: that says how often it holds by chance.
 
 Writes OUT.md and OUT.json.
 """
@@ -26,7 +26,7 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.obedience import FAULTS, judge_row
-from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from experiments.studies.page import add_sampling_options, command_line, script_parser, table_lines, write_page
 from experiments.studies.prompts import sample_in_calls
 from scjax.nn.startup import start_jax
 from scjax.outpainting.coverage import Coverage
@@ -50,10 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--prompted", type=int, default=16, metavar="N", help="maps with prompts (default: %(default)s)"
     )
-    parser.add_argument("--model", help="model folder (default: the one that ships)")
-    parser.add_argument("--runs", type=Path, default=Path("runs/map_tiles"), help="(default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first map (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    add_sampling_options(parser, "runs/map_tiles", "of the first map")
     args = parser.parse_args(arguments)
     lines = [json.loads(line) for line in PROMPTS.read_text(encoding="utf-8").splitlines()]
     start_jax()
@@ -136,7 +133,7 @@ def _each(lines: Sequence[dict[str, Any]], scenes: Iterable[Scene]) -> list[tupl
 
 
 def judged(judge: Path, folder: Path, some: Sequence[tuple[dict[str, Any], Scene]]) -> dict[str, Any]:
-    """What the judge finds of scenes and the prompts that they are asked for."""
+    """What the judge finds of scenes and their prompts."""
     lines = []
     for row, (line, scene) in enumerate(some):
         name = f"{line['id']}-{row}"

@@ -28,6 +28,19 @@ def script_parser(module: str, doc: str | None) -> argparse.ArgumentParser:
     )
 
 
+def add_sampling_options(parser: argparse.ArgumentParser, runs: str, seed: str) -> None:
+    """--model, --runs, --seed and --out of a study that keeps what it samples.
+
+    Args:
+      runs: default folder.
+      seed: what the seed is of.
+    """
+    parser.add_argument("--model", help="model folder (default: the one that ships)")
+    parser.add_argument("--runs", type=Path, default=Path(runs), help="(default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help=f"{seed} (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+
+
 def command_line(name: str, arguments: Sequence[str] | None) -> str:
     """The command that makes a page, for its head."""
     given = sys.argv[1:] if arguments is None else arguments

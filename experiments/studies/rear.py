@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from experiments.studies.page import add_sampling_options, command_line, script_parser, table_lines, write_page
 from scjax.data import records
 from scjax.nn.startup import start_jax
 from scjax.outpainting.rear import lanes_back
@@ -32,10 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = script_parser("experiments.studies.rear", __doc__)
     parser.add_argument("--records", required=True, metavar="DIR", help="records with a held-out part")
     parser.add_argument("--number", type=int, default=40, metavar="N", help="scenes (default: %(default)s)")
-    parser.add_argument("--model", help="model folder (default: the one that ships)")
-    parser.add_argument("--runs", type=Path, default=Path("runs/rear"), help="(default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first scene (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
+    add_sampling_options(parser, "runs/rear", "of the first scene")
     args = parser.parse_args(arguments)
     start_jax()
     try:

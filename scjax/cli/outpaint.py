@@ -112,8 +112,8 @@ def outpaint_command(
     for number, tile in enumerate(new, first):
         if tile.status in (TileStatus.INCOMPLETE, TileStatus.MISSING):
             say(f"scjax: warning: tile {number} is {tile.status.value}: {tile.fault}", quiet=as_json)
-    if not rear and area is None and (reached := _route_length(map)) < (length or 200.0):
-        say(f"scjax: warning: the route is {reached:.0f} m long: no road goes on from there", quiet=as_json)
+    if not rear and area is None:
+        _say_if_short(map, length, as_json)
     files = [str(path), str(path.with_suffix(".png"))]
     if as_json:
         tiles = [{"status": tile.status.value, "attempts": tile.attempts, "fault": tile.fault} for tile in new]
@@ -154,9 +154,12 @@ def _grown(
     return len(begun.tiles), map
 
 
-def _route_length(map: Map) -> float:
-    """Length of the first route [m]; 0 without one."""
+def _say_if_short(map: Map, length: float | None, quiet: bool) -> None:
+    """A warning if the first route is shorter than requested."""
+    from scjax.outpainting.outpaint import LENGTH
     from scjax.scene import route_line
     from scjax.scene.polyline import cumulative_length
 
-    return float(cumulative_length(route_line(map, map.routes[0]))[-1]) if map.routes else 0.0
+    reached = float(cumulative_length(route_line(map, map.routes[0]))[-1]) if map.routes else 0.0
+    if reached < (LENGTH if length is None else length):
+        say(f"scjax: warning: the route is {reached:.0f} m long: no road goes on from there", quiet=quiet)

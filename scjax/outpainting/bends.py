@@ -14,7 +14,7 @@ from scjax.scene.polyline import cumulative_length
 
 _LENGTH, _PER_GAP, _PER_TURN = 8.0, 4.0, 12.0  # m of new lanes that bend; more for each m of a gap and each rad
 _STEP, _LEAST_STEP = 0.25, 0.05  # m between points of a bend, and at least
-_SINGULAR = 1e-3  # relative size of what a system of equations leaves out, where joints all but share a place
+_SINGULAR = 1e-3  # smaller singular values, as a share of the largest, are left out: joints that almost share a place
 
 
 class Joint(NamedTuple):
@@ -26,10 +26,11 @@ class Joint(NamedTuple):
 
 
 class _Shift(NamedTuple):
-    """How far a place is moved, and how much more for each meter along the road, by the two numbers of a joint.
+    """How a place moves with a joint.
 
     Attributes:
-      shift, slope: factors of the joint's own shift and slope.
+      shift: factors of the joint's own shift and slope, which give that of the place [m].
+      slope: the same for the change of the shift along the road.
       left: m along the road, after which nothing moves.
     """
 
@@ -109,13 +110,12 @@ class _Roads:
         """The shifts of all places that a joint at one of them moves, each along the shortest way."""
         length = _LENGTH + float(_PER_GAP * np.hypot(*shift[:2]) + _PER_TURN * np.hypot(*slope[:2]))
         found = {node: _Shift(np.array([1.0, 0.0]), np.array([0.0, 1.0]), length)}
-        queue, done = [(0.0, node)], set()
+        queue = [(-length, node)]
         while queue:
-            way, at = heapq.heappop(queue)
-            if at in done:
-                continue
-            done.add(at)
+            left, at = heapq.heappop(queue)
             here = found[at]
+            if -left < here.left:
+                continue
             for lane, forward in self._ends[at]:
                 far = self.node(lane, not forward)
                 left = here.left - self._lengths[lane]
@@ -124,7 +124,7 @@ class _Roads:
                 sign = 1.0 if forward else -1.0
                 values, slopes = _faded(np.array([self._lengths[lane]]), here, sign)
                 found[far] = _Shift(values[0], sign * slopes[0], left)
-                heapq.heappush(queue, (way + self._lengths[lane], far))
+                heapq.heappush(queue, (-left, far))
         return found
 
     def moved(

@@ -22,20 +22,15 @@ class DeadTurns:
     Those are lanes of generated tiles that no route uses, up to the place where the road has another way.
 
     Args:
+      map: its lanes list each connection on both sides (``connect_lanes``).
       x, y: center of a window; the lane that ends there stays.
     """
 
     def __init__(self, map: Map, open_ends: Sequence[OpenEnd], x: float, y: float):
         lengths = {lane.id: float(cumulative_length(lane.points)[-1]) for lane in map.lanes}
         self._lengths = lengths
-        self._next: dict[str, set[str]] = {item: set() for item in lengths}
-        self._before: dict[str, set[str]] = {item: set() for item in lengths}
-        for lane in map.lanes:
-            pairs = [(lane.id, item) for item in lane.successors] + [(item, lane.id) for item in lane.predecessors]
-            for one, other in pairs:
-                if one in lengths and other in lengths:
-                    self._next[one].add(other)
-                    self._before[other].add(one)
+        self._next = {lane.id: set(lane.successors) for lane in map.lanes}
+        self._before = {lane.id: set(lane.predecessors) for lane in map.lanes}
         generated = {item for tile in map.tiles if tile.status != TileStatus.KNOWN for item in tile.lane_ids}
         self._kept = set(lengths) - generated
         self._kept.update(item for route in map.routes for item in route.lane_ids)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from scjax.outpainting.coverage import Coverage
+from scjax.outpainting.coverage import Coverage, OpenEnd
 from scjax.scene import Map, TileStatus, measure_seam
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps
@@ -21,7 +21,7 @@ _SHARP = np.deg2rad(25.0)  # change of direction within a meter, from which a la
 
 
 class ZoneMeasures(NamedTuple):
-    """Measures of the part of a map that is near its seams, or of all other ground of its tiles.
+    """Measures of the part of a map that is near its seams, or of the rest.
 
     Attributes:
       length: of its lanes [m].
@@ -81,35 +81,47 @@ def measure_map(map: Map) -> MapMeasures:
     _, component = connected_components(graph, directed=False)
     joints = [measure_seam(map, seam) for seam in map.seams]
     generated = [tile for tile in map.tiles if tile.status != TileStatus.KNOWN]
-    boxes = map.agents[~np.isnan(map.agents[:, 6:8]).any(-1)]
     return MapMeasures(
         length=float(lengths.sum()),
-        dead_ends=sum(not end.at_border for end in Coverage(map).open_ends(map)),
+        dead_ends=len(_dead_ends(map)),
         largest_share=float(np.bincount(component, lengths).max() / max(lengths.sum(), 1e-9)),
         gaps=np.concatenate([np.zeros(0), *(joint.gaps for joint in joints)]),
         turns=np.concatenate([np.zeros(0), *(joint.turns for joint in joints)]),
         complete=sum(tile.status == TileStatus.COMPLETE for tile in generated),
         tiles=len(generated),
         attempts=sum(tile.attempts for tile in generated),
-        overlapping=int(np.any(overlaps(boxes), axis=-1, keepdims=True).sum()) if len(boxes) else 0,
+        overlapping=int(_boxes(map)[1].sum()),
     )
 
 
 def measure_zones(map: Map) -> tuple[ZoneMeasures, ZoneMeasures]:
     """Measures of the ground within ``NEAR_SEAM`` of a seam, and of all other ground."""
     seams = np.array([(*seam.start, *seam.end) for seam in map.seams]).reshape(-1, 4)
-    dead = [end.place[:2] for end in Coverage(map).open_ends(map) if not end.at_border]
-    ends = [lane.points[row, :2] for lane in map.lanes for row in (0, -1)]
-    lines = [spread_points(lane.points[:, :2]) for lane in map.lanes]
-    kinks = [kinks_of(lane.points) for lane in map.lanes]
-    boxes = map.agents[~np.isnan(map.agents[:, 6:8]).any(-1)]
-    is_overlap = np.any(overlaps(boxes), axis=-1, keepdims=True)[:, 0] if len(boxes) else np.zeros(0, bool)
-    places = (np.concatenate([*lines, np.zeros((0, 2))]), ends, dead, np.concatenate([*kinks, np.zeros((0, 2))]))
-    places = (*places, boxes[:, :2], boxes[is_overlap, :2])
-    near = [_is_near(np.asarray(some, np.float64).reshape(-1, 2), seams) for some in places]
+    boxes, is_overlap = _boxes(map)
+    none = np.zeros((0, 2))
+    places = (  # in the order of ``ZoneMeasures``
+        np.concatenate([none, *(spread_points(lane.points[:, :2]) for lane in map.lanes)]),
+        np.concatenate([none, *(lane.points[[0, -1], :2] for lane in map.lanes)]),
+        np.concatenate([none, *(end.place[None, :2] for end in _dead_ends(map))]),
+        np.concatenate([none, *(kinks_of(lane.points) for lane in map.lanes)]),
+        boxes[:, :2],
+        boxes[is_overlap, :2],
+    )
+    near = [_is_near(some, seams) for some in places]
     counts = [(int(one.sum()), int((~one).sum())) for one in near]
     (length, *rest), (other_length, *others) = zip(*counts, strict=True)
     return ZoneMeasures(float(length), *rest), ZoneMeasures(float(other_length), *others)
+
+
+def _dead_ends(map: Map) -> list[OpenEnd]:
+    """Ends of lanes on covered ground to which nothing is connected."""
+    return [end for end in Coverage(map).open_ends(map) if not end.at_border]
+
+
+def _boxes(map: Map) -> tuple[Float64[np.ndarray, "boxes 9"], Bool[np.ndarray, " boxes"]]:
+    """Agents of known size, and whether each shares ground with another one."""
+    boxes = map.agents[~np.isnan(map.agents[:, 6:8]).any(-1)]
+    return boxes, np.any(overlaps(boxes), axis=-1) if len(boxes) else np.zeros(0, bool)
 
 
 def kinks_of(line: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, "kinks 2"]:

@@ -25,6 +25,9 @@ from scjax.scene import Map, MapRoute, Scene, TileStatus, route_line, scene_to_m
 from scjax.scene.arguments import finite_number, whole_number
 from scjax.scene.polyline import cumulative_length
 
+LENGTH = 200.0
+"""m of a route, where neither length nor area is given."""
+
 MAX_LENGTH, MAX_TILES = 20_000.0, 1000
 ROUTES = ("straight", "random")
 """Names of ways to choose a route."""
@@ -95,7 +98,7 @@ def outpaint_steps(
     way = _way(route)
     if area is not None and length is not None:
         raise ValueError("length and area are both given: leave one of them out")
-    length = finite_number(200.0 if length is None else length, "length", 1.0, MAX_LENGTH)
+    length = finite_number(LENGTH if length is None else length, "length", 1.0, MAX_LENGTH)
     if start is None:
         start = sample_scenes(
             jax.random.fold_in(key, _START_KEY), conditions[0], model=model, num_steps=num_steps, repair=True
