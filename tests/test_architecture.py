@@ -18,6 +18,7 @@ LEVELS = (
     ("diffusion", "data"),
     ("synthetic", "towns", "generate"),
     ("outpainting",),
+    ("sim",),
     ("train", "evaluate", "convert"),
     ("cli",),
 )

@@ -38,6 +38,7 @@ class LaneGraph:
       overlap_spans: for each neighbor pair: start and end on lane i, start and end on lane j, in xy arc length [m].
       signals: ``Signal`` of each lane at each step.
       warnings, notes: what to report of the source's connections and neighbors -> how often (``Joins``).
+      lane_ids: for each lane, the ids of the lanes of the log that were merged into it, in driving direction.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -48,6 +49,7 @@ class LaneGraph:
     signals: Int[np.ndarray, "lanes steps"]
     warnings: dict[str, int] = dataclasses.field(default_factory=dict)
     notes: dict[str, int] = dataclasses.field(default_factory=dict)
+    lane_ids: tuple[tuple[str, ...], ...] = ()
 
     @property
     def num_lanes(self) -> int:
@@ -114,8 +116,9 @@ def build_graph(
             warnings["listed lane neighbors refused, more than 8 m apart"] = refused
     else:
         neighbors, overlap_spans = infer_neighbors(stacked, offsets)
-    signals = _chain_signals(log, [[lanes[member].id for member in chain] for chain in chains])
-    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes)
+    ids = tuple(tuple(lanes[member].id for member in chain) for chain in chains)
+    signals = _chain_signals(log, ids)
+    return LaneGraph(stacked, offsets, successors, neighbors, overlap_spans, signals, warnings, joins.notes, ids)
 
 
 def _total_turn(line: np.ndarray) -> float:
@@ -150,7 +153,7 @@ def _signal_ends(log: Log, ids: list[str], joins: set[tuple[int, int]]) -> froze
     return frozenset((i, j) for i, j in joins if ids[i] in states and states[ids[i]] != states.get(ids[j]))
 
 
-def _chain_signals(log: Log, chains: list[list[str]]) -> Int[np.ndarray, "chains steps"]:
+def _chain_signals(log: Log, chains: tuple[tuple[str, ...], ...]) -> Int[np.ndarray, "chains steps"]:
     """Signal states of merged lanes: those of the first member that has a signal."""
     states = dict(zip(log.signal_lane_ids, log.signal_states, strict=True))
     signals = np.zeros((len(chains), log.num_steps), np.int8)

@@ -1,0 +1,1 @@
+"""Traffic over time: road networks, behavior models and roll-outs."""

@@ -1,0 +1,132 @@
+"""Traffic from a moment: a scene, map or log -> a log of what happens next."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, overload
+
+import jax
+import numpy as np
+
+from scjax.generate.arguments import sampling_key
+from scjax.scene import Log, Map, Scene
+from scjax.scene.arguments import finite_number
+from scjax.sim.behavior import BehaviorModel
+from scjax.sim.preparation import Start, prepare
+from scjax.sim.rollout import roll_out, stack_records
+from scjax.sim.route_follower import RouteFollower
+
+TIME_STEP = 0.1  # s
+MAX_SECONDS = 600.0
+_MAX_BATCH = 16  # scenes in one call
+_SIGNAL_STEP = 64  # signals are padded to multiples
+
+
+@overload
+def simulate(
+    key: Any, source: Log | Map | Scene, *, seconds: float = 15.0, behavior: BehaviorModel | None = None, step: int = 0
+) -> Log: ...
+@overload
+def simulate(
+    key: Any,
+    source: Sequence[Log | Map | Scene],
+    *,
+    seconds: float = 15.0,
+    behavior: BehaviorModel | None = None,
+    step: int = 0,
+) -> list[Log]: ...
+def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
+    """What happens in the ``seconds`` after a moment, at 10 Hz.
+
+    Step 0 of the log is the moment itself. Vehicles that leave the map become invalid, and such that enter it are new
+    objects. Signals run through phases that begin with what they show; signals whose state is not known stay so.
+
+    Args:
+      key: a key of ``jax.random``, or a number. The same key gives the same log, alone or in a list.
+      source: a scene, a map, a log, or a list of them, which is simulated together and faster.
+      behavior: how agents move; ``RouteFollower()`` by default.
+      step: of a log, from which on it is simulated.
+
+    Returns:
+      A log, or a list for a list. Objects keep their ids; the ego stays the ego.
+
+    Raises:
+      ValueError: a time of 0 s, no lane that cars may use, too many agents, or no such step.
+    """
+    seconds = finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS)
+    steps = round(seconds / TIME_STEP)
+    sources = list(source) if isinstance(source, Sequence) else [source]
+    behavior = RouteFollower() if behavior is None else behavior
+    key = sampling_key(key)
+    keys = [key] * len(sources)
+    starts = [prepare(one, step, np.random.default_rng(_seed(key))) for one in sources]
+    groups: dict[tuple, list[int]] = collections.defaultdict(list)
+    for row, start in enumerate(starts):
+        groups[start.shape].append(row)
+    logs: dict[int, Log] = {}
+    for rows in groups.values():
+        for first in range(0, len(rows), _MAX_BATCH):
+            chunk = rows[first : first + _MAX_BATCH]
+            found = _run([starts[row] for row in chunk], [keys[row] for row in chunk], behavior, steps)
+            logs.update(zip(chunk, found, strict=True))
+    result = [logs[row] for row in range(len(sources))]
+    return result if isinstance(source, Sequence) else result[0]
+
+
+def _seed(key: Any) -> np.ndarray:
+    return np.asarray(jax.random.key_data(key)).astype(np.uint32)
+
+
+def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: int) -> list[Log]:
+    """The logs of scenes of one shape."""
+    times = np.arange(steps) * TIME_STEP
+    width = -(-max(1, *(len(start.plan.cycle) for start in starts)) // _SIGNAL_STEP) * _SIGNAL_STEP
+    signals = np.zeros((len(starts), steps, width), np.int32)
+    for row, start in enumerate(starts):
+        signals[row, :, : len(start.plan.cycle)] = start.plan.states(times).T
+    rows = np.minimum(np.arange(1 << int(np.ceil(np.log2(len(starts))))), len(starts) - 1)  # few sizes of batches
+    networks, agents, places = (
+        stack_records([getattr(starts[row], name) for row in rows]) for name in ("network", "agents", "places")
+    )
+    batch_keys = jax.numpy.stack([keys[row] for row in rows])
+    after = roll_out(batch_keys, networks, agents, places, signals[rows], behavior=behavior, dt=TIME_STEP)
+    after = {name: np.asarray(values) for name, values in after.items()}
+    return [_log_of(start, {k: v[row] for k, v in after.items()}, steps) for row, start in enumerate(starts)]
+
+
+def _log_of(start: Start, after: dict[str, np.ndarray], steps: int) -> Log:
+    """The log of one scene: vehicles that enter get rows of their own."""
+    first = {name: np.asarray(getattr(start.agents, name))[None] for name in after}
+    track = {name: np.concatenate([first[name], values]).T for name, values in after.items()}  # [N, T + 1]
+    count = start.log.num_objects
+    ids, rows, valid = [], [], []
+    for row in range(count):
+        for entry in range(int(track["entries"][row].max()) + 1):
+            here = track["valid"][row] & (track["entries"][row] == entry)
+            if entry and not here.any():
+                continue
+            ids.append(start.log.object_ids[row] if not entry else f"{start.log.object_ids[row]}.{entry}")
+            rows.append(row)
+            valid.append(here)
+    rows = np.array(rows, int)
+    shape = (len(rows), steps + 1)
+    is_valid = np.array(valid).reshape(shape)
+    values = {name: np.where(is_valid, track[name][rows].astype(np.float64), 0.0) for name in track}
+    known_z = np.isfinite(start.log.positions[rows, 0, 2])
+    positions = np.stack([values["x"], values["y"], np.where(known_z[:, None], values["z"], np.nan)], -1) + start.origin
+    heading = values["heading"]
+    times = np.arange(steps + 1) * TIME_STEP
+    return dataclasses.replace(
+        start.log,
+        timestamps=times,
+        object_ids=tuple(ids),
+        object_types=start.log.object_types[rows],
+        valid=is_valid,
+        positions=positions,
+        headings=heading,
+        velocities=values["speed"][..., None] * np.stack([np.cos(heading), np.sin(heading)], -1),
+        sizes=start.log.sizes[rows],
+        signal_states=start.plan.states(times),
+    )

@@ -1,0 +1,137 @@
+"""Who goes first where lanes cross or merge. Jitted, one scene.
+
+Of each conflict only the next vehicle on either lane counts, and the vehicles that are inside. The order among two
+vehicles is total, so they never wait for each other: who cannot stop any more, then who has waited too long, then the
+lane's right of way, then who arrives first.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from scjax.scene.scene import AnyArray
+from scjax.sim.agents import Agents
+from scjax.sim.driver import DriverSettings
+from scjax.sim.leaders import FRONT, Leader
+from scjax.sim.road_network import RoadNetwork
+from scjax.sim.routes import Routes, lane_starts
+
+HORIZON = 60.0  # m ahead in which conflicts count
+_STOP_BEFORE = 1.0  # m before the conflict
+_HARD_BRAKING = 4.0  # m/s^2 that drivers still accept in order to give way
+_MARGIN = 1.0  # s between two vehicles
+_START_ACCELERATION = 1.5  # m/s^2 of vehicles that set off
+_FAR = 1e6
+
+
+class Claims(NamedTuple):
+    """Of each conflict: the next vehicle that has not entered it (its index, -1 for none) and its distance [m];
+    whether a vehicle is inside, its distance to the end [m] and its speed [m/s].
+    """
+
+    vehicle: Int[AnyArray, " C"]
+    distance: Float[AnyArray, " C"]
+    is_occupied: Bool[AnyArray, " C"]
+    rest: Float[AnyArray, " C"]
+    speed: Float[AnyArray, " C"]
+
+
+def yield_leader(
+    network: RoadNetwork,
+    routes: Routes,
+    agents: Agents,
+    settings: DriverSettings,
+    waited: Float[AnyArray, " N"],
+    lead: Leader,
+) -> Leader:
+    """What agents that give way have to stop for or follow, as a leader.
+
+    Args:
+      waited: time for which each agent has given way [s].
+      lead: what is ahead otherwise: nobody enters a crossing behind which there is no room.
+    """
+    num = agents.x.shape[0]
+    mine = _claims(network, routes, agents)
+    yours = Claims(*(value[network.conflict_other] for value in mine))
+    size = network.conflict_end - network.conflict_start
+    your_size = size[network.conflict_other]
+    merges = network.conflict_merges
+    me, you = jnp.maximum(mine.vehicle, 0), jnp.maximum(yours.vehicle, 0)
+    speed, your_speed = agents.speed[me], agents.speed[you]
+    length, your_length = agents.length[me], agents.length[you]
+
+    arrival, your_arrival = _time(mine.distance, speed), _time(yours.distance, your_speed)
+    leave = _time(mine.distance + size + length, speed)
+    your_leave = _time(yours.distance + your_size + your_length, your_speed)
+    meet = (your_arrival < leave + _MARGIN) & (arrival < your_leave + _MARGIN)
+    score = _score(settings, mine.distance, speed, waited[me], network.conflict_rank, arrival)
+    your_score = score[network.conflict_other]
+    you_first = (your_score > score) | ((your_score == score) & (you < me))
+    is_claimed = (yours.vehicle >= 0) & (me != you)
+    gives_way = is_claimed & you_first & meet
+    room = lead.gap[me] - mine.distance - size - length - settings.min_gap
+    no_room = is_claimed & (room < 0) & (lead.speed[me] < 1.0)
+
+    stop = jnp.maximum(mine.distance - _STOP_BEFORE, 0.1)
+    # Where lanes merge, vehicles follow the other one as if it were ahead. To stop before the conflict is enough.
+    your_rest = jnp.where(yours.is_occupied, yours.rest, yours.distance + your_size + your_length)
+    follow = mine.distance + size - your_rest
+    follow_speed = jnp.where(follow > stop, jnp.where(yours.is_occupied, yours.speed, your_speed), 0.0)
+    gap = jnp.where(merges, jnp.maximum(follow, stop), stop)
+    lead_speed = jnp.where(merges, follow_speed, 0.0)
+    counts = (mine.vehicle >= 0) & (gives_way | yours.is_occupied | (no_room & ~merges))
+
+    target = jnp.where(counts, me, num)
+    nearest = jnp.full(num + 1, _FAR).at[target].min(gap)
+    is_nearest = counts & (gap <= nearest[target])
+    slowest = jnp.full(num + 1, _FAR).at[jnp.where(is_nearest, me, num)].min(lead_speed)
+    found = nearest[:num] < _FAR
+    return Leader(jnp.where(found, nearest[:num], jnp.inf), jnp.where(found, slowest[:num], 0.0))
+
+
+def _claims(network: RoadNetwork, routes: Routes, agents: Agents) -> Claims:
+    """The vehicles at every conflict."""
+    count = network.conflict_start.shape[0]
+    rows = network.conflicts[routes.lanes]  # [N, R, MAX_CONFLICTS]
+    exists = (routes.lanes >= 0)[..., None] & (rows >= 0) & agents.valid[:, None, None]
+    starts = lane_starts(network, routes)[:, :-1]
+    base = (starts - routes.along[:, None])[..., None]
+    front = (FRONT * agents.length)[:, None, None]
+    to_start = base + network.conflict_start[rows] - front
+    to_end = base + network.conflict_end[rows]  # of the rear axle
+    rear = 0.2 * agents.length[:, None, None]
+    waits = exists & (to_start > 0) & (to_start < HORIZON)
+    inside = exists & (to_start <= 0) & (to_end + rear > 0)
+    vehicle = jnp.broadcast_to(jnp.arange(agents.x.shape[0])[:, None, None], rows.shape)
+    speed = jnp.broadcast_to(agents.speed[:, None, None], rows.shape)
+    slot = jnp.where(exists, rows, count)
+    nearest = jnp.full(count + 1, _FAR).at[jnp.where(waits, rows, count)].min(jnp.where(waits, to_start, _FAR))
+    is_nearest = waits & (to_start <= nearest[slot])
+    owner = jnp.full(count + 1, -1).at[jnp.where(is_nearest, rows, count)].max(vehicle)
+    rest = jnp.full(count + 1, -_FAR).at[jnp.where(inside, rows, count)].max(jnp.where(inside, to_end + rear, -_FAR))
+    slowest = jnp.full(count + 1, _FAR).at[jnp.where(inside, rows, count)].min(jnp.where(inside, speed, _FAR))
+    return Claims(owner[:count], nearest[:count], rest[:count] > -_FAR, rest[:count], slowest[:count])
+
+
+def _time(distance: Float[AnyArray, "*shape"], speed: Float[AnyArray, "*shape"]) -> Float[AnyArray, "*shape"]:
+    """Time until a vehicle has driven ``distance`` [s]: at its speed, or faster if it sets off."""
+    distance = jnp.maximum(distance, 0.0)
+    start = (jnp.sqrt(speed * speed + 2 * _START_ACCELERATION * distance) - speed) / _START_ACCELERATION
+    return jnp.where(speed > 4.0, distance / jnp.maximum(speed, 1.0), start)
+
+
+def _score(
+    settings: DriverSettings,
+    distance: Float[AnyArray, " C"],
+    speed: Float[AnyArray, " C"],
+    waited: Float[AnyArray, " C"],
+    rank: Int[AnyArray, " C"],
+    arrival: Float[AnyArray, " C"],
+) -> Float[AnyArray, " C"]:
+    """Order of two vehicles at a conflict: the higher one goes first."""
+    committed = speed * speed / (2 * _HARD_BRAKING) > distance
+    impatient = waited > settings.patience
+    return 1000.0 * committed + 100.0 * impatient + 10.0 * rank - jnp.minimum(arrival, 9.9)
