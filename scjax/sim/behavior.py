@@ -12,6 +12,7 @@ from jaxtyping import Array, Int
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.road_network import RoadNetwork
+from scjax.sim.routes import Routes
 
 State = Any  # a PyTree of arrays
 
@@ -31,4 +32,8 @@ class BehaviorModel(Protocol):
         Args:
           signals: ``Signal`` of every signal now.
         """
+        ...
+
+    def with_route(self, state: State, row: Int[AnyArray, ""], route: Routes) -> State:
+        """The memory when a policy has driven agent ``row``, which is now on ``route`` (N = 1)."""
         ...

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Int
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.road_network import RoadNetwork
+from scjax.sim.routes import Routes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,10 @@ class ConstantVelocity:
         x = agents.x + distance * jnp.cos(agents.heading)
         y = agents.y + distance * jnp.sin(agents.heading)
         return state, agents.replace(x=x, y=y, valid=agents.valid & is_near(network, x, y, self.margin))
+
+    def with_route(self, state: Bool[AnyArray, " N"], row: Int[AnyArray, ""], route: Routes) -> Bool[AnyArray, " N"]:
+        """See ``BehaviorModel``: no route is remembered."""
+        return state
 
 
 def is_near(network: RoadNetwork, x, y, margin: float):

@@ -50,18 +50,22 @@ def find_conflicts(
     """
     from scipy.spatial import KDTree
 
-    empty = np.zeros(0)
-    pairs = KDTree(points).query_pairs(CONFLICT_DISTANCE, output_type="ndarray") if len(points) else np.zeros((0, 2))
-    pairs = pairs[lane[pairs[:, 0]] != lane[pairs[:, 1]]] if len(pairs) else np.zeros((0, 2), int)
+    pairs = np.asarray(KDTree(points).query_pairs(CONFLICT_DISTANCE, output_type="ndarray"), int).reshape(-1, 2)
+    pairs = pairs[lane[pairs[:, 0]] != lane[pairs[:, 1]]]
     grouped: dict[tuple[int, int], list[int]] = collections.defaultdict(list)
     for row, (a, b) in enumerate(np.sort(lane[pairs], axis=1).tolist()):
         grouped[a, b].append(row)
     follows = {(int(i), int(j)) for i, j in successors}
-    after, before = collections.defaultdict(set), collections.defaultdict(set)
+    after: dict[int, set[int]] = collections.defaultdict(set)
+    before: dict[int, set[int]] = collections.defaultdict(set)
     for i, j in follows:
         after[i].add(j)
         before[j].add(i)
-    lanes, others, starts, ends, merges = [], [], [], [], []
+    lanes: list[int] = []
+    others: list[int] = []
+    starts: list[float] = []
+    ends: list[float] = []
+    merges: list[bool] = []
     for (a, b), rows in grouped.items():
         if (a, b) in follows or (b, a) in follows:
             continue
@@ -82,9 +86,13 @@ def find_conflicts(
             starts.append(along[at].min() - 0.5)
             ends.append(along[at].max() + 0.5)
             merges.append(joins)
-    if not lanes:
-        return LaneConflicts(empty.astype(int), empty.astype(int), empty, empty, empty.astype(bool))
-    return LaneConflicts(np.array(lanes), np.array(others), np.array(starts), np.array(ends), np.array(merges))
+    return LaneConflicts(
+        lane=np.array(lanes, int),
+        other=np.array(others, int),
+        start=np.array(starts, float),
+        end=np.array(ends, float),
+        merges=np.array(merges, bool),
+    )
 
 
 def _crosses_later(along: np.ndarray, at_a: np.ndarray, at_b: np.ndarray, angle: np.ndarray) -> bool:

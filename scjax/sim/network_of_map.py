@@ -104,6 +104,8 @@ def build_road_network(
         x=_single(lanes.points[:, 0]),
         y=_single(lanes.points[:, 1]),
         z=_single(lanes.points[:, 2]),
+        heading=_single(lanes.headings),
+        lane=lanes.lane.astype(np.int32),
         limit=_single(_limits(lanes, speeds)),
         first=lanes.first.astype(np.int32),
         intervals=lanes.intervals.astype(np.int32),

@@ -167,7 +167,7 @@ def _padded(network: RoadNetwork, agents: Agents, places: LanePlaces) -> tuple[R
     while any(count > scale * smallest for count, smallest in zip(counts, _SMALLEST, strict=True)):
         scale *= _GROWTH
     points, lanes, conflicts = (scale * smallest for smallest in _SMALLEST)
-    by_point = {"x", "y", "z", "limit"}
+    by_point = {"x", "y", "z", "heading", "lane", "limit"}
     fields = {f.name: getattr(network, f.name) for f in dataclasses.fields(network)}
     indices = {"successors", "signal", "left", "right", "conflicts"}
     out: dict[str, Any] = {}

@@ -19,6 +19,8 @@ class RoadNetwork(Replaceable):
 
     Attributes:
       x, y, z: points of all lanes, one lane after the other, equally spaced within a lane [m].
+      heading: direction of travel at each point [rad].
+      lane: index of the lane of each point.
       limit: speed at which drivers take each point [m/s].
       first: row of the first point of each lane.
       intervals: number of points of each lane less one.
@@ -41,6 +43,8 @@ class RoadNetwork(Replaceable):
     x: Float[AnyArray, "*b P"]
     y: Float[AnyArray, "*b P"]
     z: Float[AnyArray, "*b P"]
+    heading: Float[AnyArray, "*b P"]
+    lane: Int[AnyArray, "*b P"]
     limit: Float[AnyArray, "*b P"]
     first: Int[AnyArray, "*b L"]
     intervals: Int[AnyArray, "*b L"]

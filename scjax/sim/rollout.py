@@ -28,7 +28,7 @@ def roll_out(
     *,
     behavior: BehaviorModel,
     dt: float,
-) -> dict[str, Array]:
+) -> dict[str, AnyArray]:
     """What changes of the agents, at the T steps after the start: arrays [B, T, N].
 
     Args:
@@ -47,18 +47,19 @@ def _one(
     agents: Agents,
     places: LanePlaces,
     signals: Int[AnyArray, "T S"],
-) -> dict[str, Array]:
+) -> dict[str, AnyArray]:
     def step(carry, states):
         number, state, present = carry
         state, after = behavior.step(jax.random.fold_in(key, number), network, state, present, states, dt)
-        return (number + 1, state, after), _moving(after)
+        return (number + 1, state, after), moving_fields(after)
 
     memory = behavior.start(jax.random.fold_in(key, 0), network, agents, places)
     _, steps = jax.lax.scan(step, (jnp.int32(1), memory, agents), signals)
     return steps
 
 
-def _moving(agents: Agents) -> dict[str, Array]:
+def moving_fields(agents: Agents) -> dict[str, AnyArray]:
+    """What of agents changes over time."""
     names = ("x", "y", "z", "heading", "speed", "valid", "entries")
     return {name: getattr(agents, name) for name in names}
 

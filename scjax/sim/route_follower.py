@@ -158,6 +158,10 @@ class RouteFollower:
             state, moved = enter_map(entry_key, network, state, moved, self.entry_delay, dt)
         return state, moved
 
+    def with_route(self, state: FollowerState, row: Int[AnyArray, ""], route: Routes) -> FollowerState:
+        """See ``BehaviorModel``."""
+        return state.replace(routes=jax.tree.map(lambda all, one: all.at[row].set(one[0]), state.routes, route))
+
     def _leaders(
         self,
         network: RoadNetwork,

@@ -9,6 +9,7 @@ from typing import Any, overload
 
 import jax
 import numpy as np
+from jaxtyping import Int
 
 from scjax.generate.arguments import sampling_key
 from scjax.scene import Log, Map, Scene
@@ -61,7 +62,7 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     behavior = RouteFollower() if behavior is None else behavior
     key = sampling_key(key)
     keys = [key] * len(sources)
-    starts = [prepare(one, step, np.random.default_rng(_seed(key))) for one in sources]
+    starts = [prepare(one, step, np.random.default_rng(key_seed(key))) for one in sources]
     groups: dict[tuple, list[int]] = collections.defaultdict(list)
     for row, start in enumerate(starts):
         groups[start.shape].append(row)
@@ -75,17 +76,24 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     return result if isinstance(source, Sequence) else result[0]
 
 
-def _seed(key: Any) -> np.ndarray:
+def key_seed(key: Any) -> np.ndarray:
+    """Numbers of a key, to seed a generator of NumPy."""
     return np.asarray(jax.random.key_data(key)).astype(np.uint32)
 
 
-def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: int) -> list[Log]:
-    """The logs of scenes of one shape."""
+def signal_states(starts: Sequence[Start], steps: int) -> Int[np.ndarray, "B T S"]:
+    """``Signal`` of all signals at the start of every step, padded."""
     times = np.arange(steps) * TIME_STEP
     width = -(-max(1, *(len(start.plan.cycle) for start in starts)) // _SIGNAL_STEP) * _SIGNAL_STEP
     signals = np.zeros((len(starts), steps, width), np.int32)
     for row, start in enumerate(starts):
         signals[row, :, : len(start.plan.cycle)] = start.plan.states(times).T
+    return signals
+
+
+def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: int) -> list[Log]:
+    """The logs of scenes of one shape."""
+    signals = signal_states(starts, steps)
     rows = np.minimum(np.arange(1 << int(np.ceil(np.log2(len(starts))))), len(starts) - 1)  # few sizes of batches
     networks, agents, places = (
         stack_records([getattr(starts[row], name) for row in rows]) for name in ("network", "agents", "places")
@@ -93,11 +101,11 @@ def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: i
     batch_keys = jax.numpy.stack([keys[row] for row in rows])
     after = roll_out(batch_keys, networks, agents, places, signals[rows], behavior=behavior, dt=TIME_STEP)
     after = {name: np.asarray(values) for name, values in after.items()}
-    return [_log_of(start, {k: v[row] for k, v in after.items()}, steps) for row, start in enumerate(starts)]
+    return [log_of_tracks(start, {k: v[row] for k, v in after.items()}, steps) for row, start in enumerate(starts)]
 
 
-def _log_of(start: Start, after: dict[str, np.ndarray], steps: int) -> Log:
-    """The log of one scene: vehicles that enter get rows of their own."""
+def log_of_tracks(start: Start, after: dict[str, np.ndarray], steps: int) -> Log:
+    """The log of one scene; ``after`` holds arrays [T, N]. Vehicles that enter get rows of their own."""
     first = {name: np.asarray(getattr(start.agents, name))[None] for name in after}
     track = {name: np.concatenate([first[name], values]).T for name, values in after.items()}  # [N, T + 1]
     count = start.log.num_objects
