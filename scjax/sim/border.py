@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from scjax.scene import AgentType
 from scjax.scene.scene import AnyArray
@@ -14,15 +14,19 @@ from scjax.sim.agents import Agents
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.routes import AXLE_SHARE, Routes, poses, remaining
 
+_ARRIVED, _STANDS = 3.0, 0.5  # m from the front to the end of a road inside the map, m/s
 _ENTRY_ROOM = 12.0  # m between a vehicle that enters and all others
 _ENTRY_SPEED = 0.7  # of the speed of the road
 
 
-def has_left(network: RoadNetwork, routes: Routes, length: Float[AnyArray, " N"]) -> Bool[AnyArray, " N"]:
-    """Whether the center of an agent is beyond the end of a way that leads out of the map."""
+def has_left(network: RoadNetwork, routes: Routes, agents: Agents) -> Bool[AnyArray, " N"]:
+    """Whether an agent is past the end of a way that leads out of the map, or has stopped at one that ends inside."""
     rest, ends = remaining(network, routes)
     last = jnp.take_along_axis(routes.lanes, jnp.maximum((routes.lanes >= 0).sum(1) - 1, 0)[:, None], axis=1)[:, 0]
-    return ends & network.is_exit[last] & (rest < AXLE_SHARE * length)
+    leads_out = network.is_exit[last]
+    gone = leads_out & (rest < AXLE_SHARE * agents.length)
+    arrived = ~leads_out & (rest < (0.5 + AXLE_SHARE) * agents.length + _ARRIVED) & (agents.speed < _STANDS)
+    return ends & (gone | arrived)
 
 
 def enter_map(

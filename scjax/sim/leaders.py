@@ -21,7 +21,7 @@ WINDOW = np.concatenate([np.arange(0.0, 16.0, 1.0), np.arange(16.0, 48.0, 2.0)])
 """Distances ahead of the front bumper at which bodies are searched [m]."""
 FRONT = 0.5 + AXLE_SHARE  # of the length, from the rear axle to the front bumper
 _REAR = 0.5 - AXLE_SHARE  # from the rear bumper to the rear axle
-_SIDE_GAP, _PARKED_SIDE_GAP = 0.25, 0.0  # m beside a moving and a standing body
+_SIDE_GAP, _PARKED_SIDE_GAP = 0.25, 0.1  # m beside a moving and a standing body
 _WALK_AHEAD = 1.5  # s of the way of pedestrians that vehicles keep free
 
 
@@ -37,6 +37,7 @@ def body_ahead(
     way: WayPoints,
     front: Float[AnyArray, " N"],
     ignore: Bool[AnyArray, "N N"],
+    impatient: Bool[AnyArray, " N"],
 ) -> Leader:
     """The first body on the way of each agent.
 
@@ -44,6 +45,7 @@ def body_ahead(
       way: points ahead of the agents at ``front + WINDOW``.
       front: from the origin of the way's distances to the front bumper [m].
       ignore: pairs (agent, body) that do not count.
+      impatient: agents that squeeze past bodies.
     """
     cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
     walks = (agents.kind == AgentType.PEDESTRIAN) & (agents.speed > 0.3)
@@ -51,7 +53,7 @@ def body_ahead(
     center_x, center_y = agents.x + 0.5 * ahead * cos, agents.y + 0.5 * ahead * sin
     half_length, half_width = 0.5 * (agents.length + ahead), 0.5 * agents.width
     gap_beside = jnp.where(agents.speed > 0.3, _SIDE_GAP, _PARKED_SIDE_GAP)
-    room = 0.5 * agents.width[:, None] + gap_beside[None]  # [agent, body]
+    room = 0.5 * agents.width[:, None] + jnp.where(impatient[:, None], 0.0, gap_beside[None])  # [agent, body]
     tangent_x, tangent_y = _tangents(way)
 
     def depth(x, y, t_x, t_y, body):

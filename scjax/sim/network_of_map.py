@@ -28,6 +28,7 @@ class LanePoints:
 
     Attributes:
       points: in the frame of the network [m].
+      origin: of that frame in the frame of the map [m].
       headings: direction of travel [rad].
       lane: index of the lane of each point.
       along: xy arc length from the start of the lane [m].
@@ -36,6 +37,7 @@ class LanePoints:
     """
 
     points: Float64[np.ndarray, "P 3"]
+    origin: Float64[np.ndarray, 3]
     headings: Float64[np.ndarray, " P"]
     lane: Int[np.ndarray, " P"]
     along: Float64[np.ndarray, " P"]
@@ -64,6 +66,7 @@ def space_points(graph: LaneGraph, origin: Float64[np.ndarray, 3]) -> LanePoints
     counts = np.array([len(line) for line in lines])
     return LanePoints(
         points=np.concatenate(lines),
+        origin=origin,
         headings=np.concatenate(headings),
         lane=np.repeat(np.arange(len(lines)), counts),
         along=np.concatenate(alongs),
@@ -95,8 +98,8 @@ def build_road_network(
     has_successor = following[:, 0] >= 0
     has_predecessor = np.isin(np.arange(graph.num_lanes), graph.successors[:, 1])
     last = lanes.first + lanes.intervals
-    is_exit = ~has_successor & _at_border(lanes.points[last, :2], tiles)
-    is_entry = ~has_predecessor & _at_border(lanes.points[lanes.first, :2], tiles)
+    is_exit = ~has_successor & _at_border(lanes.points[last, :2] + lanes.origin[:2], tiles)
+    is_entry = ~has_predecessor & _at_border(lanes.points[lanes.first, :2] + lanes.origin[:2], tiles)
     left, left_span, right, right_span = _neighbors(graph)
     kind = {lane.id: lane.lane_type for lane in log.lanes}
     speeds = np.array([max(SPEEDS.get(kind[i] or "", _DEFAULT_SPEED) for i in ids) for ids in graph.lane_ids])

@@ -24,12 +24,13 @@ from scjax.sim.routes import (
     WayPoints,
     advance,
     extend_routes,
+    fit_routes,
     lane_starts,
     poses,
     remaining,
     way_points,
 )
-from scjax.sim.walking import walk
+from scjax.sim.walking import usual_pace, walk
 from scjax.sim.yielding import yield_leader
 
 _CYCLIST_SPEED = 5.0  # m/s
@@ -37,6 +38,7 @@ _LATERAL_RATE = 1.2  # 1/s, of the return to the centerline
 _HEADING_LENGTH = 5.0  # m over which a heading off the lane fades out
 _SIGNAL_BRAKING = 3.0  # m/s^2; who would have to brake harder drives on at amber
 _COMFORT = 1.5  # m/s^2 before bends
+_ON_ROAD = 1.8  # m from a centerline, where pedestrians do not stand for long
 _STANDS = 0.3  # m/s
 
 
@@ -51,6 +53,7 @@ class FollowerState(Replaceable):
       waited: time of giving way [s].
       since_change: time since the last change of lanes [s].
       is_parked: never moves.
+      pace: of pedestrians where nothing is in the way [m/s].
       ignore: pairs that overlap since the start and do not block each other.
     """
 
@@ -60,6 +63,7 @@ class FollowerState(Replaceable):
     waited: Float[AnyArray, " N"]
     since_change: Float[AnyArray, " N"]
     is_parked: Bool[AnyArray, " N"]
+    pace: Float[AnyArray, " N"]
     ignore: Bool[AnyArray, "N N"]
 
 
@@ -93,6 +97,7 @@ class RouteFollower:
         speed_key, *keys = jax.random.split(key, NUM_LANES)
         for one in keys:
             routes = extend_routes(one, network, routes)
+        routes = fit_routes(network, routes, agents)
         noise = jnp.clip(jax.random.normal(speed_key, (num,)), -2.0, 2.0)
         factor = self.driver.speed_factor * (1.0 + self.driver.speed_deviation * noise)
         here = way_points(network, routes, jnp.zeros((num, 1)))
@@ -106,6 +111,7 @@ class RouteFollower:
             waited=jnp.zeros(num),
             since_change=jnp.full(num, 10.0),
             is_parked=places.is_parked,
+            pace=usual_pace(agents, _distance_to_lanes(network, agents) < _ON_ROAD),
             ignore=_touching(agents),
         )
 
@@ -137,7 +143,7 @@ class RouteFollower:
         routes = advance(network, _settle(routes, agents, distance, dt), jnp.where(follows, distance, 0.0))
         routes = extend_routes(route_key, network, routes)
         x, y, ground, heading = poses(network, routes, agents.length, speed)
-        walked = walk(agents, dt)
+        walked = walk(agents, state.pace, dt)
         walks = agents.kind == AgentType.PEDESTRIAN
         straight_x = agents.x + distance * jnp.cos(agents.heading)
         straight_y = agents.y + distance * jnp.sin(agents.heading)
@@ -153,7 +159,7 @@ class RouteFollower:
         state = state.replace(routes=routes, waited=waited, since_change=state.since_change + dt)
         if self.lane_changes is not None:
             state = apply_lane_changes(change_key, network, state, moved, leaders[0], self.driver, self.lane_changes)
-        moved = moved.replace(valid=moved.valid & ~has_left(network, state.routes, moved.length))
+        moved = moved.replace(valid=moved.valid & ~has_left(network, state.routes, moved))
         if self.entry_delay is not None:
             state, moved = enter_map(entry_key, network, state, moved, self.entry_delay, dt)
         return state, moved
@@ -174,7 +180,7 @@ class RouteFollower:
         """All that agents have to follow or stop for, and who gives way or stands behind somebody."""
         routes = state.routes
         ignore = state.ignore | jnp.eye(agents.x.shape[0], dtype=bool)
-        body = body_ahead(agents, way, front, ignore)
+        body = body_ahead(agents, way, front, ignore, state.waited > self.driver.patience)
         on_lane = lane_leader(network, routes, agents)
         nearer = body.gap < on_lane.gap
         ahead = Leader(jnp.minimum(body.gap, on_lane.gap), jnp.where(nearer, body.speed, on_lane.speed))
@@ -196,6 +202,12 @@ class RouteFollower:
         limit = jnp.where(way.inside, limit, jnp.inf).min(1)
         limit = jnp.where(agents.kind == AgentType.CYCLIST, jnp.minimum(limit, _CYCLIST_SPEED), limit)
         return jnp.where(jnp.isfinite(limit), limit, jnp.maximum(agents.speed, 0.5))
+
+
+def _distance_to_lanes(network: RoadNetwork, agents: Agents) -> Float[AnyArray, " N"]:
+    """Distance of each agent from the nearest centerline [m]."""
+    d_x, d_y = agents.x[:, None] - network.x[None], agents.y[:, None] - network.y[None]
+    return jnp.sqrt((d_x * d_x + d_y * d_y).min(1))
 
 
 def _touching(agents: Agents) -> Bool[AnyArray, "N N"]:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
+from scjax.sim.agents import Agents
 from scjax.sim.road_network import NONE, RoadNetwork
 
 NUM_LANES = 6  # R, lanes of a route: the present one and those ahead
@@ -155,3 +156,18 @@ def remaining(network: RoadNetwork, routes: Routes) -> tuple[Float[AnyArray, " N
     count = (routes.lanes >= 0).sum(1)
     last = jnp.take_along_axis(routes.lanes, jnp.maximum(count - 1, 0)[:, None], axis=1)[:, 0]
     return starts[:, -1] - routes.along, (network.successors[last, 0] < 0) & (count > 0)
+
+
+def fit_routes(network: RoadNetwork, routes: Routes, agents: Agents) -> Routes:
+    """``routes`` whose ``poses`` are those of the agents: place, offset and heading on the way are corrected."""
+    for _ in range(3):
+        x, y, _, heading = poses(network, routes, agents.length, agents.speed)
+        way = heading - routes.heading - jnp.arctan2(routes.lateral_speed, jnp.maximum(agents.speed, 2.0))
+        d_x, d_y = agents.x - x, agents.y - y
+        turn = agents.heading - way
+        routes = routes.replace(
+            along=routes.along + d_x * jnp.cos(way) + d_y * jnp.sin(way),
+            lateral=routes.lateral + d_y * jnp.cos(way) - d_x * jnp.sin(way),
+            heading=jnp.arctan2(jnp.sin(turn), jnp.cos(turn)),
+        )
+    return routes

@@ -1,40 +1,86 @@
-"""Pedestrians: they keep their speed and heading, and stop before vehicles. Jitted, one scene."""
+"""Pedestrians: they keep their speed and heading, stop before vehicles that come, and walk around what stands.
+
+Jitted, one scene.
+"""
 
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from scjax.scene import AgentType
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
 
 _MAX_SPEED = 2.0  # m/s; faster ones are errors of the source
-_LOOK_AHEAD = 1.5  # m
-_ROOM = 0.4  # m around bodies
+_USUAL_SPEED = 1.3  # m/s, of those who leave the road
+_LOOK_AHEAD = 1.2  # m
+_ROOM = 0.7  # m around bodies
+_AWAY = 1.3  # rad by which people turn aside
+_WAIT_FOR = 1.5  # s of the way of a vehicle that comes
 
 
-def walk(agents: Agents, dt: float) -> Agents:
-    """Everybody as if a pedestrian: the step ahead, unless a body that is no pedestrian is there or comes."""
+def usual_pace(agents: Agents, on_road: Bool[AnyArray, " N"]) -> Float[AnyArray, " N"]:
+    """Speeds at which agents walk where nothing is in the way [m/s].
+
+    Args:
+      on_road: agents on a lane, who do not stand there for long.
+    """
     speed = jnp.minimum(agents.speed, _MAX_SPEED)
-    free = ~_is_blocked(agents, _LOOK_AHEAD)
-    distance = jnp.where(free, speed * dt, 0.0)
+    return jnp.where(on_road & (speed < 0.3), _USUAL_SPEED, speed)
+
+
+def walk(agents: Agents, pace: Float[AnyArray, " N"], dt: float) -> Agents:
+    """Everybody ``dt`` seconds later as if a pedestrian. Who waits has speed 0, so that vehicles may go on.
+
+    Args:
+      pace: speed where nothing is in the way [m/s].
+    """
+    blocked, side = _ahead(agents, agents.heading)
+    aside = agents.heading - side * _AWAY
+    aside_blocked, _ = _ahead(agents, aside)
+    heading = jnp.where(blocked, aside, agents.heading)
+    moves = ~(blocked & aside_blocked) & ~_is_threatened(agents)
+    speed = jnp.where(moves, pace, 0.0)
     return agents.replace(
-        x=agents.x + distance * jnp.cos(agents.heading),
-        y=agents.y + distance * jnp.sin(agents.heading),
-        speed=speed,
+        x=agents.x + speed * dt * jnp.cos(heading), y=agents.y + speed * dt * jnp.sin(heading), speed=speed
     )
 
 
-def _is_blocked(agents: Agents, ahead: float) -> Float[AnyArray, " N"]:
-    """Whether a place ``ahead`` [m] of each agent lies on another body, or where it will be within a second."""
-    x, y = agents.x + ahead * jnp.cos(agents.heading), agents.y + ahead * jnp.sin(agents.heading)
-    cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
-    reach = agents.speed * 1.0
-    d_x = x[:, None] - (agents.x + 0.5 * reach * cos)[None]
-    d_y = y[:, None] - (agents.y + 0.5 * reach * sin)[None]
-    along, across = jnp.abs(d_x * cos[None] + d_y * sin[None]), jnp.abs(d_y * cos[None] - d_x * sin[None])
-    inside = (along < (0.5 * (agents.length + reach) + _ROOM)[None]) & (across < (0.5 * agents.width + _ROOM)[None])
+def _others(agents: Agents) -> Bool[AnyArray, "N N"]:
+    """Bodies that count for each agent: all but itself and pedestrians."""
     counts = agents.valid & (agents.kind != AgentType.PEDESTRIAN)
-    others = ~jnp.eye(agents.x.shape[0], dtype=bool)
-    return (inside & counts[None] & others).any(1)
+    return counts[None] & ~jnp.eye(agents.x.shape[0], dtype=bool)
+
+
+def _ahead(agents: Agents, heading: Float[AnyArray, " N"]) -> tuple[Bool[AnyArray, " N"], Float[AnyArray, " N"]]:
+    """Whether a body is a step ahead of each agent, and on which side its center is: 1 left, -1 right."""
+    x, y = agents.x + _LOOK_AHEAD * jnp.cos(heading), agents.y + _LOOK_AHEAD * jnp.sin(heading)
+    cos, sin = jnp.cos(agents.heading)[None], jnp.sin(agents.heading)[None]
+    d_x, d_y = x[:, None] - agents.x[None], y[:, None] - agents.y[None]
+    along, across = jnp.abs(d_x * cos + d_y * sin), jnp.abs(d_y * cos - d_x * sin)
+    inside = (along < 0.5 * agents.length[None] + _ROOM) & (across < 0.5 * agents.width[None] + _ROOM)
+    inside &= _others(agents)
+    body = jnp.argmax(inside, axis=1)
+    to_x, to_y = agents.x[body] - agents.x, agents.y[body] - agents.y
+    left = to_y * jnp.cos(heading) - to_x * jnp.sin(heading)
+    return inside.any(1), jnp.where(left > 0, 1.0, -1.0)
+
+
+def _is_threatened(agents: Agents) -> Bool[AnyArray, " N"]:
+    """Whether a vehicle comes that will be at the agent's next steps, but is not there yet."""
+    x = agents.x + _LOOK_AHEAD * jnp.cos(agents.heading)
+    y = agents.y + _LOOK_AHEAD * jnp.sin(agents.heading)
+    cos, sin = jnp.cos(agents.heading)[None], jnp.sin(agents.heading)[None]
+
+    def position(at_x, at_y):
+        d_x, d_y = at_x[:, None] - agents.x[None], at_y[:, None] - agents.y[None]
+        return d_x * cos + d_y * sin, jnp.abs(d_y * cos - d_x * sin)
+
+    reach = (0.5 * agents.length + _WAIT_FOR * agents.speed)[None]
+    wide = (0.5 * agents.width + _ROOM)[None]
+    along, across = position(x, y)
+    enters = (along > 0) & (along < reach) & (across < wide)
+    now_along, now_across = position(agents.x, agents.y)
+    is_inside = (jnp.abs(now_along) < reach) & (now_across < wide)
+    return (enters & ~is_inside & (agents.speed[None] > 0.5) & _others(agents)).any(1)
