@@ -13,7 +13,8 @@ from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
 
 _MAX_SPEED = 2.0  # m/s; faster ones are errors of the source
-_USUAL_SPEED = 1.3  # m/s, of those who leave the road
+_USUAL_SPEED, _SLOW = 1.3, 0.8  # m/s, of those who leave the road, and at least of all who walk
+_STANDS = 0.15  # m/s
 _LOOK_AHEAD = 1.2  # m
 _ROOM = 0.7  # m around bodies
 _AWAY = 1.3  # rad by which people turn aside
@@ -26,8 +27,9 @@ def usual_pace(agents: Agents, on_road: Bool[AnyArray, " N"]) -> Float[AnyArray,
     Args:
       on_road: agents on a lane, who do not stand there for long.
     """
-    speed = jnp.minimum(agents.speed, _MAX_SPEED)
-    return jnp.where(on_road & (speed < 0.3), _USUAL_SPEED, speed)
+    walks = agents.speed > _STANDS
+    speed = jnp.clip(agents.speed, jnp.where(walks, _SLOW, 0.0), _MAX_SPEED)
+    return jnp.where(on_road, jnp.maximum(speed, _USUAL_SPEED), speed)
 
 
 def walk(agents: Agents, pace: Float[AnyArray, " N"], dt: float) -> Agents:
@@ -37,10 +39,12 @@ def walk(agents: Agents, pace: Float[AnyArray, " N"], dt: float) -> Agents:
       pace: speed where nothing is in the way [m/s].
     """
     blocked, side = _ahead(agents, agents.heading)
-    aside = agents.heading - side * _AWAY
-    aside_blocked, _ = _ahead(agents, aside)
-    heading = jnp.where(blocked, aside, agents.heading)
-    moves = ~(blocked & aside_blocked) & ~_is_threatened(agents)
+    heading = agents.heading
+    for turn in (-_AWAY, _AWAY, jnp.pi):  # away from the body, toward it, back
+        other = agents.heading + side * turn
+        heading = jnp.where(blocked, other, heading)
+        blocked = blocked & _ahead(agents, other)[0]
+    moves = ~blocked & ~_is_threatened(agents)
     speed = jnp.where(moves, pace, 0.0)
     return agents.replace(
         x=agents.x + speed * dt * jnp.cos(heading), y=agents.y + speed * dt * jnp.sin(heading), speed=speed
