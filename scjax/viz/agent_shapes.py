@@ -8,18 +8,11 @@ import numpy as np
 from matplotlib.path import Path as Outline
 
 from scjax.scene import AgentType
+from scjax.scene.agent_sizes import CLASS_SIZES
 
 _MOVE, _LINE, _CURVE, _CLOSE = Outline.MOVETO, Outline.LINETO, Outline.CURVE3, Outline.CLOSEPOLY
 GLASS, GLASS_OPACITY = "#20252d", 0.55
-TYPICAL_SIZES = {
-    AgentType.VEHICLE: (4.6, 2.0),
-    AgentType.PEDESTRIAN: (0.8, 0.8),
-    AgentType.CYCLIST: (1.8, 0.7),
-    AgentType.STATIC: (0.6, 0.6),
-}
-"""Length and width of agents whose size is not known [m]."""
-
-_OTHER_SIZE = (1.0, 1.0)
+_OTHER_SIZE = (1.0, 1.0)  # m
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +39,7 @@ def agent_shape(agent_type: int, size: np.ndarray, smallest: float) -> AgentShap
       smallest: width below which nothing can be seen in the picture [m]; people are drawn that large at least.
     """
     known = AgentType(agent_type) if agent_type >= 0 else None
-    length, width = np.where(np.isfinite(size[:2]), size[:2], _OTHER_SIZE if known is None else TYPICAL_SIZES[known])
+    length, width = np.where(np.isfinite(size[:2]), size[:2], _OTHER_SIZE if known is None else CLASS_SIZES[known][:2])
     length, width = max(float(length), 0.2), max(float(width), 0.2)
     if known == AgentType.VEHICLE:
         return _vehicle(length, width)
