@@ -22,7 +22,7 @@ class AgentShape:
     Attributes:
       body: outline in the color of the agent.
       glass: parts on it in ``GLASS``, which show where the front is.
-      rider: a part on it in the color of the agent, lightened; None for most.
+      rider: a part on it in a darker color: the head of a cyclist, the nose of a pedestrian; None for most.
     """
 
     body: Outline
@@ -49,8 +49,8 @@ def agent_shape(agent_type: int, size: np.ndarray, smallest: float) -> AgentShap
         return AgentShape(_circle(radius), rider=_polygon(nose))
     if known == AgentType.CYCLIST:
         width = max(width, smallest)
-        head = _circle(0.55 * width, 0.1 * length)
-        return AgentShape(rounded_box(length, 0.55 * width, 0.27 * width, 0.27 * width), rider=head)
+        head = _circle(0.36 * width, 0.12 * length)
+        return AgentShape(rounded_box(length, 0.8 * width, 0.4 * width, 0.3 * width), rider=head)
     return AgentShape(rounded_box(max(length, smallest), max(width, smallest), 0.1 * width, 0.1 * width))
 
 

@@ -142,8 +142,8 @@ class LogFrames:
             for pane in shape.glass:
                 renderer.draw_path(context, pane, place, (*to_rgb(GLASS), GLASS_OPACITY))
             if shape.rider is not None:
-                light = 0.55 + 0.45 * np.array(color)
-                renderer.draw_path(context, shape.rider, place, (*light.tolist(), 1.0))
+                dark = 0.62 * np.array(color)
+                renderer.draw_path(context, shape.rider, place, (*dark.tolist(), 1.0))
 
     def _color(self, row: int) -> str:
         kind = int(self._log.object_types[row])

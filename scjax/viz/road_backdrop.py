@@ -43,7 +43,7 @@ class RoadBackdrop:
         drawn = [lane for lane in lanes if len(lane.points) > 1]
         self._lines = [lane.points[:, :2] for lane in drawn]
         self._driven = [lane.lane_type not in NO_CAR_LANE_TYPES for lane in drawn]
-        self._marks = [_chevrons(line) if road else [] for line, road in zip(self._lines, self._driven, strict=True)]
+        self._marks: dict[int, list[np.ndarray]] = {}  # of the lanes that were in a window so far
         self._low = np.array([line.min(0) for line in self._lines]).reshape(-1, 2)
         self._high = np.array([line.max(0) for line in self._lines]).reshape(-1, 2)
         self._corner: np.ndarray | None = None  # lower left corner of the window [m]
@@ -98,6 +98,9 @@ class RoadBackdrop:
         draw_lines(renderer, roads, _CURB, (_LANE_WIDTH + 2 * _CURB_WIDTH) * scale)
         draw_lines(renderer, roads, ROAD, _LANE_WIDTH * scale)
         draw_lines(renderer, roads, _CENTERLINE, max(0.7, _LINE_WIDTH * scale))
+        for row in rows:
+            if row not in self._marks:
+                self._marks[row] = _chevrons(self._lines[row]) if self._driven[row] else []
         marks = [Outline((mark - corner) * scale) for row in rows for mark in self._marks[row]]
         draw_lines(renderer, marks, _CHEVRON, max(0.9, 0.22 * scale))
         self._tones = np.asarray(renderer.buffer_rgba())[..., 1].copy()
