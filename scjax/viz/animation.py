@@ -13,8 +13,8 @@ from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS
 from scjax.viz.log_frames import LogFrames
 from scjax.viz.video_file import video_suffix, write_video
 
-MAX_FRAMES = 3000
-"""Of one animation."""
+MAX_FRAMES, MAX_GIF_FRAMES = 3000, 600
+"""Of one animation; GIFs are held in memory until they are whole."""
 
 _RADIUS, _MAX_RADIUS = 40.0, 5000.0  # m
 _SIZES = (64, 2160)  # pixels
@@ -45,6 +45,8 @@ def animate(
     view = {"object_index": object_index, "radius": radius, "size": size, "heading_up": heading_up}
     frames = frames_of(log, frames_per_second=frames_per_second, **view)
     steps = frame_steps(log, frames_per_second)
+    if video_suffix(path) == ".gif" and len(steps) > MAX_GIF_FRAMES:
+        raise ValueError(f"{path}: {len(steps)} frames are more than a GIF may have, {MAX_GIF_FRAMES}: write an .mp4")
     times = log.timestamps[steps]
 
     def counted() -> Iterator[np.ndarray]:

@@ -155,8 +155,24 @@ def test_animate_refuses_broken_logs(tmp_path):
     valid[1] = False
     with pytest.raises(ValueError, match="valid at no step"):
         animate(dataclasses.replace(log, valid=valid), tmp_path / "log.gif", object_index=1)
-    long = dataclasses.replace(log, timestamps=np.linspace(0.0, 9000.0, 10))
-    assert len(frame_steps(long)) == 10, "a log has no more frames than steps"
+    assert not list(tmp_path.iterdir())
+
+
+def test_animate_refuses_too_many_frames(tmp_path):
+    log = example_log()
+    sparse = dataclasses.replace(log, timestamps=np.linspace(0.0, 9000.0, 10))
+    assert len(frame_steps(sparse)) == 10, "a log has no more frames than steps"
+    repeated = np.arange(10).repeat(301)
+    many = dataclasses.replace(
+        log,
+        timestamps=0.1 * np.arange(len(repeated)),
+        **{name: getattr(log, name)[:, repeated] for name in ("valid", "positions", "headings", "velocities")},
+        signal_states=log.signal_states[:, repeated],
+    )
+    with pytest.raises(ValueError, match="3009 frames are more than 3000"):
+        animate(many, tmp_path / "log.mp4")
+    with pytest.raises(ValueError, match=r"601 frames are more than a GIF may have, 600: write an .mp4"):
+        animate(many[:601], tmp_path / "log.gif")
     assert not list(tmp_path.iterdir())
 
 
