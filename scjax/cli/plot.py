@@ -1,4 +1,4 @@
-"""scjax plot: pictures of scenes, maps and recordings."""
+"""scjax plot: pictures of scenes, maps and recordings, and animations of recordings."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ MAX_PANELS = 400
 """Scenes in one picture."""
 
 _ENDINGS = (".png", ".svg")
+_ANIMATIONS = (".gif", ".mp4")
 
 
 class Place(click.ParamType):
@@ -37,7 +38,11 @@ class Place(click.ParamType):
 
 @click.command("plot")
 @click.argument("file")
-@click.option("--out", metavar="FILE", help="Picture to write, .png or .svg. [default: FILE with the ending .png]")
+@click.option(
+    "--out",
+    metavar="FILE",
+    help="Picture to write, .png or .svg; of a recording also .gif or .mp4. [default: FILE with the ending .png]",
+)
 @click.option(
     "--view",
     type=click.Choice(["auto", "map", "scene"]),
@@ -51,9 +56,14 @@ class Place(click.ParamType):
     help="The scene at this place of the map instead, around a standing ego that looks that way (0: to +x).",
 )
 @click.option("--step", type=click.IntRange(min=0), help="Step of a recording, for --view map and --at. [default: 0]")
+@click.option("--follow", metavar="ID", help="Object in the middle of an animation. [default: the ego]")
+@click.option(
+    "--radius", type=click.FloatRange(1, 5000), help="From the middle to the edge of an animation, in meters."
+)
+@click.option("--heading-up", is_flag=True, help="Turn an animation so that the object in the middle looks up.")
 @click.option("--speeds", is_flag=True, help="Also draw how far every agent of a scene moves in one second.")
 @strict_option
-def plot_command(file, out, view, at, step, speeds, strict) -> None:
+def plot_command(file, out, view, at, step, follow, radius, heading_up, speeds, strict) -> None:
     """Draws what FILE holds from above: scenes, a map or a recording.
 
     The content of FILE tells its format, whatever its name is.
@@ -74,13 +84,25 @@ def plot_command(file, out, view, at, step, speeds, strict) -> None:
     scjax plot Town01.xodr --at 120,-2,90            the 64 m x 64 m around a place, looking north
     scjax plot USA_US101-3_3_T-1.xml --view map --step 20
     scjax plot scenes.npz --speeds                   all scenes of a file side by side
+    scjax plot log.npz --out clip.mp4 --heading-up   an animation (MP4 needs pip install 'scjax[video]')
 
     Exit status 0: the picture is written; 1: one line says what is wrong with FILE.
     """
     path = Path(out) if out else _picture_name(file)
-    if path.suffix not in _ENDINGS:
-        raise click.UsageError(f"--out is {path}: pictures are .png or .svg files")
+    is_animation = path.suffix in _ANIMATIONS
+    if path.suffix not in (*_ENDINGS, *_ANIMATIONS):
+        raise click.UsageError(f"--out is {path}: pictures are .png or .svg files, animations .gif or .mp4")
+    if is_animation and (view != "auto" or at is not None or step is not None or speeds):
+        raise click.UsageError(f"--out is {path}: --view, --at, --step and --speeds are for pictures, not animations")
+    if not is_animation and (follow is not None or radius is not None or heading_up):
+        raise click.UsageError(
+            "--follow, --radius and --heading-up are for animations: give --out clip.mp4 or clip.gif"
+        )
     content = read_content(file)
+    if is_animation:
+        _write_animation(content, file, path, follow, radius, heading_up)
+        click.echo(str(path))
+        return
     if at is not None or view == "map" or (view == "auto" and not _has_vehicle(content)):
         _draw_of_map(content, file, path, at, step or 0, speeds)
     else:
@@ -105,6 +127,36 @@ def _has_vehicle(content: Scene | Log | Map) -> bool:
     if isinstance(content, Map):
         return not content.tiles and bool((content.agent_types == AgentType.VEHICLE).any())
     return bool((content.object_types == AgentType.VEHICLE).any())
+
+
+def _write_animation(
+    content: Scene | Log | Map, file: str, path: Path, follow: str | None, radius: float | None, heading_up: bool
+) -> None:
+    from tqdm import tqdm
+
+    from scjax.scene import Log
+    from scjax.viz import animate
+
+    if not isinstance(content, Log):
+        raise ValueError(f"{file} holds a moment without time: write a picture, or give a log or recording")
+    if follow is not None and follow not in content.object_ids:
+        raise ValueError(f"--follow is {follow!r}, but {file} has no such object: it has {_some(content.object_ids)}")
+    index = None if follow is None else content.object_ids.index(follow)
+    writable_folder(path.parent)
+    with tqdm(desc=path.name, unit="frame", delay=1.0) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        try:
+            animate(content, path, object_index=index, radius=radius, heading_up=heading_up, progress=progress)
+        except ValueError as error:
+            raise ValueError(f"{file}: {error}") from error
+
+
+def _some(names: tuple[str, ...]) -> str:
+    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
 
 
 def _draw_scenes(scenes: list[Scene], file: str, path: Path, speeds: bool) -> None:

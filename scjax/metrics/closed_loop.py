@@ -1,6 +1,7 @@
 """Closed-loop metrics of a roll-out: collisions, off-road, red lights, progress and motion distributions.
 
-Definitions: metrics.md §6. NumPy arrays [steps, agents] in the frame of the scene.
+Definitions: metrics.md §6. NumPy arrays [steps, agents] in the frame of the scene. ``driving`` measures logs of whole
+maps by other definitions.
 """
 
 from __future__ import annotations

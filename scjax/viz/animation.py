@@ -1,125 +1,136 @@
-"""Animations of logs: a bird's-eye view that follows one object."""
+"""Animations of logs: a bird's-eye view that follows one object, as frames, GIF or MP4."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
-from PIL import Image
+from jaxtyping import Int, UInt8
 
-from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, Log, Signal
-from scjax.scene.files import write_file
-from scjax.viz.bev import AGENT_COLORS, EGO, INK, PAPER, ROAD, SIGNAL_COLORS
+from scjax.scene import NO_EGO, Log, validate_log
+from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS
+from scjax.viz.log_frames import LogFrames
+from scjax.viz.video_file import video_suffix, write_video
 
-_LANE_WIDTH = 3.4  # m; maps hold no lane widths, so the band is only a visual aid
-_WALK_WIDTH, _WALK = 2.0, "#f0efec"  # m; sidewalks and shoulders, which cars do not drive on
-_NO_ROAD = "not_for_cars"  # lane type
-_DEFAULT_SIZE = np.array([1.0, 1.0])  # m, where a log does not know the size of an object
-_MAX_FRAMES = 600
+MAX_FRAMES, MAX_GIF_FRAMES = 3000, 600
+"""Of one animation; GIFs are held in memory until they are whole."""
+
+_RADIUS, _MAX_RADIUS = 40.0, 5000.0  # m
+_SIZES = (64, 2160)  # pixels
 
 
 def animate(
-    log: Log, path: str | Path, *, object_index: int | None = None, radius: float = 40.0, frames_per_second: float = 10
+    log: Log,
+    path: str | Path,
+    *,
+    object_index: int | None = None,
+    radius: float | None = None,
+    frames_per_second: float = 10.0,
+    size: int = 480,
+    heading_up: bool = False,
+    progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Writes an animated GIF of a log, at its own speed.
+    """Writes an animation of a log, at its own speed. The ending of ``path`` chooses: .gif, or .mp4 (H.264).
 
     Args:
-      path: of the file, which ends in .gif.
-      object_index: the object in the middle, by default the ego; without an ego the middle of the map stays.
-      radius: from the middle to the edge of the picture [m].
-      frames_per_second: at most; not more than the log has.
+      path: of the file.
+      object_index, radius, frames_per_second, size, heading_up: as in ``frames_of``.
+      progress: is called after each frame with the number of frames so far and of all.
 
     Raises:
-      ValueError: if the log has one step only, is longer than 600 frames, or there is no such object.
+      ValueError: another ending; PyAV is missing for an MP4; or as ``frames_of``.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".gif":
-        raise ValueError(f"{path}: animations are GIF files: give a name that ends in .gif")
-    if log.num_steps < 2:
-        raise ValueError("the log has one step, which makes no animation: give one with more steps")
+    video_suffix(path)
+    view = {"object_index": object_index, "radius": radius, "size": size, "heading_up": heading_up}
+    frames = frames_of(log, frames_per_second=frames_per_second, **view)
+    steps = frame_steps(log, frames_per_second)
+    if video_suffix(path) == ".gif" and len(steps) > MAX_GIF_FRAMES:
+        raise ValueError(f"{path}: {len(steps)} frames are more than a GIF may have, {MAX_GIF_FRAMES}: write an .mp4")
+    times = log.timestamps[steps]
+
+    def counted() -> Iterator[np.ndarray]:
+        for number, frame in enumerate(frames, 1):
+            yield frame
+            if progress is not None:
+                progress(number, len(steps))
+
+    colors = (EGO, INK, *AGENT_COLORS.values(), *SIGNAL_COLORS.values())
+    write_video(counted(), path, float((len(steps) - 1) / (times[-1] - times[0])), colors)
+
+
+def frames_of(
+    log: Log,
+    *,
+    object_index: int | None = None,
+    radius: float | None = None,
+    frames_per_second: float = 10.0,
+    size: int = 480,
+    heading_up: bool = False,
+) -> Iterator[UInt8[np.ndarray, "size size 3"]]:
+    """The RGB frames of an animation one after the other, each drawn when it is due.
+
+    Roads are bands with marks of their direction. Lines across lanes are signals at their stop points, or at the start
+    of the lane where a log does not say. Agents show their front by a windscreen or a nose, and where they came from.
+
+    Args:
+      object_index: the object in the middle, by default the ego; without an ego the picture stands still.
+      radius: from the middle to the edge of the picture [m]; by default 40, or as far as objects go if it stands still.
+      frames_per_second: at most; not more than the log has.
+      size: width and height [pixels], even.
+      heading_up: turn the picture so that the object in the middle looks up, and show more ahead of it than behind.
+
+    Raises:
+      ValueError: the log has one step only, gives too many frames, breaks an invariant (``validate_log``) or has no
+        such object; an argument is out of range. Raised at once, before the first frame.
+    """
+    steps = frame_steps(validate_log(log), frames_per_second)
     index = log.ego_index if object_index is None else object_index
     if not NO_EGO <= index < log.num_objects:
         raise ValueError(f"object_index is {index}: give one of the {log.num_objects} objects of the log")
+    if index != NO_EGO and not log.valid[index].any():
+        raise ValueError(
+            f"object_index is {index}, but object {log.object_ids[index]} is valid at no step: follow another"
+        )
+    if heading_up and index == NO_EGO:
+        raise ValueError("heading_up turns with an object, but the log has no ego: give object_index")
+    if not _SIZES[0] <= size <= _SIZES[1] or size % 2:
+        raise ValueError(f"size is {size} pixels: give an even number from {_SIZES[0]} to {_SIZES[1]}")
+    center, reach = _extent(log)
+    if radius is None:
+        radius = max(_RADIUS, reach) if index == NO_EGO else _RADIUS
+    if not 1.0 <= radius <= _MAX_RADIUS:
+        raise ValueError(f"radius is {radius} m: give a number from 1 to {_MAX_RADIUS:.0f}")
+    view = LogFrames(log, index, center, float(radius), size, heading_up=heading_up)
+    return (view.draw(int(step)) for step in steps)
+
+
+def frame_steps(log: Log, frames_per_second: float = 10.0) -> Int[np.ndarray, " frames"]:
+    """The steps of a log that an animation shows.
+
+    Raises:
+      ValueError: there is one step only; there are more than ``MAX_FRAMES``; the number is out of range.
+    """
+    if log.num_steps < 2:
+        raise ValueError("the log has one step, which makes no animation: give one with more steps")
+    if not 0.01 <= frames_per_second <= 1000:
+        raise ValueError(f"frames_per_second is {frames_per_second}: give a number from 0.01 to 1000")
     times = log.timestamps - log.timestamps[0]
-    frames = np.arange(0.0, times[-1] + 1e-9, max(1.0 / frames_per_second, log.dt))
-    if len(frames) > _MAX_FRAMES:
-        raise ValueError(f"{len(frames)} frames are more than {_MAX_FRAMES}: cut the log or lower frames_per_second")
-    steps = np.unique(np.abs(times[None] - frames[:, None]).argmin(1))
-    view = _View(log, index, radius)
-    images = [view.draw(int(step)) for step in steps]
-    duration = 1000.0 * times[steps[-1]] / (len(steps) - 1)
-    write_file(
-        path,
-        lambda file: images[0].save(
-            file, "GIF", save_all=True, append_images=images[1:], duration=round(duration), loop=0
-        ),
-    )
+    pause = max(1.0 / frames_per_second, log.dt)
+    if times[-1] / pause > MAX_FRAMES:
+        raise ValueError(
+            f"{times[-1] / pause:.0f} frames are more than {MAX_FRAMES}: cut the log or lower frames_per_second"
+        )
+    frames = np.arange(0.0, times[-1] + 1e-9, pause)
+    after = np.searchsorted(times, frames).clip(1, len(times) - 1)
+    steps = np.unique(np.where(frames - times[after - 1] <= times[after] - frames, after - 1, after))
+    return steps if len(steps) > 1 else np.array([0, len(times) - 1])
 
 
-class _View:
-    """A figure whose agents and signals change from step to step."""
-
-    def __init__(self, log: Log, index: int, radius: float):
-        self.log, self.index, self.radius = log, index, radius
-        figure = Figure(figsize=(5, 5), dpi=96, facecolor=PAPER)
-        self.canvas = FigureCanvasAgg(figure)
-        self.ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        self.ax.set_axis_off()
-        self.ax.set_aspect("equal")
-        scale = 72 * 5 / (2 * radius)
-        lines = [lane.points[:, :2] for lane in log.lanes]
-        walks = [line for line, lane in zip(lines, log.lanes, strict=True) if lane.lane_type == _NO_ROAD]
-        roads = [line for line, lane in zip(lines, log.lanes, strict=True) if lane.lane_type != _NO_ROAD]
-        self.ax.add_collection(LineCollection(walks, colors=_WALK, linewidths=_WALK_WIDTH * scale, zorder=0))
-        self.ax.add_collection(LineCollection(roads, colors=ROAD, linewidths=_LANE_WIDTH * scale, zorder=1))
-        self.ax.add_collection(LineCollection(roads, colors="#8f949b", linewidths=0.15 * scale, zorder=2))
-        rows = {lane.id: row for row, lane in enumerate(log.lanes)}
-        self.signals = [row for row, name in enumerate(log.signal_lane_ids) if name in rows]
-        lit = [lines[rows[log.signal_lane_ids[row]]] for row in self.signals]
-        self.lights = LineCollection(lit, linewidths=0.45 * scale, zorder=3)
-        self.ax.add_collection(self.lights)
-        self.boxes = PolyCollection([], edgecolors=PAPER, linewidths=0.5, zorder=4)
-        self.ax.add_collection(self.boxes)
-        self.clock = self.ax.text(0.02, 0.97, "", transform=self.ax.transAxes, va="top", color=INK)
-
-    def draw(self, step: int) -> Image.Image:
-        """The picture of one step."""
-        log = self.log
-        rows = np.flatnonzero(log.valid[:, step]).tolist()
-        self.boxes.set_verts([_corners(log, row, step) for row in rows])
-        self.boxes.set_facecolor([self._color(row) for row in rows])
-        self.lights.set_color([SIGNAL_COLORS[Signal(int(log.signal_states[row, step]))] for row in self.signals])
-        x, y = self._middle(step)
-        self.ax.set_xlim(x - self.radius, x + self.radius)
-        self.ax.set_ylim(y - self.radius, y + self.radius)
-        self.clock.set_text(f"{log.timestamps[step]:+.1f} s")
-        self.canvas.draw()
-        return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3]).quantize(64)
-
-    def _color(self, row: int) -> str:
-        kind = int(self.log.object_types[row])
-        if row == self.index:
-            return EGO
-        return INK if kind == OTHER_OBJECT else AGENT_COLORS[AgentType(kind)]
-
-    def _middle(self, step: int) -> tuple[float, float]:
-        log = self.log
-        if self.index == NO_EGO:
-            points = np.concatenate([lane.points[:, :2] for lane in log.lanes] or [np.zeros((1, 2))])
-            return tuple((points.min(0) + points.max(0)) / 2)
-        valid = np.flatnonzero(log.valid[self.index])
-        if not len(valid):
-            return 0.0, 0.0
-        nearest = valid[np.abs(valid - step).argmin()]
-        return tuple(log.positions[self.index, nearest, :2])
-
-
-def _corners(log: Log, row: int, step: int) -> np.ndarray:
-    """Corners of the box of an object [4, 2]."""
-    size = np.where(np.isnan(log.sizes[row, :2]), _DEFAULT_SIZE, log.sizes[row, :2]) / 2
-    cos, sin = np.cos(log.headings[row, step]), np.sin(log.headings[row, step])
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * size
-    return log.positions[row, step, :2] + corners @ np.array([[cos, sin], [-sin, cos]])
+def _extent(log: Log) -> tuple[np.ndarray, float]:
+    """Middle of all objects [2], or of the map without any, and half the longer side of the box around them [m]."""
+    points = log.positions[log.valid][:, :2]
+    if not len(points):
+        points = np.concatenate([lane.points[:, :2] for lane in log.lanes] or [np.zeros((1, 2))])
+    low, high = points.min(0), points.max(0)
+    return (low + high) / 2, float((high - low).max() / 2 + 10.0)

@@ -40,11 +40,23 @@ def test_plot_cuts_a_scene_at_a_place(run, tmp_path):
     assert (tmp_path / "map.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize("name", ["clip.gif", "clip.mp4"])
+def test_plot_animates_a_log(name, run, tmp_path):
+    save_log(example_log(), tmp_path / "log.npz")
+    code, out, err = run("plot", "log.npz", "--out", name, "--follow", "van", "--heading-up", "--radius", "20")
+    assert (code, out.strip()) == (0, name), err
+    assert (tmp_path / name).read_bytes()[4 * name.endswith("mp4") :].startswith((b"GIF89a", b"ftyp"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
         (["map.json", "--at", "here"], 2, "'here' is no place"),
         (["map.json", "--out", "map.pdf"], 2, "pictures are .png or .svg"),
+        (["log.npz", "--out", "clip.mp4", "--step", "1"], 2, "are for pictures, not animations"),
+        (["log.npz", "--heading-up"], 2, "give --out clip.mp4"),
+        (["map.json", "--out", "clip.gif"], 1, "map.json holds a moment without time"),
+        (["log.npz", "--out", "clip.gif", "--follow", "bus"], 1, "it has ego, van, pedestrian"),
         (["log.npz", "--step", "1"], 2, "--step is for --view map and --at"),
         (["log.npz", "--view", "map", "--step", "77"], 1, "log.npz: step is 77"),
         (["map.json", "--at", "900,900"], 1, "no lane is within 150 m"),
