@@ -17,14 +17,15 @@ from scjax.scene.arguments import finite_number
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior import BehaviorModel
-from scjax.sim.closed_loop import DrivingTerms, drive_step, start_driving
+from scjax.sim.closed_loop import DrivingState, DrivingTerms, drive_step, start_driving
 from scjax.sim.observation import observe
 from scjax.sim.policies import Policy, RoutePolicy
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.rollout import moving_fields
 from scjax.sim.route_follower import RouteFollower
-from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, log_of_tracks, signal_states
+from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, signal_states
+from scjax.sim.track_log import TrackLog
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,11 +84,11 @@ def drive(
     start = prepare(source, step, np.random.default_rng(key_seed(key)))
     row = actor_row(start, actor)
     signals = signal_states([start], steps)[0]
-    after, terms = _drive(
+    state = start_state(key, start.network, start.agents, start.places, jnp.int32(row), behavior=behavior)
+    _, _, after, terms = drive_segment(
         key,
         start.network,
-        start.agents,
-        start.places,
+        state,
         signals,
         jnp.int32(row),
         policy_state,
@@ -95,10 +96,15 @@ def drive(
         behavior=behavior,
         dt=TIME_STEP,
     )
-    log = log_of_tracks(start, {name: np.asarray(values) for name, values in after.items()}, steps)
-    log = dataclasses.replace(log, ego_index=log.object_ids.index(start.log.object_ids[row]))
-    values = {name: np.asarray(getattr(terms, name)) for name in DrivingTerms._fields}
-    return Drive(log, start.log.object_ids[row], values)
+    track, name = TrackLog(start), start.log.object_ids[row]
+    shown = start.plan.states((1 + np.arange(steps)) * TIME_STEP)
+    track.add(start, {name: np.asarray(values) for name, values in after.items()}, shown)
+    return Drive(track.log(start.log, name, TIME_STEP), name, terms_on_host(terms))
+
+
+def terms_on_host(terms: DrivingTerms) -> dict[str, np.ndarray]:
+    """The terms by name, as NumPy arrays."""
+    return {name: np.asarray(getattr(terms, name)) for name in DrivingTerms._fields}
 
 
 def actor_row(start: Start, actor: str | None) -> int:
@@ -127,12 +133,26 @@ def actor_row(start: Start, actor: str | None) -> int:
     return row
 
 
-@functools.partial(jax.jit, static_argnames=("policy", "behavior", "dt"))
-def _drive(
+@functools.partial(jax.jit, static_argnames=("behavior",))
+def start_state(
     key: Array,
     network: RoadNetwork,
     agents: Agents,
     places: LanePlaces,
+    row: Int[AnyArray, ""],
+    lanes: Int[AnyArray, " R"] | None = None,
+    *,
+    behavior: BehaviorModel,
+) -> DrivingState:
+    """``start_driving``, jitted."""
+    return start_driving(key, network, agents, places, row, behavior=behavior, lanes=lanes)
+
+
+@functools.partial(jax.jit, static_argnames=("policy", "behavior", "dt"))
+def drive_segment(
+    key: Array,
+    network: RoadNetwork,
+    state: DrivingState,
     signals: Int[AnyArray, "T S"],
     row: Int[AnyArray, ""],
     policy_state: Any,
@@ -140,8 +160,8 @@ def _drive(
     policy: Policy,
     behavior: BehaviorModel,
     dt: float,
-) -> tuple[dict[str, AnyArray], DrivingTerms]:
-    """What changes of the agents at the T steps after the start, and the terms of each step."""
+) -> tuple[DrivingState, Any, dict[str, AnyArray], DrivingTerms]:
+    """State and memory of the policy after T steps; what changes of the agents, and the terms, at each."""
 
     def step(carry, states):
         state, memory = carry
@@ -149,5 +169,5 @@ def _drive(
         state, terms = drive_step(key, network, state, action, states, row, behavior=behavior, dt=dt)
         return (state, memory), (moving_fields(state.agents), terms)
 
-    state = start_driving(key, network, agents, places, row, behavior=behavior)
-    return jax.lax.scan(step, (state, policy_state), signals)[1]
+    (state, memory), (after, terms) = jax.lax.scan(step, (state, policy_state), signals)
+    return state, memory, after, terms

@@ -35,6 +35,7 @@ class Start:
       network, agents, places: padded, as NumPy arrays.
       plan: phases of the signals of ``log``.
       lanes: unpadded points of the lanes, in the network's frame.
+      lane_ids: ids of the lanes of ``log`` that each lane of the network consists of.
     """
 
     log: Log
@@ -44,6 +45,7 @@ class Start:
     places: LanePlaces
     plan: SignalPlan
     lanes: LanePoints
+    lane_ids: tuple[tuple[str, ...], ...]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -77,7 +79,7 @@ def prepare(source: Log | Map | Scene, step: int, rng: np.random.Generator) -> S
         x=network.x + shift[:, 0].astype(np.float32), y=network.y + shift[:, 1].astype(np.float32)
     )
     agents = _agents_of(states, log.object_types)
-    return Start(log, origin, *_padded(network, agents, places), plan, lanes)
+    return Start(log, origin, *_padded(network, agents, places), plan, lanes, graph.lane_ids)
 
 
 def _one_step(source: Log | Map | Scene, step: int) -> tuple[Log, Sequence[MapTile]]:

@@ -166,7 +166,8 @@ class RouteFollower:
 
     def with_route(self, state: FollowerState, row: Int[AnyArray, ""], route: Routes) -> FollowerState:
         """See ``BehaviorModel``."""
-        return state.replace(routes=jax.tree.map(lambda all, one: all.at[row].set(one[0]), state.routes, route))
+        route = route.replace(lanes=route.lanes[:, : state.routes.lanes.shape[1]])
+        return state.replace(routes=jax.tree.map(lambda every, one: every.at[row].set(one[0]), state.routes, route))
 
     def _leaders(
         self,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, overload
 
@@ -12,12 +11,13 @@ import numpy as np
 from jaxtyping import Int
 
 from scjax.generate.arguments import sampling_key
-from scjax.scene import Log, Map, Scene
+from scjax.scene import NO_EGO, Log, Map, Scene
 from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.rollout import roll_out, stack_records
 from scjax.sim.route_follower import RouteFollower
+from scjax.sim.track_log import TrackLog
 
 TIME_STEP = 0.1  # s
 MAX_SECONDS = 600.0
@@ -81,9 +81,9 @@ def key_seed(key: Any) -> np.ndarray:
     return np.asarray(jax.random.key_data(key)).astype(np.uint32)
 
 
-def signal_states(starts: Sequence[Start], steps: int) -> Int[np.ndarray, "B T S"]:
-    """``Signal`` of all signals at the start of every step, padded."""
-    times = np.arange(steps) * TIME_STEP
+def signal_states(starts: Sequence[Start], steps: int, clock: float = 0.0) -> Int[np.ndarray, "B T S"]:
+    """``Signal`` of all signals at the start of every step from ``clock`` [s] on, padded."""
+    times = clock + np.arange(steps) * TIME_STEP
     width = -(-max(1, *(len(start.plan.cycle) for start in starts)) // _SIGNAL_STEP) * _SIGNAL_STEP
     signals = np.zeros((len(starts), steps, width), np.int32)
     for row, start in enumerate(starts):
@@ -101,40 +101,10 @@ def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: i
     batch_keys = jax.numpy.stack([keys[row] for row in rows])
     after = roll_out(batch_keys, networks, agents, places, signals[rows], behavior=behavior, dt=TIME_STEP)
     after = {name: np.asarray(values) for name, values in after.items()}
-    return [log_of_tracks(start, {k: v[row] for k, v in after.items()}, steps) for row, start in enumerate(starts)]
+    return [_log_of(start, {k: v[row] for k, v in after.items()}) for row, start in enumerate(starts)]
 
 
-def log_of_tracks(start: Start, after: dict[str, np.ndarray], steps: int) -> Log:
-    """The log of one scene; ``after`` holds arrays [T, N]. Vehicles that enter get rows of their own."""
-    first = {name: np.asarray(getattr(start.agents, name))[None] for name in after}
-    track = {name: np.concatenate([first[name], values]).T for name, values in after.items()}  # [N, T + 1]
-    count = start.log.num_objects
-    ids, rows, valid = [], [], []
-    for row in range(count):
-        for entry in range(int(track["entries"][row].max()) + 1):
-            here = track["valid"][row] & (track["entries"][row] == entry)
-            if entry and not here.any():
-                continue
-            ids.append(start.log.object_ids[row] if not entry else f"{start.log.object_ids[row]}.{entry}")
-            rows.append(row)
-            valid.append(here)
-    rows = np.array(rows, int)
-    shape = (len(rows), steps + 1)
-    is_valid = np.array(valid).reshape(shape)
-    values = {name: np.where(is_valid, track[name][rows].astype(np.float64), 0.0) for name in track}
-    known_z = np.isfinite(start.log.positions[rows, 0, 2])
-    positions = np.stack([values["x"], values["y"], np.where(known_z[:, None], values["z"], np.nan)], -1) + start.origin
-    heading = values["heading"]
-    times = np.arange(steps + 1) * TIME_STEP
-    return dataclasses.replace(
-        start.log,
-        timestamps=times,
-        object_ids=tuple(ids),
-        object_types=start.log.object_types[rows],
-        valid=is_valid,
-        positions=positions,
-        headings=heading,
-        velocities=values["speed"][..., None] * np.stack([np.cos(heading), np.sin(heading)], -1),
-        sizes=start.log.sizes[rows],
-        signal_states=start.plan.states(times),
-    )
+def _log_of(start: Start, after: dict[str, np.ndarray]) -> Log:
+    track, log = TrackLog(start), start.log
+    track.add(start, after, start.plan.states((1 + np.arange(len(after["x"]))) * TIME_STEP))
+    return track.log(log, None if log.ego_index == NO_EGO else log.object_ids[log.ego_index], TIME_STEP)

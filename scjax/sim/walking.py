@@ -87,4 +87,4 @@ def _is_threatened(agents: Agents) -> Bool[AnyArray, " N"]:
     enters = (along > 0) & (along < reach) & (across < wide)
     now_along, now_across = position(agents.x, agents.y)
     is_inside = (jnp.abs(now_along) < reach) & (now_across < wide)
-    return (enters & ~is_inside & (agents.speed[None] > 0.5) & _others(agents)).any(1)
+    return jnp.any(enters & ~is_inside & (agents.speed[None] > 0.5) & _others(agents), axis=1)
