@@ -16,7 +16,7 @@ LEVELS = (
     ("nn", "metrics", "camera"),
     ("language", "encoders", "models", "viz"),
     ("diffusion", "data"),
-    ("synthetic", "towns", "generate"),
+    ("synthetic", "towns", "generate", "export"),
     ("outpainting",),
     ("train", "evaluate", "convert"),
     ("cli",),
