@@ -68,7 +68,7 @@ def scenario_content(log: Log, losses: Losses) -> dict[str, Any]:
     Raises:
       ValueError: the log has no lane or no vehicle.
     """
-    log = log_with_ego(filled_traffic(log, losses), losses, "MetaDrive")
+    log = filled_traffic(log_with_ego(log, losses, "MetaDrive"), losses)
     network = lane_network(log, losses)
     losses["lanes of a type that MetaDrive lacks, written as lanes for cars"] += sum(
         lane.lane_type not in (*_LANE_TYPES, "surface_street") for lane in network.lanes
@@ -139,7 +139,7 @@ def _feature(network: LaneNetwork, row: int) -> dict[str, Any]:
     return {
         "type": _LANE_TYPES.get(lane.lane_type, _CAR_LANE),
         "polyline": line,
-        "polygon": np.concatenate([left, right[::-1]]),
+        "polygon": np.concatenate([left, right[::-1]])[:, :2],
         "width": np.full((len(line), 2), LANE_WIDTH / 2),
         "entry_lanes": [network.lanes[j].id for j in network.predecessors[row]],
         "exit_lanes": [network.lanes[j].id for j in network.successors[row]],

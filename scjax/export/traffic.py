@@ -70,15 +70,14 @@ def log_with_ego(log: Log, losses: Losses, program: str) -> Log:
     before and after the ego is observed are left out, gaps between are filled in a straight line.
 
     Args:
-      log: of ``filled_traffic``.
       program: that needs an ego, for messages.
 
     Raises:
       ValueError: no vehicle is observed.
     """
     ego = log.ego_index
-    if ego == NO_EGO:
-        vehicles = np.flatnonzero(log.object_types == AgentType.VEHICLE)
+    if ego == NO_EGO or not log.valid[ego].any():
+        vehicles = np.flatnonzero((log.object_types == AgentType.VEHICLE) & log.valid.any(1))
         if not len(vehicles):
             raise ValueError(f"the log has no vehicle: {program} needs a car to control, add one")
         ego = int(max(vehicles, key=lambda row: (log.valid[row].sum(), _way(log, row))))
