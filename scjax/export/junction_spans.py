@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from scjax.export.crossings import LaneCrossing
+from scjax.export.fork_lengths import fork_lengths
+from scjax.export.lane_curves import LaneCurve
 from scjax.export.lane_nodes import LaneNode, NodeKind
 from scjax.export.traffic import LANE_WIDTH
-
-CUT_LENGTH = 8.0
-"""Part of a lane at a fork or merge that lies in the junction [m], a third of the lane at most."""
 
 MAX_WHOLE_LENGTH = 60.0
 """Longest lane that lies in a junction as a whole [m]."""
@@ -55,14 +54,16 @@ class _Junctions:
 
 
 def junction_spans(
-    lengths: Sequence[float], nodes: Sequence[LaneNode], crossings: Sequence[LaneCrossing]
+    curves: Sequence[LaneCurve], nodes: Sequence[LaneNode], crossings: Sequence[LaneCrossing], lit: Collection[int]
 ) -> list[list[JunctionSpan]]:
     """The parts of every lane in junctions, in order.
 
     Args:
-      lengths: of all lanes [m].
+      curves: middles of all lanes.
+      lit: lanes that begin in a junction if the lane before does not lie in one.
     """
-    junctions = _Junctions()
+    junctions, lengths = _Junctions(), [curve.length for curve in curves]
+    heads, tails = fork_lengths(curves, nodes)
     starts: dict[int, tuple[LaneNode, int]] = {}
     ends: dict[int, tuple[LaneNode, int]] = {}
     for node in nodes:
@@ -86,7 +87,16 @@ def junction_spans(
                 junctions.unite(span.junction, number)
             spans.append([span])
         else:
-            spans.append(_lane_spans(length, starts.get(lane), ends.get(lane), on_lane.get(lane, ()), junctions))
+            place = starts.get(lane)
+            begins = place is not None and (
+                place[0].kind in (NodeKind.FORK, NodeKind.MIXED)
+                or (place[0].kind is NodeKind.PLAIN and lane in lit and place[0].before[0] not in whole)
+            )
+            at_start = (place[0], place[1], heads[lane]) if place is not None and begins else None
+            place = ends.get(lane)
+            is_merge = place is not None and place[0].kind in (NodeKind.MERGE, NodeKind.MIXED)
+            at_end = (place[0], place[1], tails[lane]) if place is not None and is_merge else None
+            spans.append(_lane_spans(length, at_start, at_end, on_lane.get(lane, ()), junctions))
     for row in spans:
         for span in row:
             span.junction = junctions.root(span.junction)
@@ -130,20 +140,23 @@ def _whole_lanes(
 
 def _lane_spans(
     length: float,
-    start: tuple[LaneNode, int] | None,
-    end: tuple[LaneNode, int] | None,
+    start: tuple[LaneNode, int, float] | None,
+    end: tuple[LaneNode, int, float] | None,
     crossings: Sequence[tuple[float, float, int]],
     junctions: _Junctions,
 ) -> list[JunctionSpan]:
-    """The spans of a lane of which some part stays outside of junctions."""
-    cut = min(CUT_LENGTH, length / 3)
-    head = start is not None and start[0].kind in (NodeKind.FORK, NodeKind.MIXED)
-    tail = end is not None and end[0].kind in (NodeKind.MERGE, NodeKind.MIXED)
+    """The spans of a lane of which some part stays outside of junctions.
+
+    Args:
+      start, end: node, junction and length [m] of the parts at both ends that lie in one; None if they do not.
+    """
+    most = length / 3 if start is not None and end is not None else length / 2
+    head, tail = start is not None, end is not None
     spans: list[JunctionSpan] = []
-    if head and start is not None:
-        spans.append(JunctionSpan(0.0, cut, start[1], start[0].kind is NodeKind.MIXED))
-    if tail and end is not None:
-        spans.append(JunctionSpan(length - cut, length, end[1], end[0].kind is NodeKind.MIXED))
+    if start is not None:
+        spans.append(JunctionSpan(0.0, min(start[2], most), start[1], start[0].kind is NodeKind.MIXED))
+    if end is not None:
+        spans.append(JunctionSpan(length - min(end[2], most), length, end[1], end[0].kind is NodeKind.MIXED))
     margin = min(_MARGIN, _MARGIN_SHARE * length)
     low, high = 0.0 if head else margin, length if tail else length - margin
     middle = length / 2

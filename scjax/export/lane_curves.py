@@ -19,6 +19,7 @@ TOLERANCE = 0.02
 """Distance between a curve and the points that it is fitted to [m]."""
 
 _HEIGHT_TOLERANCE = 0.02  # m
+_MIN_REACH, _MAX_REACH = 0.15, 0.8  # of the tangents of a piece, as shares of its chord; a half circle has 2/3
 _MIN_STEP = 0.1  # m between two points that are fitted
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _SAMPLES = 33  # of a piece, for its arc length at a parameter
@@ -95,7 +96,7 @@ def _fit_piece(points: np.ndarray, start: float, end: float, arc: np.ndarray) ->
         return piece, None
     for _ in range(4):
         reach = _tangent_lengths(points, out, back, u)
-        if not (0.1 * chord < reach[0] < 1.5 * chord and 0.1 * chord < reach[1] < 1.5 * chord):
+        if not ((reach > _MIN_REACH * chord) & (reach < _MAX_REACH * chord)).all():
             reach = np.array([third, third])
         piece = _piece(points, out * reach[0], back * reach[1])
         error = np.hypot(*(piece_points(piece, u) - points).T)

@@ -1,4 +1,4 @@
-"""OpenDRIVE 1.6 (ASAM): a road for every lane, junctions, heights and traffic lights; no traffic."""
+"""OpenDRIVE 1.7 (ASAM): a road for every lane, junctions, heights and traffic lights; no traffic."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def road_network(log: Log, losses: Losses) -> RoadNetwork:
     nodes = lane_nodes(lanes, losses)
     lines, headings = meeting_lines(lanes, nodes)
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]
-    roads = plan_roads(curves, nodes, lane_crossings(curves))
+    lit = {row for row, lane in enumerate(lanes.lanes) if lane.id in log.signal_lane_ids}
+    roads = plan_roads(curves, nodes, lane_crossings(curves), lit)
     return RoadNetwork(lanes, roads, _signals(log, lanes, roads, losses))
 
 
@@ -105,7 +106,7 @@ def opendrive_tree(network: RoadNetwork, name: str) -> XmlElement:
     root = ElementTree.Element("OpenDRIVE")
     corners = np.concatenate([road.curve.pieces.reshape(-1, 2) for road in network.roads])
     (west, south), (east, north) = corners.min(0).tolist(), corners.max(0).tolist()
-    header = {"revMajor": 1, "revMinor": 6, "name": name, "version": "1.00", "vendor": "scjax"}
+    header = {"revMajor": 1, "revMinor": 7, "name": name, "version": "1.00", "vendor": "scjax"}
     add_element(root, "header", **header, north=north, south=south, east=east, west=west)
     for road in network.roads:
         _add_road(root, road, network)

@@ -8,7 +8,7 @@ the fork, merge or crossing is cut off for it. Junctions that share such a road 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from scjax.export.crossings import LaneCrossing
 from scjax.export.junction_spans import JunctionSpan, junction_spans
@@ -42,10 +42,17 @@ class PlannedRoad:
 
 
 def plan_roads(
-    curves: Sequence[LaneCurve], nodes: Sequence[LaneNode], crossings: Sequence[LaneCrossing]
+    curves: Sequence[LaneCurve],
+    nodes: Sequence[LaneNode],
+    crossings: Sequence[LaneCrossing],
+    lit: Collection[int] = (),
 ) -> list[PlannedRoad]:
-    """The roads for lanes with these curves."""
-    spans = junction_spans([curve.length for curve in curves], nodes, crossings)
+    """The roads for lanes with these curves.
+
+    Args:
+      lit: lanes with a traffic light; a junction begins where they begin.
+    """
+    spans = junction_spans(curves, nodes, crossings, lit)
     numbers: dict[int, int] = {}
     roads: list[PlannedRoad] = []
     parts: list[list[PlannedRoad]] = []  # roads of each lane in order
@@ -73,6 +80,38 @@ def plan_roads(
             roads.append(road)
             _connect(parts[i][-1], road)
             _connect(road, parts[j][0])
+    return _without_doubles(roads)
+
+
+def _without_doubles(roads: list[PlannedRoad]) -> list[PlannedRoad]:
+    """Roads of which no two lead from one junction to the same other one, or back to itself: these are cut in two.
+
+    SUMO has one edge from a node to another.
+    """
+    pairs: set[tuple[int, int]] = set()
+    by_id = {road.id: road for road in roads}
+    for road in list(roads):
+        ends = (road.junction_before, road.junction_after)
+        if road.junction or not all(ends):
+            continue
+        if ends[0] != ends[1] and ends not in pairs:
+            pairs.add(ends)
+            continue
+        length = road.curve.length
+        rest = dataclasses.replace(
+            road,
+            id=len(roads) + 1,
+            curve=cut_curve(road.curve, length / 2, length),
+            start=road.start + length / 2,
+            before=road.id,
+            junction_before=0,
+        )
+        road.curve = cut_curve(road.curve, 0.0, length / 2)
+        road.after, road.junction_after = rest.id, 0
+        for way in by_id.values():
+            if way.junction and way.before == road.id:
+                way.before = rest.id
+        roads.append(rest)
     return roads
 
 
