@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from scjax.export.base import Export, ExportReport, Losses
+from scjax.export.commonroad import COMMONROAD_EXPORT
 from scjax.export.opendrive import OPENDRIVE_EXPORT
 from scjax.export.scenarionet import SCENARIONET_EXPORT
 from scjax.scene import Log, validate_log
@@ -12,6 +13,7 @@ from scjax.scene import Log, validate_log
 EXPORTS: dict[str, Export] = {
     "scenarionet": SCENARIONET_EXPORT,
     "opendrive": OPENDRIVE_EXPORT,
+    "commonroad": COMMONROAD_EXPORT,
 }
 """Name of a format -> its export."""
 

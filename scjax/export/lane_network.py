@@ -136,9 +136,17 @@ def line_headings(line: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]
     return np.arctan2(mean[:, 1], mean[:, 0])
 
 
-def border_line(line: Float64[np.ndarray, "n 3"], offset: float) -> Float64[np.ndarray, "n 3"]:
-    """A line beside a polyline, ``offset`` to the left of it [m]."""
+def border_line(
+    line: Float64[np.ndarray, "n 3"], offset: float, ends: tuple[float, float] | None = None
+) -> Float64[np.ndarray, "n 3"]:
+    """A line beside a polyline, ``offset`` to the left of it [m].
+
+    Args:
+      ends: directions at both ends [rad]; those of the polyline by default.
+    """
     heading = line_headings(line)
+    if ends is not None:
+        heading[0], heading[-1] = ends
     aside = np.stack([-np.sin(heading), np.cos(heading), np.zeros(len(line))], -1)
     return line + offset * aside
 

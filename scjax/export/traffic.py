@@ -14,6 +14,7 @@ from scjax.scene.limits import MAX_SIZE
 LANE_WIDTH = 3.5
 """Width of every lane [m]: logs do not hold widths."""
 
+_UNEVEN = 0.2  # of a step that a time may be off
 _NEAR_LANE = 30.0  # m; objects farther from all lanes get no height from one
 
 
@@ -109,5 +110,26 @@ def _filled_gaps(log: Log, row: int, gaps: np.ndarray) -> Log:
         for column in range(values.shape[-1]):
             values[row, gaps, column] = np.interp(times[gaps], times[seen], values[row, seen, column])
     headings[row, gaps] = np.interp(times[gaps], times[seen], np.unwrap(headings[row, seen]))
-    valid[row] = True
+    valid[row, gaps] = True
     return dataclasses.replace(log, positions=positions, headings=headings, velocities=velocities, valid=valid)
+
+
+def even_steps(log: Log, losses: Losses) -> Log:
+    """``log`` with steps of equal length, for formats that count steps; states stay as they are."""
+    if log.num_steps < 2:
+        return log
+    times = log.timestamps[0] + log.dt * np.arange(log.num_steps)
+    uneven = np.abs(times - log.timestamps) > _UNEVEN * log.dt
+    losses["steps at uneven times, written at even ones"] += int(uneven.sum())
+    return dataclasses.replace(log, timestamps=times)
+
+
+def without_gaps(log: Log, losses: Losses) -> Log:
+    """``log`` in which every object is observed from its first to its last step; states between are linear in time."""
+    for row in range(log.num_objects):
+        seen = np.flatnonzero(log.valid[row])
+        gaps = np.setdiff1d(np.arange(seen[0], seen[-1] + 1), seen) if len(seen) else seen
+        if len(gaps):
+            losses["states in gaps between observations, filled in"] += len(gaps)
+            log = _filled_gaps(log, row, gaps)
+    return log

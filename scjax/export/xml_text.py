@@ -17,9 +17,23 @@ def add_element(parent: XmlElement, tag: str, text: str | None = None, **attribu
     return child
 
 
+def add_point(parent: XmlElement, x: float, y: float) -> XmlElement:
+    """A <point> with <x> and <y> [m], as CommonRoad has it."""
+    point = add_element(parent, "point")
+    add_element(point, "x", plain_decimal(x))
+    add_element(point, "y", plain_decimal(y))
+    return point
+
+
 def shown_number(value: str | int | float) -> str:
     """A number as XML programs read it; text as it is."""
     return f"{value:.15g}" if isinstance(value, float) else str(value)
+
+
+def plain_decimal(value: float) -> str:
+    """A number with up to 9 decimals and no exponent."""
+    text = f"{value:.9f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
 
 
 def write_xml(root: XmlElement, path: Path) -> None:
