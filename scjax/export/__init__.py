@@ -6,14 +6,29 @@ from pathlib import Path
 
 from scjax.export.base import Export, ExportReport, Losses
 from scjax.export.commonroad import COMMONROAD_EXPORT
+from scjax.export.gpudrive import GPUDRIVE_EXPORT
 from scjax.export.opendrive import OPENDRIVE_EXPORT
+from scjax.export.openscenario import OPENSCENARIO_EXPORT
+from scjax.export.own_files import NPZ_EXPORT, RECORDING_EXPORT
+from scjax.export.roadgen_formats import CLIPGT_EXPORT, LANELET2_EXPORT, RDSHQ_EXPORT, SUMO_EXPORT, WOMD_EXPORT
 from scjax.export.scenarionet import SCENARIONET_EXPORT
+from scjax.export.waymax import WAYMAX_EXPORT
 from scjax.scene import Log, validate_log
 
 EXPORTS: dict[str, Export] = {
+    "npz": NPZ_EXPORT,
+    "json": RECORDING_EXPORT,
     "scenarionet": SCENARIONET_EXPORT,
-    "opendrive": OPENDRIVE_EXPORT,
+    "waymax": WAYMAX_EXPORT,
+    "gpudrive": GPUDRIVE_EXPORT,
     "commonroad": COMMONROAD_EXPORT,
+    "opendrive": OPENDRIVE_EXPORT,
+    "openscenario": OPENSCENARIO_EXPORT,
+    "lanelet2": LANELET2_EXPORT,
+    "sumo": SUMO_EXPORT,
+    "womd": WOMD_EXPORT,
+    "clipgt": CLIPGT_EXPORT,
+    "rdshq": RDSHQ_EXPORT,
 }
 """Name of a format -> its export."""
 

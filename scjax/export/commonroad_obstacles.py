@@ -57,8 +57,11 @@ def add_obstacles(root: XmlElement, log: Log, number: int, losses: Losses) -> in
             aside = np.array([_speeds(log, row, step)[1] for step in steps.tolist()])
             losses["sideways speeds of objects at their first step, left out"] += int(abs(aside[0]) > _SIDEWAYS)
             slides = bool((np.abs(aside[1:]) > _SIDEWAYS).any())  # all states of a trajectory have the same values
-            for step in (steps[1:] if len(steps) > 1 else steps).tolist():  # the schema wants one at least
+            for step in steps[1:].tolist():
                 _add_state(trajectory, "state", log, row, step, source=step, slides=slides)
+            if len(steps) == 1:  # the schema wants a state at a step above 0
+                losses["objects observed at one step, written at the next one too"] += 1
+                _add_state(trajectory, "state", log, row, first + 1, source=first)
     return number
 
 
