@@ -52,8 +52,9 @@ def check(file: str) -> dict:
     expected = len(scenario.dynamic_obstacles) + 1  # all static ones are one group
     faults = _schema_faults(file)
     sizes = [_sizes(scenario), _sizes(second)]
+    is_same = sizes[0] == sizes[1] and checker.number_of_obstacles() == expected
     return {
-        "ok": sizes[0] == sizes[1] and not faults and boundary is not None and checker.number_of_obstacles() == expected,
+        "ok": is_same and not faults and boundary is not None,
         "lanelets": sizes[0][0],
         "obstacles": sizes[0][1],
         "lights": sizes[0][2],

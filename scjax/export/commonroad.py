@@ -19,7 +19,13 @@ from scjax.export.xml_text import XmlElement, add_element, add_point, write_xml
 from scjax.scene import NO_EGO, Log
 
 _VERSION = "2020a"
-_TYPES = {"freeway": "highway", "bike_lane": "bicycleLane", "bus_lane": "busLane", "not_for_cars": "sidewalk", "undefined": "border"}
+_TYPES = {
+    "freeway": "highway",
+    "bike_lane": "bicycleLane",
+    "bus_lane": "busLane",
+    "not_for_cars": "sidewalk",
+    "undefined": "border",
+}
 _USERS = {"bike_lane": "bicycle", "not_for_cars": "pedestrian", "bus_lane": "bus", "undefined": "pedestrian"}
 _BESIDE_SHARE = 0.8  # of both lanes along which they run side by side
 

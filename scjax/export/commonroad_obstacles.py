@@ -33,7 +33,10 @@ def add_obstacles(root: XmlElement, log: Log, number: int, losses: Losses) -> in
     """
     log = without_gaps(log, losses)
     static = log.object_types == AgentType.STATIC
-    for row in [*np.flatnonzero(static).tolist(), *np.flatnonzero(~static).tolist()]:  # the schema has static ones first
+    for row in [
+        *np.flatnonzero(static).tolist(),
+        *np.flatnonzero(~static).tolist(),
+    ]:  # the schema has static ones first
         if row == log.ego_index:
             continue
         steps = np.flatnonzero(log.valid[row])

@@ -158,9 +158,7 @@ def piece_length(piece: Float64[np.ndarray, "4 2"]) -> float:
 
 
 def _simplified(table: np.ndarray) -> np.ndarray:
-    """Rows of (place, value) of which straight lines between them keep within ``_HEIGHT_TOLERANCE`` (Douglas-Peucker).
-
-    """
+    """Rows of (place, value) between which straight lines keep within ``_HEIGHT_TOLERANCE`` (Douglas-Peucker)."""
     keep, open_spans = {0, len(table) - 1}, [(0, len(table) - 1)]
     while open_spans:
         first, last = open_spans.pop()

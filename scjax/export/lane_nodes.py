@@ -42,7 +42,7 @@ class LaneNode:
     before: tuple[int, ...]
     after: tuple[int, ...]
     pairs: tuple[tuple[int, int], ...]
-    place: Float64[np.ndarray, "3"]
+    place: Float64[np.ndarray, " xyz"]
     heading: float
 
     @property

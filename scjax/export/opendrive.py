@@ -10,7 +10,7 @@ import numpy as np
 
 from scjax.export.base import Export, Losses
 from scjax.export.crossings import lane_crossings
-from scjax.export.lane_curves import LaneCurve, cut_curve, fit_curve, piece_length
+from scjax.export.lane_curves import LaneCurve, fit_curve, piece_length
 from scjax.export.lane_network import LaneNetwork, lane_network
 from scjax.export.lane_nodes import lane_nodes, meeting_lines
 from scjax.export.road_plan import PlannedRoad, plan_roads
@@ -23,7 +23,7 @@ _LIGHT = "1000001"  # three lamps, in the standard's own catalog
 _LIGHT_HEIGHT = 5.0  # m above the road
 
 
-class RoadSignal(NamedTuple):
+class PlacedSignal(NamedTuple):
     """A traffic light on a road.
 
     Attributes:
@@ -48,7 +48,7 @@ class RoadNetwork(NamedTuple):
 
     lanes: LaneNetwork
     roads: list[PlannedRoad]
-    signals: dict[int, list[RoadSignal]]
+    signals: dict[int, list[PlacedSignal]]
 
 
 def write_opendrive(log: Log, path: Path, losses: Losses) -> tuple[Path, ...]:
@@ -82,12 +82,10 @@ def road_network(log: Log, losses: Losses) -> RoadNetwork:
     return RoadNetwork(lanes, roads, _signals(log, lanes, roads, losses))
 
 
-def _signals(
-    log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Losses
-) -> dict[int, list[RoadSignal]]:
+def _signals(log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Losses) -> dict[int, list[PlacedSignal]]:
     """Lights on the roads of the lanes that they control: in a junction where the lane enters one."""
     rows = {lane.id: row for row, lane in enumerate(lanes.lanes)}
-    signals: dict[int, list[RoadSignal]] = {}
+    signals: dict[int, list[PlacedSignal]] = {}
     for row, lane in enumerate(log.signal_lane_ids):
         if lane not in rows:
             losses["signals of lanes that are not there, left out"] += 1
@@ -97,7 +95,7 @@ def _signals(
         targets = [road for road in own if road.junction and road.start == first] or own[:1]
         for number, road in enumerate(targets):
             name = f"signal-{row}" + (f"-{number + 1}" if number else "")
-            signals.setdefault(road.id, []).append(RoadSignal(name, row, 0.0))
+            signals.setdefault(road.id, []).append(PlacedSignal(name, row, 0.0))
     return signals
 
 

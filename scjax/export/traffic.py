@@ -27,7 +27,7 @@ def filled_traffic(log: Log, losses: Losses) -> Log:
     observed = log.valid.any(1)
     losses["objects that are never observed, left out"] += int((~observed).sum())
     rows = np.flatnonzero(observed)
-    ego = int(np.searchsorted(rows, log.ego_index)) if log.ego_index != NO_EGO and observed[log.ego_index] else NO_EGO
+    ego = int(np.searchsorted(rows, log.ego_index)) if log.ego_index in rows else NO_EGO
     types, valid, sizes = log.object_types[rows], log.valid[rows], np.array(log.sizes[rows], np.float64)
     usual = np.array([CLASS_SIZES[AgentType.STATIC if kind == OTHER_OBJECT else AgentType(kind)] for kind in types])
     wrong = ~((np.nan_to_num(sizes) > 0) & (np.nan_to_num(sizes) <= MAX_SIZE))
@@ -77,11 +77,11 @@ def log_with_ego(log: Log, losses: Losses, program: str) -> Log:
       ValueError: no vehicle is observed.
     """
     ego = log.ego_index
-    if ego == NO_EGO or not log.valid[ego].any():
+    if ego == NO_EGO or not np.any(log.valid[ego]):
         vehicles = np.flatnonzero((log.object_types == AgentType.VEHICLE) & log.valid.any(1))
         if not len(vehicles):
             raise ValueError(f"the log has no vehicle: {program} needs a car to control, add one")
-        ego = int(max(vehicles, key=lambda row: (log.valid[row].sum(), _way(log, row))))
+        ego = max(vehicles.tolist(), key=lambda row: (log.valid[row].sum(), _way(log, row)))
         losses["no ego: the vehicle that is observed longest takes its place"] += 1
     seen = np.flatnonzero(log.valid[ego])
     first, last = int(seen[0]), int(seen[-1])

@@ -96,7 +96,7 @@ def _lights(log: Log, network: LaneNetwork) -> _Arrays:
     return arrays | {
         "state": states.reshape(shape),
         "lane_ids": np.broadcast_to(ids[:, None], shape).copy(),
-        "valid": np.ones(shape, bool) & (ids >= 0)[:, None],
+        "valid": np.broadcast_to((ids >= 0)[:, None], shape).copy(),
     }
 
 

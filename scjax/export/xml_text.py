@@ -10,7 +10,9 @@ from scjax.scene.files import write_file
 XmlElement = ElementTree.Element
 
 
-def add_element(parent: XmlElement, tag: str, text: str | None = None, **attributes: str | int | float) -> XmlElement:
+def add_element(
+    parent: XmlElement, tag: str, text: str | None = None, /, **attributes: str | int | float
+) -> XmlElement:
     """A new child; numbers become text, floats with 15 digits."""
     child = ElementTree.SubElement(parent, tag, {name: shown_number(value) for name, value in attributes.items()})
     child.text = text
