@@ -53,6 +53,7 @@ def replay(folder: Path):
             words = ("arrive_dest", "out_of_road", "crash", "max_step")
             yield {
                 "file": str(folder / name),
+                "consumer": "MetaDrive",
                 "ok": bool(info.get("arrive_dest")),
                 "steps": steps,
                 "lanes": len(environment.engine.current_map.road_network.graph),

@@ -60,7 +60,7 @@ def export_command(file, format, out, number, as_json) -> None:
 
     suffix = EXPORTS[format].suffix
     path = Path(out) if out else _default_path(file, format, suffix)
-    log = _log_of(read_content(file), file, number)
+    log = log_of_content(read_content(file), file, number)
     writable_folder(path if not suffix and format == "scenarionet" else path.parent)
     try:
         report = export_log(log, path, format)
@@ -84,7 +84,7 @@ def _default_path(file: str, format: str, suffix: str) -> Path:
     return Path(f"{stem}-{format}{suffix}") if path == Path(file) else path
 
 
-def _log_of(content: Scene | Log | Map, file: str, number: int | None) -> Log:
+def log_of_content(content: Scene | Log | Map, file: str, number: int | None) -> Log:
     """The content of a file as a log; a scene or map as one of one step.
 
     Raises:

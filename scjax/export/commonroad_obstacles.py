@@ -80,8 +80,8 @@ def _add_state(
     ahead, aside = _speeds(log, row, source)
     state = add_element(parent, tag)
     add_point(add_element(state, "position"), x, y)
-    _add_exact(state, "orientation", np.angle(np.exp(1j * heading)))
-    _add_exact(state, "time", step)
+    _add_exact(state, "orientation", float(np.angle(np.exp(1j * heading))))
+    add_element(add_element(state, "time"), "exact", str(step))
     if parent.tag == "staticObstacle":
         return
     _add_exact(state, "velocity", ahead)

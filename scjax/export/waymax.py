@@ -104,14 +104,15 @@ def _objects(log: Log) -> _Arrays:
     """[objects] each. Ids count the objects, since those of a log are texts."""
     count = log.num_objects
     types = [_TYPES.get(AgentType(kind), _OTHER_TYPE) if kind >= 0 else _OTHER_TYPE for kind in log.object_types]
-    is_ego = np.arange(count) == log.ego_index
-    moves = (np.asarray(types) != _OTHER_TYPE) & log.valid.any(1)
+    is_ego = np.asarray(np.arange(count) == log.ego_index)
+    observed = np.asarray(log.valid.any(axis=1))
+    moves = np.asarray((np.asarray(types) != _OTHER_TYPE) & observed)
     return {
         "ids": np.arange(count, dtype=np.int32),
         "object_types": np.array(types, np.int32),
         "is_sdc": is_ego,
         "is_modeled": moves,
-        "is_valid": log.valid.any(1),
+        "is_valid": observed,
         "objects_of_interest": np.zeros(count, bool),
         "is_controlled": moves,
     }
