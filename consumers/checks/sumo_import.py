@@ -21,6 +21,8 @@ NETCONVERT = (
     *("--junctions.limit-turn-speed.warn.straight", "100"),  # [m/s]; bends in junctions may be slow
     *("--junctions.limit-turn-speed.warn.turn", "100"),
 )
+_PROGRAM = re.compile("Guessing signalID|cycle time of")
+"""About programs of traffic lights that netconvert makes up, since OpenDRIVE holds none."""
 
 
 def main(files: list[str]) -> None:
@@ -33,11 +35,14 @@ def import_net(file: str) -> dict:
     """Warnings of netconvert, by their words; as it is, and with the thresholds of ``NETCONVERT``."""
     _, plain, _ = _converted(file)
     status, lines, text = _converted(file, *NETCONVERT)
+    programs = [line for line in lines if _PROGRAM.search(line)]
+    lines = [line for line in lines if not _PROGRAM.search(line)]
     return {
         "consumer": "netconvert",
         "ok": status == 0 and not lines and bool(text),
         "warnings": _kinds(lines),
         "warnings_by_default": _kinds(plain),
+        "signal_program_notes": _kinds(programs),
         "example": lines[:3],
         "edges": len(re.findall(r"<edge (?![^>]*function=)", text)),
         "signal_programs": text.count("<tlLogic "),
