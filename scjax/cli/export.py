@@ -15,16 +15,10 @@ from scjax.cli.scene_files import read_content
 if TYPE_CHECKING:
     from scjax.scene import Log, Map, Scene
 
-FORMATS = (
-    *("npz", "json", "scenarionet", "waymax", "gpudrive", "commonroad", "opendrive", "openscenario"),
-    *("lanelet2", "sumo", "womd", "clipgt", "rdshq"),
-)
-"""Names in ``scjax.export.EXPORTS``, which is not imported to show this help."""
-
 
 @click.command("export")
 @click.argument("file")
-@click.option("--to", "format", type=click.Choice(FORMATS), required=True, help="Format to write.")
+@click.option("--to", "format", metavar="FORMAT", required=True, help="Format to write, one of those above.")
 @click.option(
     "--out", metavar="PATH", help="File or folder to write. [default: the name of FILE in this folder, with an ending]"
 )
@@ -58,6 +52,8 @@ def export_command(file, format, out, number, as_json) -> None:
     """
     from scjax.export import EXPORTS, export_log
 
+    if format not in EXPORTS:
+        raise click.UsageError(f"--to is {format!r}: choose from {', '.join(EXPORTS)}")
     suffix = EXPORTS[format].suffix
     path = Path(out) if out else _default_path(file, format, suffix)
     log = log_of_content(read_content(file), file, number)

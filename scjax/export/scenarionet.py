@@ -1,8 +1,8 @@
 """ScenarioNet: a folder of scenarios that MetaDrive replays.
 
 The folder holds a pickle for each scenario, and two tables of them: ``dataset_summary.pkl`` and
-``dataset_mapping.pkl``. A further scenario is added to the tables. Pickles hold plain containers and NumPy arrays only,
-and need NumPy 1.26 or newer.
+``dataset_mapping.pkl``. A further scenario is added to the tables; one of the same name replaces the one before.
+Pickles hold plain containers and NumPy arrays only, and need NumPy 1.26 or newer.
 """
 
 from __future__ import annotations
