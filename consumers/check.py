@@ -10,6 +10,7 @@ import argparse
 import dataclasses
 import json
 import shlex
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -93,19 +94,23 @@ def export_all(
     losses: dict[str, Counter[str]] = {}
     refusals = []
     formats = {name: one for one in CONSUMERS.values() for name in one.formats}
+    shutil.rmtree(work / "scenarionet", ignore_errors=True)  # scenarios of an earlier call would be replayed too
     for number, file in enumerate(files):
         log = log_of_content(read_any(file), str(file), None)
         for name, consumer in formats.items():
             if consumer.needs_motion and log.num_steps < 2:
                 continue
-            stem = f"{number:03d}-{file.name.partition('.')[0]}"
-            path = work / name / f"{stem}{EXPORTS[name].suffix}" if EXPORTS[name].suffix else work / name / stem
+            suffix, stem = EXPORTS[name].suffix, f"{number:03d}-{file.name.partition('.')[0]}"
+            path = work / name / f"{stem}{suffix}" if suffix else work / name
+            renamed = dataclasses.replace(log, metadata=dataclasses.replace(log.metadata, scene_id=stem))
             try:
-                report = export_log(log, path, name)
+                report = export_log(renamed, path, name)
             except ValueError as error:
                 refusals.append({"file": str(file), "format": name, "reason": str(error)})
                 continue
-            exported.setdefault(name, []).append(path if not EXPORTS[name].suffix else report.paths[0])
+            exported.setdefault(name, [])
+            if path not in exported[name]:
+                exported[name].append(path)
             losses.setdefault(name, Counter()).update(report.losses.keys())
     return exported, losses, refusals
 
