@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import shlex
 import shutil
 import subprocess
 import sys
@@ -59,6 +58,7 @@ def main() -> None:
     parser.add_argument("--root", type=Path, help="folder of the environments")
     parser.add_argument("--work", type=Path, default=Path("runs/exports"), help="folder for exported files")
     parser.add_argument("--out", type=Path, help="page to write, such as docs/results/exports.md")
+    parser.add_argument("--note", default="", help="sentence for the page: what the files are")
     args = parser.parse_args()
     files = [item for path in args.files for item in _files_in(path)]
     exported, losses, refusals = export_all(files, args.work)
@@ -68,8 +68,7 @@ def main() -> None:
         if not row["ok"]:
             print(json.dumps(row))
     if args.out:
-        words = [word if " " not in word else shlex.quote(word) for word in sys.argv[1:]]
-        write_page(args.out, words, rows, losses, refusals, absent, len(files))
+        write_page(args.out, args.note, rows, losses, refusals, absent, len(files))
     passed = Counter(row["consumer"] for row in rows if row["ok"])
     for name, count in Counter(row["consumer"] for row in rows).items():
         print(f"{name}: {passed[name]} of {count}")

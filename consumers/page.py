@@ -9,7 +9,7 @@ from pathlib import Path
 _TEXT = """# Exported files in the programs of others
 
 Do other programs open what `scjax export` writes? Each of {files} inputs was exported and opened by each program.
-Inputs without motion are not replayed. A file counts under these conditions:
+{note}Inputs without motion are not replayed. A file counts under these conditions:
 
 - MetaDrive replays the ego to its destination (`arrive_dest`).
 - netconvert gives no warning.
@@ -20,7 +20,7 @@ Inputs without motion are not replayed. A file counts under these conditions:
 
 ```bash
 python -m consumers.make
-python -m consumers.check {command}
+python -m consumers.check FILES --out docs/results/exports.md
 ```
 
 netconvert runs with `{options}`: its thresholds for steep and bent lanes are about
@@ -29,8 +29,8 @@ Warnings about programs of traffic lights, which netconvert makes up since OpenD
 files have one.
 
 Two kinds of warning may remain. "Intersecting left turns" is about ways that cross inside a junction, as they do in the
-log. Grades are those of netconvert's own junctions: it makes a junction flat and shortens roads that lie near each other,
-which leaves steps at their ends. roadgen compares the heights of all ends that are linked in the file itself.
+log. Grades are those of netconvert's own junctions: it makes a junction flat and shortens roads that lie near each
+other, which leaves steps at their ends. roadgen compares the heights of all ends that are linked in the file itself.
 
 | program | files | opened without a fault |
 | --- | --- | --- |
@@ -53,7 +53,7 @@ _OPTIONS = (
 
 def write_page(
     path: Path,
-    command: list[str],
+    note: str,
     rows: list[dict],
     losses: dict[str, Counter[str]],
     refusals: list[dict[str, str]],
@@ -70,7 +70,7 @@ def write_page(
     faults += [f"- {Path(row['file']).name}, {row['format']}: refused, {row['reason']}" for row in refusals]
     text = _TEXT.format(
         files=files,
-        command=" ".join(command),
+        note=f"{note}\n" if note else "",
         options=_OPTIONS,
         plain=sum(bool(row["warnings_by_default"]) for row in nets),
         nets=len(nets),

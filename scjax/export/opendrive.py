@@ -20,6 +20,7 @@ from scjax.scene import Log
 
 _LANE_TYPES = {"bike_lane": "biking", "bus_lane": "bus", "not_for_cars": "restricted", "undefined": "restricted"}
 _LIGHT = "1000001"  # three lamps, in the standard's own catalog
+_SAME_SLOPE = 1e-6
 _LIGHT_HEIGHT = 5.0  # m above the road
 
 
@@ -188,8 +189,12 @@ def _add_geometry(plan: XmlElement, piece: np.ndarray, start: float, length: flo
 
 def _add_heights(element: XmlElement, curve: LaneCurve) -> None:
     profile = add_element(element, "elevationProfile")
+    before = None
     for (s, z), (end, top) in zip(curve.heights[:-1].tolist(), curve.heights[1:].tolist(), strict=True):
         slope = (top - z) / max(end - s, 1e-9)
+        if before is not None and abs(slope - before) < _SAME_SLOPE:
+            continue  # the record before goes on
+        before = slope
         add_element(profile, "elevation", s=s, a=z, b=slope, c=0.0, d=0.0)
 
 

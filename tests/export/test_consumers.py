@@ -69,7 +69,7 @@ def test_page_counts_and_lists_faults(tmp_path):
         {"consumer": "netconvert", "ok": True, "file": "a.xodr", "warnings_by_default": {"x": 1}},
         {"consumer": "netconvert", "ok": False, "file": "b.xodr", "warnings_by_default": {}, "example": ["a grade"]},
     ]
-    write_page(tmp_path / "page.md", ["FILES"], rows, {}, [], ["MetaDrive"], 2)
+    write_page(tmp_path / "page.md", "Two maps.", rows, {}, [], ["MetaDrive"], 2)
     text = (tmp_path / "page.md").read_text()
-    assert "| netconvert | 2 | 1 |" in text and "| MetaDrive | 0 | not installed |" in text
+    assert "Two maps.\n" in text and "| netconvert | 2 | 1 |" in text and "| MetaDrive | 0 | not installed |" in text
     assert '- b.xodr, netconvert: {"example": ["a grade"]}' in text and "1 of 2 files give a warning" in text
