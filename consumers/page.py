@@ -28,9 +28,10 @@ roads as built, not about files. Without these options {plain} of {nets} files g
 Warnings about programs of traffic lights, which netconvert makes up since OpenDRIVE holds none, do not count; {lights}
 files have one.
 
-Two kinds of warning may remain. "Intersecting left turns" is about ways that cross inside a junction, as they do in the
-log. Grades are those of netconvert's own junctions: it makes a junction flat and shortens roads that lie near each
-other, which leaves steps at their ends. roadgen compares the heights of all ends that are linked in the file itself.
+Two kinds of warning may remain. "Intersecting left turns" is about ways through a junction whose shapes, as netconvert
+draws them, cross. In two files with grades that were looked at, the grade is netconvert's own: it makes a junction flat
+and shortens roads that lie near each other, which leaves steps at their ends. Why others have them was not looked at.
+roadgen compares the heights of all ends that are linked in the file itself.
 
 | program | files | opened without a fault |
 | --- | --- | --- |
