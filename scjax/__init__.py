@@ -13,6 +13,7 @@ Maps:       Map, import_map, import_log, load_map, save_map, crop_map, validate_
 Requests:   Condition, Stream, Guidance, EnergyGuidance, PerType, samplers
 Models:     Model, load, save
 Generation: sample, place, reconstruct, regenerate_agents, regenerate_region
+Exports:    export_log
 Maps grow:  outpaint, extend_map, complete_rear
 Editing:    insert_agent, move_agent, remove_agents
 Pictures:   viz
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from scjax.diffusion import samplers
     from scjax.diffusion.energy_guidance import EnergyGuidance
     from scjax.diffusion.guidance import Guidance
+    from scjax.export import export_log
     from scjax.generate.conditions import Condition, Stream
     from scjax.generate.edit import regenerate_agents, regenerate_region
     from scjax.generate.model import Model
@@ -82,6 +84,7 @@ __all__ = [
     "complete_rear",
     "crop_log",
     "crop_map",
+    "export_log",
     "extend_map",
     "import_log",
     "import_map",
@@ -115,6 +118,7 @@ _PLACES = {
     "scjax.data.map_crop": ("crop_map",),
     "scjax.diffusion.energy_guidance": ("EnergyGuidance",),
     "scjax.diffusion.guidance": ("Guidance",),
+    "scjax.export": ("export_log",),
     "scjax.generate.conditions": ("Condition", "Stream"),
     "scjax.generate.edit": ("regenerate_agents", "regenerate_region"),
     "scjax.generate.model": ("Model", "load=load_model", "save=save_model"),

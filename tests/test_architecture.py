@@ -16,7 +16,7 @@ LEVELS = (
     ("nn", "metrics", "camera"),
     ("language", "encoders", "models", "viz"),
     ("diffusion", "data"),
-    ("synthetic", "towns", "generate"),
+    ("synthetic", "towns", "generate", "export"),
     ("outpainting",),
     ("sim",),
     ("train", "evaluate", "convert"),
@@ -99,7 +99,7 @@ def test_scjax_imports_neither_experiments_nor_benchmarks():
             f"{_name(path)}:{line} imports {module}"
             for path in _sources("scjax")
             for line, module in _imports(path)
-            if module.split(".")[0] in ("experiments", "benchmarks", "tests")
+            if module.split(".")[0] in ("experiments", "benchmarks", "consumers", "tests")
         ]
     )
 
@@ -126,7 +126,7 @@ def test_test_modules_import_no_test_modules():
     )
 
 
-@pytest.mark.parametrize("folder", ["scjax", "experiments", "benchmarks", "tests"])
+@pytest.mark.parametrize("folder", ["scjax", "experiments", "benchmarks", "consumers", "tests"])
 def test_files_are_short(folder):
     lengths = {_name(path): len(path.read_text(encoding="utf-8").splitlines()) for path in _sources(folder)}
     _assert_none([f"{name}: {lines} lines" for name, lines in lengths.items() if lines > MAX_FILE_LINES])
@@ -137,7 +137,7 @@ def test_functions_are_short():
     _assert_none(
         [
             f"{_name(path)}:{node.lineno} {node.name}: {lines} lines"
-            for path in _sources("scjax", "experiments", "benchmarks")
+            for path in _sources("scjax", "experiments", "benchmarks", "consumers")
             for node in ast.walk(_tree(path))
             if isinstance(node, ast.FunctionDef)
             if (lines := (node.end_lineno or node.lineno) - node.lineno + 1) > MAX_FUNCTION_LINES

@@ -16,6 +16,7 @@ from scjax.cli.data import data
 from scjax.cli.demo import demo
 from scjax.cli.edit import edit_command
 from scjax.cli.evaluate import evaluate
+from scjax.cli.export import export_command
 from scjax.cli.generate import generate
 from scjax.cli.inspect import caption, info, schema
 from scjax.cli.outpaint import outpaint_command
@@ -45,7 +46,7 @@ DEBUG = "--debug"
 
 for command in (
     *(demo, generate, outpaint_command, place_command, edit_command, read_command),
-    *(evaluate, caption, attributes_command, plot_command),
+    *(evaluate, caption, attributes_command, plot_command, export_command),
     *(data, train_command, info, schema),
 ):
     cli.add_command(command)

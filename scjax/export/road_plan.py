@@ -1,0 +1,139 @@
+"""Lanes -> roads of one lane each and junctions, in the form that consumers of OpenDRIVE accept.
+
+Lanes that follow each other one by one are roads with links. Every fork and merge is a junction, and so is every place
+where lanes cross. A short lane from a fork to a merge is a road of the junction as a whole; of other lanes the part at
+the fork, merge or crossing is cut off for it. Junctions that share such a road are one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Sequence
+
+from scjax.export.crossings import LaneCrossing
+from scjax.export.junction_spans import JunctionSpan, junction_spans
+from scjax.export.lane_curves import LaneCurve, cut_curve, join_curves
+from scjax.export.lane_nodes import LaneNode, NodeKind
+
+
+@dataclasses.dataclass
+class PlannedRoad:
+    """A road of one lane.
+
+    Attributes:
+      id: from 1.
+      curve: middle of the lane.
+      lane: index of the lane; of the one that follows for a way between two lanes.
+      start: arc length on the lane at which the road begins [m].
+      junction: id of the junction that it lies in, 0 outside of junctions.
+      before, after: ids of the roads at its ends, 0 where a junction or nothing is.
+      junction_before, junction_after: ids of the junctions at its ends, 0 where a road or nothing is.
+    """
+
+    id: int
+    curve: LaneCurve
+    lane: int
+    start: float
+    junction: int = 0
+    before: int = 0
+    after: int = 0
+    junction_before: int = 0
+    junction_after: int = 0
+
+
+def plan_roads(
+    curves: Sequence[LaneCurve],
+    nodes: Sequence[LaneNode],
+    crossings: Sequence[LaneCrossing],
+    lit: Collection[int] = (),
+) -> list[PlannedRoad]:
+    """The roads for lanes with these curves.
+
+    Args:
+      lit: lanes with a traffic light; a junction begins where they begin.
+    """
+    spans = junction_spans(curves, nodes, crossings, lit)
+    numbers: dict[int, int] = {}
+    roads: list[PlannedRoad] = []
+    parts: list[list[PlannedRoad]] = []  # roads of each lane in order
+    for lane, curve in enumerate(curves):
+        parts.append([])
+        for start, end, span in _sections(curve.length, spans[lane]):
+            if span is not None and span.is_shared:
+                continue
+            whole = start == 0 and end == curve.length
+            road = PlannedRoad(len(roads) + 1, curve if whole else cut_curve(curve, start, end), lane, start)
+            if span is not None:
+                road.junction = numbers.setdefault(span.junction, len(numbers) + 1)
+            roads.append(road)
+            if parts[lane] and start > 0:
+                _connect(parts[lane][-1], road)
+            parts[lane].append(road)
+    for node in nodes:
+        for i, j in node.pairs:
+            if node.kind is not NodeKind.MIXED:
+                _connect(parts[i][-1], parts[j][0])
+                continue
+            tail, head = spans[i][-1], spans[j][0]
+            way = join_curves([cut_curve(curves[i], tail.start, tail.end), cut_curve(curves[j], head.start, head.end)])
+            road = PlannedRoad(len(roads) + 1, way, j, 0.0, numbers.setdefault(head.junction, len(numbers) + 1))
+            roads.append(road)
+            _connect(parts[i][-1], road)
+            _connect(road, parts[j][0])
+    return _without_doubles(roads)
+
+
+def _without_doubles(roads: list[PlannedRoad]) -> list[PlannedRoad]:
+    """Roads of which no two lead from one junction to the same other one, or back to itself: these are cut in two.
+
+    SUMO has one edge from a node to another.
+    """
+    pairs: set[tuple[int, int]] = set()
+    by_id = {road.id: road for road in roads}
+    for road in list(roads):
+        ends = (road.junction_before, road.junction_after)
+        if road.junction or not all(ends):
+            continue
+        if ends[0] != ends[1] and ends not in pairs:
+            pairs.add(ends)
+            continue
+        length = road.curve.length
+        rest = dataclasses.replace(
+            road,
+            id=len(roads) + 1,
+            curve=cut_curve(road.curve, length / 2, length),
+            start=road.start + length / 2,
+            before=road.id,
+            junction_before=0,
+        )
+        road.curve = cut_curve(road.curve, 0.0, length / 2)
+        road.after, road.junction_after = rest.id, 0
+        for way in by_id.values():
+            if way.junction and way.before == road.id:
+                way.before = rest.id
+        roads.append(rest)
+    return roads
+
+
+def _sections(length: float, spans: Sequence[JunctionSpan]) -> list[tuple[float, float, JunctionSpan | None]]:
+    """The lane cut into what lies in junctions and what lies between them."""
+    sections: list[tuple[float, float, JunctionSpan | None]] = []
+    place = 0.0
+    for span in spans:
+        if span.start > place:
+            sections.append((place, span.start, None))
+        sections.append((span.start, span.end, span))
+        place = span.end
+    if place < length:
+        sections.append((place, length, None))
+    return sections
+
+
+def _connect(before: PlannedRoad, after: PlannedRoad) -> None:
+    """Notes that one road follows the other."""
+    if after.junction:
+        before.junction_after, after.before = after.junction, before.id
+    elif before.junction:
+        before.after, after.junction_before = after.id, before.junction
+    else:
+        before.after, after.before = after.id, before.id

@@ -1,0 +1,110 @@
+"""The form of OpenDRIVE files that consumers accept, checked without them."""
+
+from __future__ import annotations
+
+import itertools
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from scjax.export import export_log
+from scjax.export.base import Losses
+from scjax.export.lane_curves import curve_line
+from scjax.export.opendrive import road_network
+from scjax.synthetic.recording import to_log
+from scjax.synthetic.world import make_world
+from tests.factories.exports import crossing_log, two_lane_log
+from tests.factories.logs import example_log
+
+MAKERS = {
+    "crossing": crossing_log,
+    "two lanes": two_lane_log,
+    "example": example_log,
+    "town": lambda: to_log(make_world(5, 7)),
+    "motorway": lambda: to_log(make_world(5, 1)),
+}
+
+
+@pytest.fixture(scope="module", params=list(MAKERS))
+def roads(request):
+    return road_network(MAKERS[request.param](), Losses()).roads
+
+
+def test_roads_that_follow_each_other_meet(roads):
+    by_id = {road.id: road for road in roads}
+    for road in roads:
+        if road.after:
+            ends = [curve_line(road.curve)[0][[-2, -1]], curve_line(by_id[road.after].curve)[0][[0, 1]]]
+            np.testing.assert_allclose(ends[0][1], ends[1][0], atol=1e-3)
+            directions = [np.diff(end[:, :2], axis=0)[0] for end in ends]
+            units = [direction / np.hypot(*direction) for direction in directions]
+            assert units[0] @ units[1] > 0.9
+
+
+def test_roads_name_each_other(roads):
+    by_id = {road.id: road for road in roads}
+    for road in roads:
+        assert not (road.after and road.junction_after) and not (road.before and road.junction_before)
+        if road.after:
+            following = by_id[road.after]
+            assert following.before == road.id or following.junction_before == road.junction > 0
+        if road.junction_after:
+            ways = [way for way in roads if way.before == road.id]
+            assert ways and {way.junction for way in ways} == {road.junction_after}
+
+
+def test_ways_through_junctions_lead_from_a_road_to_a_road(roads):
+    by_id = {road.id: road for road in roads}
+    for road in roads:
+        if road.junction:
+            assert not by_id[road.before].junction and not by_id[road.after].junction
+
+
+def test_no_two_roads_lead_from_a_junction_to_the_same_one(roads):
+    pairs = [
+        (road.junction_before, road.junction_after) for road in roads if road.junction_before * road.junction_after
+    ]
+    assert len(set(pairs)) == len(pairs) and all(a != b for a, b in pairs)
+
+
+def test_lanes_that_cross_share_a_junction():
+    network = road_network(crossing_log(), Losses())
+    names = {lane.id: row for row, lane in enumerate(network.lanes.lanes)}
+    junctions = {
+        name: {road.junction for road in network.roads if road.lane == names[name]} - {0}
+        for name in ("straight", "across")
+    }
+    assert junctions["straight"] & junctions["across"]
+
+
+def test_bridge_shares_no_junction_with_the_road_below():
+    log = crossing_log()
+    for lane in log.lanes:
+        if lane.id == "across":
+            lane.points[:, 2] += 6.0
+    network = road_network(log, Losses())
+    across = [road for road in network.roads if network.lanes.lanes[road.lane].id == "across"]
+    assert [road.junction for road in across] == [0]
+
+
+def test_file_has_what_the_schema_asks_for(tmp_path):
+    path = export_log(crossing_log(), tmp_path / "map.xodr", "opendrive").paths[0]
+    root = ElementTree.parse(path).getroot()
+    assert root.find("header").attrib.keys() >= {"north", "south", "east", "west", "revMajor", "revMinor"}
+    order = ["link", "type", "planView", "elevationProfile", "lanes", "signals"]
+    for road in root.iter("road"):
+        tags = [child.tag for child in road]
+        assert tags == [tag for tag in order if tag in tags] and len(road.find("elevationProfile"))
+        pieces = road.findall("planView/geometry")
+        starts = np.array([float(piece.get("s")) for piece in pieces] + [float(road.get("length"))])
+        np.testing.assert_allclose(np.diff(starts), [float(piece.get("length")) for piece in pieces])
+    ids = [element.get("id") for element in itertools.chain(root.iter("road"), root.iter("junction"))]
+    assert len(set(ids)) == len(ids)
+
+
+def test_signal_stands_in_the_junction_of_its_lane(tmp_path):
+    path = export_log(crossing_log(), tmp_path / "map.xodr", "opendrive").paths[0]
+    root = ElementTree.parse(path).getroot()
+    (road,) = [road for road in root.iter("road") if road.find("signals") is not None]
+    assert road.get("name") == "straight" and road.get("junction") != "-1"
