@@ -38,7 +38,7 @@ class PlacedSignal(NamedTuple):
     s: float
 
 
-class RoadNetwork(NamedTuple):
+class OpenDriveRoads(NamedTuple):
     """What an OpenDRIVE file holds of a log.
 
     Attributes:
@@ -64,7 +64,7 @@ def write_opendrive(log: Log, path: Path, losses: Losses) -> tuple[Path, ...]:
     return (path,)
 
 
-def road_network(log: Log, losses: Losses) -> RoadNetwork:
+def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
     """The roads and traffic lights for the map of a log.
 
     Raises:
@@ -80,7 +80,7 @@ def road_network(log: Log, losses: Losses) -> RoadNetwork:
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]
     lit = {row for row, lane in enumerate(lanes.lanes) if lane.id in log.signal_lane_ids}
     roads = plan_roads(curves, nodes, lane_crossings(curves), lit)
-    return RoadNetwork(lanes, roads, _signals(log, lanes, roads, losses))
+    return OpenDriveRoads(lanes, roads, _signals(log, lanes, roads, losses))
 
 
 def _signals(log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Losses) -> dict[int, list[PlacedSignal]]:
@@ -100,7 +100,7 @@ def _signals(log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Los
     return signals
 
 
-def opendrive_tree(network: RoadNetwork, name: str) -> XmlElement:
+def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
     """The <OpenDRIVE> element."""
     root = ElementTree.Element("OpenDRIVE")
     corners = np.concatenate([road.curve.pieces.reshape(-1, 2) for road in network.roads])
@@ -125,12 +125,12 @@ def opendrive_tree(network: RoadNetwork, name: str) -> XmlElement:
     return root
 
 
-def _junction_id(network: RoadNetwork, junction: int) -> int:
+def _junction_id(network: OpenDriveRoads, junction: int) -> int:
     """Ids of junctions begin after those of roads."""
     return len(network.roads) + junction
 
 
-def _add_road(root: XmlElement, road: PlannedRoad, network: RoadNetwork) -> None:
+def _add_road(root: XmlElement, road: PlannedRoad, network: OpenDriveRoads) -> None:
     lane = network.lanes.lanes[road.lane]
     pieces = [piece for piece in road.curve.pieces]
     lengths = [piece_length(piece) for piece in pieces]

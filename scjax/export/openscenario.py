@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from scjax.export.base import Export, Losses
-from scjax.export.opendrive import RoadNetwork, opendrive_tree, road_network
+from scjax.export.opendrive import OpenDriveRoads, opendrive_tree, road_network
 from scjax.export.openscenario_entities import add_entity, entity_name
 from scjax.export.traffic import filled_traffic
 from scjax.export.xml_text import XmlElement, add_element, plain_decimal, write_xml
@@ -37,7 +37,7 @@ def write_openscenario(log: Log, path: Path, losses: Losses) -> tuple[Path, ...]
     name = log.metadata.scene_id or path.stem
     add_element(root, "FileHeader", revMajor=1, revMinor=2, date=_DATE, author="scjax", description=name)
     add_element(root, "CatalogLocations")
-    road_element = add_element(root, "RoadNetwork")
+    road_element = add_element(root, "OpenDriveRoads")
     add_element(road_element, "LogicFile", filepath=roads.name)
     _add_signals(road_element, log, network)
     entities = add_element(root, "Entities")
@@ -49,7 +49,7 @@ def write_openscenario(log: Log, path: Path, losses: Losses) -> tuple[Path, ...]
     return (path, roads)
 
 
-def _add_signals(roads: XmlElement, log: Log, network: RoadNetwork) -> None:
+def _add_signals(roads: XmlElement, log: Log, network: OpenDriveRoads) -> None:
     """One controller that steps through the states of all signals; after the log it begins again."""
     signals = [signal for group in network.signals.values() for signal in group]
     if not signals:

@@ -24,7 +24,7 @@ class Action(NamedTuple):
     curvature: Float[AnyArray, "*b"]
 
 
-class Pose(NamedTuple):
+class VehiclePose(NamedTuple):
     """Center [m], heading [rad] and speed [m/s]."""
 
     x: Float[AnyArray, "*b"]
@@ -33,7 +33,7 @@ class Pose(NamedTuple):
     speed: Float[AnyArray, "*b"]
 
 
-def bicycle_step(pose: Pose, action: Action, dt: float) -> Pose:
+def bicycle_step(pose: VehiclePose, action: Action, dt: float) -> VehiclePose:
     """The pose ``dt`` seconds later. Actions are clipped to what vehicles can do; nobody drives in reverse."""
     acceleration = jnp.clip(action.acceleration, -MAX_ACCELERATION, MAX_ACCELERATION)
     curvature = jnp.clip(action.curvature, -MAX_CURVATURE, MAX_CURVATURE)
@@ -41,10 +41,10 @@ def bicycle_step(pose: Pose, action: Action, dt: float) -> Pose:
     distance = 0.5 * (pose.speed + speed) * dt
     heading = pose.heading + curvature * distance
     middle = pose.heading + 0.5 * curvature * distance
-    return Pose(pose.x + distance * jnp.cos(middle), pose.y + distance * jnp.sin(middle), heading, speed)
+    return VehiclePose(pose.x + distance * jnp.cos(middle), pose.y + distance * jnp.sin(middle), heading, speed)
 
 
-def bicycle_action(before: Pose, after: Pose, dt: float) -> Action:
+def bicycle_action(before: VehiclePose, after: VehiclePose, dt: float) -> Action:
     """The action that leads from one pose to the next; 0 curvature for vehicles that hardly move."""
     acceleration = (after.speed - before.speed) / dt
     distance = 0.5 * (before.speed + after.speed) * dt

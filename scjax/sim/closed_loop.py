@@ -16,7 +16,7 @@ from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior import BehaviorModel
-from scjax.sim.bicycle import Action, Pose, bicycle_step, finite_action
+from scjax.sim.bicycle import Action, VehiclePose, bicycle_step, finite_action
 from scjax.sim.collisions import touching_bodies
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.routes import AXLE_SHARE, NUM_LANES, Routes, extend_routes, lane_starts, remaining, way_points
@@ -125,11 +125,11 @@ def drive_step(
     before = state.agents
     invalid = ~finite_action(action)
     action = Action(jnp.where(invalid, _RESTING, action.acceleration), jnp.where(invalid, 0.0, action.curvature))
-    pose = Pose(before.x[row], before.y[row], before.heading[row], before.speed[row])
+    pose = VehiclePose(before.x[row], before.y[row], before.heading[row], before.speed[row])
     pose = bicycle_step(pose, action, dt)
     memory, moved = behavior.step(move_key, network, state.memory, before, signals, dt)
     is_row = jnp.arange(before.x.shape[0]) == row
-    driven = {name: jnp.where(is_row, getattr(pose, name), getattr(moved, name)) for name in Pose._fields}
+    driven = {name: jnp.where(is_row, getattr(pose, name), getattr(moved, name)) for name in VehiclePose._fields}
     was_here = before.valid[row]
     agents = moved.replace(
         **driven,
@@ -174,7 +174,7 @@ def _runs_red(
     network: RoadNetwork,
     route: Routes,
     before: Agents,
-    pose: Pose,
+    pose: VehiclePose,
     signals: Int[AnyArray, " S"],
     row: Int[AnyArray, ""],
 ) -> Bool[AnyArray, ""]:

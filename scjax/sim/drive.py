@@ -24,12 +24,12 @@ from scjax.sim.preparation import Start, prepare
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.rollout import moving_fields
 from scjax.sim.route_follower import RouteFollower
-from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, signal_states
+from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
 
 @dataclasses.dataclass(frozen=True)
-class Drive:
+class DriveResult:
     """A closed loop that has ended.
 
     Attributes:
@@ -58,7 +58,7 @@ def drive(
     actor: str | None = None,
     behavior: BehaviorModel | None = None,
     step: int = 0,
-) -> Drive:
+) -> DriveResult:
     """A closed loop at 10 Hz: ``policy`` drives one agent, ``behavior`` moves all others.
 
     The driven agent moves as a kinematic bicycle (accelerations to 6 m/s^2, curvatures to 0.3 1/m). An action that is
@@ -83,7 +83,7 @@ def drive(
     behavior = RouteFollower() if behavior is None else behavior
     start = prepare(source, step, np.random.default_rng(key_seed(key)))
     row = actor_row(start, actor)
-    signals = signal_states([start], steps)[0]
+    signals = padded_signals([start], steps)[0]
     state = start_state(key, start.network, start.agents, start.places, jnp.int32(row), behavior=behavior)
     _, _, after, terms = drive_segment(
         key,
@@ -99,7 +99,7 @@ def drive(
     track, name = TrackLog(start), start.log.object_ids[row]
     shown = start.plan.states((1 + np.arange(steps)) * TIME_STEP)
     track.add(start, {name: np.asarray(values) for name, values in after.items()}, shown)
-    return Drive(track.log(start.log, name, TIME_STEP), name, terms_on_host(terms))
+    return DriveResult(track.log(start.log, name, TIME_STEP), name, terms_on_host(terms))
 
 
 def terms_on_host(terms: DrivingTerms) -> dict[str, np.ndarray]:

@@ -19,12 +19,12 @@ from scjax.scene import Map, Scene, map_to_log, scene_to_map
 from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
-from scjax.sim.drive import Drive, actor_row, drive_segment, start_state, terms_on_host
+from scjax.sim.drive import DriveResult, actor_row, drive_segment, start_state, terms_on_host
 from scjax.sim.policies import Policy, RoutePolicy
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.road_network import NONE
 from scjax.sim.route_follower import RouteFollower
-from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, signal_states
+from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
 SEGMENT = 20  # steps between two looks at what is left of the way
@@ -44,7 +44,7 @@ def drive_on(
     length: float = MAX_LENGTH,
     behavior: BehaviorModel | None = None,
     **outpainting: Any,
-) -> tuple[Drive, Map]:
+) -> tuple[DriveResult, Map]:
     """As ``scjax.drive``, and the map grows by tiles whenever less than 90 m of the ego's way are left.
 
     Agents of new tiles join the traffic. Only agents within 200 m of the ego move; those farther away are gone. The
@@ -86,7 +86,7 @@ def drive_on_steps(
     length: float = MAX_LENGTH,
     behavior: BehaviorModel | None = None,
     **outpainting: Any,
-) -> Iterator[tuple[Drive, Map]]:
+) -> Iterator[tuple[DriveResult, Map]]:
     """As ``drive_on``, but gives what has happened so far every two seconds."""
     seconds = finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS)
     key = sampling_key(key)
@@ -121,17 +121,17 @@ class _GrowingDrive:
         self.seen = set(world.agent_ids)
         self._begin(start)
 
-    def result(self) -> tuple[Drive, Map]:
+    def result(self) -> tuple[DriveResult, Map]:
         """What has happened so far, and the map."""
         log = self.track.log(map_to_log(self.world), self.actor, TIME_STEP)
         terms = {name: np.concatenate([one[name] for one in self.terms]) for name in DrivingTerms._fields}
-        return Drive(log, self.actor, terms), self.world
+        return DriveResult(log, self.actor, terms), self.world
 
     def advance(self, steps: int) -> None:
         """Drives on by ``steps`` steps; the map has grown before where it must."""
         self._grow()
         start = self.start
-        signals = signal_states([start], steps, self.clock)[0]
+        signals = padded_signals([start], steps, self.clock)[0]
         self.state, self.policy_state, after, terms = drive_segment(
             jax.random.fold_in(self.key, self.number),
             start.network,

@@ -81,7 +81,7 @@ def key_seed(key: Any) -> np.ndarray:
     return np.asarray(jax.random.key_data(key)).astype(np.uint32)
 
 
-def signal_states(starts: Sequence[Start], steps: int, clock: float = 0.0) -> Int[np.ndarray, "B T S"]:
+def padded_signals(starts: Sequence[Start], steps: int, clock: float = 0.0) -> Int[np.ndarray, "B T S"]:
     """``Signal`` of all signals at the start of every step from ``clock`` [s] on, padded."""
     times = clock + np.arange(steps) * TIME_STEP
     width = -(-max(1, *(len(start.plan.cycle) for start in starts)) // _SIGNAL_STEP) * _SIGNAL_STEP
@@ -93,7 +93,7 @@ def signal_states(starts: Sequence[Start], steps: int, clock: float = 0.0) -> In
 
 def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: int) -> list[Log]:
     """The logs of scenes of one shape."""
-    signals = signal_states(starts, steps)
+    signals = padded_signals(starts, steps)
     rows = np.minimum(np.arange(1 << int(np.ceil(np.log2(len(starts))))), len(starts) - 1)  # few sizes of batches
     networks, agents, places = (
         stack_records([getattr(starts[row], name) for row in rows]) for name in ("network", "agents", "places")
