@@ -15,6 +15,7 @@ Models:     Model, load, save
 Generation: sample, place, reconstruct, regenerate_agents, regenerate_region
 Exports:    export_log
 Maps grow:  outpaint, extend_map, complete_rear
+Traffic:    simulate, drive, RouteFollower, ConstantVelocity, Action, Observation
 Editing:    insert_agent, move_agent, remove_agents
 Pictures:   viz
 
@@ -65,11 +66,19 @@ if TYPE_CHECKING:
     from scjax.scene.edit import insert_agent, move_agent, remove_agents
     from scjax.scene.per_type import PerType
     from scjax.scene.repair import repair
+    from scjax.sim.bicycle import Action
+    from scjax.sim.constant_velocity import ConstantVelocity
+    from scjax.sim.drive import drive
+    from scjax.sim.observation import Observation
+    from scjax.sim.route_follower import RouteFollower
+    from scjax.sim.simulate import simulate
 
 __version__ = "0.1.0"
 __all__ = [
+    "Action",
     "AgentType",
     "Condition",
+    "ConstantVelocity",
     "Crop",
     "EnergyGuidance",
     "Guidance",
@@ -77,13 +86,16 @@ __all__ = [
     "Log",
     "Map",
     "Model",
+    "Observation",
     "PerType",
+    "RouteFollower",
     "Scene",
     "Signal",
     "Stream",
     "complete_rear",
     "crop_log",
     "crop_map",
+    "drive",
     "export_log",
     "extend_map",
     "import_log",
@@ -105,6 +117,7 @@ __all__ = [
     "save",
     "save_log",
     "save_map",
+    "simulate",
     "validate",
     "validate_log",
     "validate_map",
@@ -147,6 +160,12 @@ _PLACES = {
     "scjax.scene.edit": ("insert_agent", "move_agent", "remove_agents"),
     "scjax.scene.per_type": ("PerType",),
     "scjax.scene.repair": ("repair",),
+    "scjax.sim.bicycle": ("Action",),
+    "scjax.sim.constant_velocity": ("ConstantVelocity",),
+    "scjax.sim.drive": ("drive",),
+    "scjax.sim.observation": ("Observation",),
+    "scjax.sim.route_follower": ("RouteFollower",),
+    "scjax.sim.simulate": ("simulate",),
 }
 """Module -> the public names in it, and what they are called there. Each is imported when it is first used: the command
 line prints its help without JAX."""

@@ -23,6 +23,7 @@ from scjax.cli.outpaint import outpaint_command
 from scjax.cli.place import place_command
 from scjax.cli.plot import plot_command
 from scjax.cli.read import read_command
+from scjax.cli.simulate import simulate_command
 from scjax.cli.train import train_command
 
 
@@ -34,6 +35,7 @@ def cli() -> None:
     \b
     scjax demo                                   one picture of scenes for six prompts
     scjax generate "a T-junction with two cars"  scenes for your own prompts
+    scjax simulate "a busy crossing"             traffic that moves, as an animation
     scjax outpaint "a street in a town"          a map of 200 m that grows from it
     scjax info                                   domains, sizes and training of the model
 
@@ -45,7 +47,7 @@ DEBUG = "--debug"
 """Anywhere among the arguments: errors show their trace."""
 
 for command in (
-    *(demo, generate, outpaint_command, place_command, edit_command, read_command),
+    *(demo, generate, simulate_command, outpaint_command, place_command, edit_command, read_command),
     *(evaluate, caption, attributes_command, plot_command, export_command),
     *(data, train_command, info, schema),
 ):

@@ -37,7 +37,7 @@ def write_openscenario(log: Log, path: Path, losses: Losses) -> tuple[Path, ...]
     name = log.metadata.scene_id or path.stem
     add_element(root, "FileHeader", revMajor=1, revMinor=2, date=_DATE, author="scjax", description=name)
     add_element(root, "CatalogLocations")
-    road_element = add_element(root, "OpenDriveRoads")
+    road_element = add_element(root, "RoadNetwork")
     add_element(road_element, "LogicFile", filepath=roads.name)
     _add_signals(road_element, log, network)
     entities = add_element(root, "Entities")

@@ -1,4 +1,4 @@
-"""``scjax.drive_on``: a closed loop on a map that grows ahead of the driven agent."""
+"""A closed loop on a map that grows ahead of the driven agent."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from scjax.generate.arguments import sampling_key
+from scjax.data.map_joins import connect_lanes
 from scjax.generate.conditions import Condition
-from scjax.outpainting.outpaint import MAX_LENGTH, outpaint_steps
+from scjax.outpainting.exits import choose_exit, find_exits
+from scjax.outpainting.extend import extend_map
 from scjax.scene import Map, Scene, map_to_log, scene_to_map
-from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
-from scjax.sim.drive import DriveResult, actor_row, drive_segment, start_state, terms_on_host
-from scjax.sim.policies import Policy, RoutePolicy
+from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
+from scjax.sim.policies import Policy
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.road_network import NONE
-from scjax.sim.route_follower import RouteFollower
-from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, padded_signals
+from scjax.sim.simulate import TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
 SEGMENT = 20  # steps between two looks at what is left of the way
@@ -33,101 +32,58 @@ AROUND = 200.0  # m from the driven agent, within which traffic moves
 _ROUTE_LANES = 32
 
 
-def drive_on(
-    key: Any,
-    source: Scene | Map,
-    policy: Policy | None = None,
-    *,
-    condition: Condition | str | None = None,
-    policy_state: Any = None,
-    seconds: float = 60.0,
-    length: float = MAX_LENGTH,
-    behavior: BehaviorModel | None = None,
-    **outpainting: Any,
-) -> tuple[DriveResult, Map]:
-    """As ``scjax.drive``, and the map grows by tiles whenever less than 90 m of the ego's way are left.
-
-    Agents of new tiles join the traffic. Only agents within 200 m of the ego move; those farther away are gone. The
-    ego follows the route of the map, straight ahead by default.
+class GrowingDrive:
+    """The loop with its present map.
 
     Args:
-      condition: what the new tiles show.
-      length: at which the map stops to grow [m].
-      outpainting: further options of ``scjax.outpaint``, such as ``candidates`` and ``route``.
-
-    Returns:
-      What happened, on the lanes of the final map, and that map.
-
-    Raises:
-      ValueError: as ``scjax.drive`` and ``scjax.outpaint``.
+      key: typed key.
+      source: a scene or a map.
+      condition: what new tiles show.
+      outpainting: ``route`` as in ``scjax.outpaint``, and options of ``scjax.extend_map``.
+      others: as in ``scjax.drive``.
     """
-    *_, last = drive_on_steps(
-        key,
-        source,
-        policy,
-        condition=condition,
-        policy_state=policy_state,
-        seconds=seconds,
-        length=length,
-        behavior=behavior,
-        **outpainting,
-    )
-    return last
 
-
-def drive_on_steps(
-    key: Any,
-    source: Scene | Map,
-    policy: Policy | None = None,
-    *,
-    condition: Condition | str | None = None,
-    policy_state: Any = None,
-    seconds: float = 60.0,
-    length: float = MAX_LENGTH,
-    behavior: BehaviorModel | None = None,
-    **outpainting: Any,
-) -> Iterator[tuple[DriveResult, Map]]:
-    """As ``drive_on``, but gives what has happened so far every two seconds."""
-    seconds = finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS)
-    key = sampling_key(key)
-    world = scene_to_map(source) if isinstance(source, Scene) else source
-    tiles = outpaint_steps(jax.random.fold_in(key, 1), world, condition, length=length, **outpainting)
-    run = _GrowingDrive(
-        key=jax.random.fold_in(key, 2),
-        tiles=tiles,
-        world=next(tiles),
-        policy=RoutePolicy() if policy is None else policy,
-        policy_state=policy_state,
-        behavior=RouteFollower() if behavior is None else behavior,
-    )
-    steps = round(seconds / TIME_STEP)
-    while run.track.num_steps <= steps and not run.has_ended:
-        run.advance(min(SEGMENT, steps + 1 - run.track.num_steps))
-        yield run.result()
-
-
-class _GrowingDrive:
-    """The loop with its present map."""
-
-    def __init__(self, key: Array, tiles: Iterator[Map], world: Map, policy: Policy, policy_state: Any, behavior):
-        self.key, self.tiles, self.world = key, tiles, world
+    def __init__(
+        self,
+        key: Array,
+        source: Scene | Map,
+        policy: Policy,
+        *,
+        condition: Condition | str | None,
+        policy_state: Any,
+        behavior: BehaviorModel,
+        actor: str | None,
+        **outpainting: Any,
+    ):
+        world = scene_to_map(source) if isinstance(source, Scene) else source
+        self.tile_key, self.key = jax.random.split(key)
+        self.world, self.condition = connect_lanes(world), condition
+        self.way, self.outpainting = outpainting.pop("route", "straight"), outpainting
+        self.world_grows, self.blocked, self.goal = True, set[str](), ""
         self.policy, self.policy_state, self.behavior = policy, policy_state, behavior
         self.clock, self.number, self.has_ended = 0.0, 0, False
-        start = self._prepare(world)
-        self.row = actor_row(start, None)
-        self.actor = start.log.object_ids[self.row]
-        self.track = TrackLog(start)
+        self.start = prepare(self.world, 0, self._rng())
+        self.row = actor_row(self.start, actor)
+        self.actor = self.start.log.object_ids[self.row]
+        self.yaw = float(self.start.agents.heading[self.row])
+        self.track = TrackLog(self.start)
         self.terms: list[dict[str, np.ndarray]] = []
-        self.seen = set(world.agent_ids)
-        self._begin(start)
+        self.seen = set(self.world.agent_ids)
+        self._begin(self.start)
 
-    def result(self) -> tuple[DriveResult, Map]:
-        """What has happened so far, and the map."""
+    def segments(self, steps: int) -> Iterator[None]:
+        """Drives on for ``steps`` steps, or until the agent has left the map; pauses every two seconds."""
+        while self.track.num_steps <= steps and not self.has_ended:
+            self._advance(min(SEGMENT, steps + 1 - self.track.num_steps))
+            yield
+
+    def result(self) -> DriveResult:
+        """What has happened so far."""
         log = self.track.log(map_to_log(self.world), self.actor, TIME_STEP)
         terms = {name: np.concatenate([one[name] for one in self.terms]) for name in DrivingTerms._fields}
-        return DriveResult(log, self.actor, terms), self.world
+        return DriveResult(log, self.actor, terms, self.world)
 
-    def advance(self, steps: int) -> None:
+    def _advance(self, steps: int) -> None:
         """Drives on by ``steps`` steps; the map has grown before where it must."""
         self._grow()
         start = self.start
@@ -150,11 +106,21 @@ class _GrowingDrive:
         self.has_ended = not bool(self.state.agents.valid[self.row])
 
     def _grow(self) -> None:
-        """Adds tiles until enough of the way is there, or the map does not grow any more."""
-        while self._way_left() < LOOK_AHEAD:
-            world = next(self.tiles, None)
-            if world is None:
-                break
+        """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on."""
+        while self._way_left() < LOOK_AHEAD and self.world_grows:
+            first = self.start.lane_ids[int(np.asarray(self.state.route.lanes)[0, 0])][-1]
+            exits = [one for one in find_exits(self.world, first) if one.lane_ids[-1] not in self.blocked]
+            chosen = choose_exit(exits, self._rng(), yaw=self.yaw, way=self.way)
+            if chosen is None:
+                self.world_grows = False
+                return
+            key = jax.random.fold_in(self.tile_key, len(self.world.tiles))
+            pose, number = chosen.pose, self.world.num_lanes
+            world = extend_map(key, self.world, self.condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self.outpainting)
+            if world.num_lanes == number or not world.lane_by_id[chosen.lane_ids[-1]].successors:
+                self.blocked.add(chosen.lane_ids[-1])
+            else:
+                self.yaw, self.goal = pose.yaw, chosen.lane_ids[-1]
             self.world = world
             self._begin(self._prepare(self._with_traffic(world)))
             self.seen |= set(world.agent_ids)
@@ -169,9 +135,12 @@ class _GrowingDrive:
             start.agents,
             start.places,
             jnp.int32(self.row),
-            _route_rows(start, self.row, self.world),
+            _route_rows(start, self.row, self.goal),
             behavior=self.behavior,
         )
+
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng(key_seed(self.key))
 
     def _way_left(self) -> float:
         """What is left of the ego's way [m]."""
@@ -181,10 +150,7 @@ class _GrowingDrive:
 
     def _prepare(self, world: Map) -> Start:
         """The start on the lanes near the ego; signals that were there keep their phases."""
-        start = prepare(world, 0, np.random.default_rng(key_seed(self.key)))
-        old = getattr(self, "start", None)
-        if old is None:
-            return start
+        start, old = prepare(world, 0, self._rng()), self.start
         rows = {lane_id: row for row, lane_id in enumerate(old.log.signal_lane_ids)}
         plan = {name: getattr(start.plan, name).copy() for name in ("cycle", "green", "offset")}
         plan["offset"] -= self.clock  # a plan counts from the start of the loop
@@ -222,24 +188,24 @@ class _GrowingDrive:
         )
 
 
-def _route_rows(start: Start, row: int, world: Map) -> Int[np.ndarray, " R"]:
-    """The ego's lanes in the network: along successors to the last lane of the map's route that can be reached."""
-    rows = {name: row for row, names in enumerate(start.lane_ids) for name in names}
+def _route_rows(start: Start, row: int, goal: str) -> Int[np.ndarray, " R"]:
+    """Lanes of the network from that of the agent along successors to the one that holds lane ``goal``.
+
+    Without a way to it, the agent's lane alone.
+    """
     first = int(np.asarray(start.places.lane)[row])
     out = np.full(_ROUTE_LANES, NONE, np.int32)
-    goals = [rows[name] for route in world.routes[:1] for name in route.lane_ids if name in rows]
     if first == NONE:
         return out
     came_from, queue = {first: NONE}, collections.deque([first])
     successors = np.asarray(start.network.successors)
     while queue:
         lane = queue.popleft()
-        for following in successors[lane]:
-            if following >= 0 and int(following) not in came_from:
-                came_from[int(following)] = lane
-                queue.append(int(following))
-    goal = next((lane for lane in reversed(goals) if lane in came_from), first)
-    way = [goal]
+        for following in successors[lane].tolist():
+            if following >= 0 and following not in came_from:
+                came_from[following] = lane
+                queue.append(following)
+    way = [next((lane for lane in came_from if goal in start.lane_ids[lane]), first)]
     while came_from[way[-1]] != NONE:
         way.append(came_from[way[-1]])
     way = way[::-1][:_ROUTE_LANES]

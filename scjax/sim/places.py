@@ -12,24 +12,29 @@ from scjax.sim.road_network import NONE
 
 _RADIUS, _NEAR = 3.5, 2.5  # m to a centerline: of moving vehicles, and of standing ones
 _ANGLE, _WIDE_ANGLE = np.deg2rad(60.0), np.deg2rad(45.0)
-_PARKED_SPEED, _PARKED_OFFSET = 0.5, 1.1  # m/s, m
+_PARKED_SPEED, _PARKED_OFFSET = 0.5, 1.6  # m/s, m
+_PARALLEL = np.deg2rad(15.0)
 _ANGLE_COST = 3.0  # m for each rad: which of several lanes an agent follows
 
 
-def place_agents(lanes: LanePoints, states: Float64[np.ndarray, "N 9"], types: Int[np.ndarray, " N"]) -> LanePlaces:
+def place_agents(
+    lanes: LanePoints, states: Float64[np.ndarray, "N 9"], types: Int[np.ndarray, " N"], ego: int | None = None
+) -> LanePlaces:
     """The lane that each vehicle or cyclist follows: near, and in its direction.
 
-    Standing vehicles that follow no lane, or stand aside of it, are parked. Pedestrians follow no lane. Obstacles are
-    parked.
+    Standing vehicles that follow no lane, or stand aside of it and not between two, are parked. Pedestrians follow no
+    lane. Obstacles are parked.
 
     Args:
       states: columns of ``Scene.agents`` in the frame of the lanes.
       types: ``AgentType``.
+      ego: row of the agent that is not parked, wherever it stands on its lane.
     """
     from scipy.spatial import KDTree
 
     count = len(states)
     lane, along, lateral, angle = np.full(count, NONE), np.zeros(count), np.zeros(count), np.zeros(count)
+    between = np.zeros(count, bool)  # two lanes that run the same way
     headings = np.arctan2(states[:, 5], states[:, 4])
     found = KDTree(lanes.points[:, :2]).query_ball_point(states[:, :2], _RADIUS + 1.0) if count else []
     for row in range(count):
@@ -48,8 +53,13 @@ def place_agents(lanes: LanePoints, states: Float64[np.ndarray, "N 9"], types: I
         best = int(cost.argmin())
         lane[row], lateral[row], angle[row] = lanes.lane[near[best]], side[best], turn[best]
         along[row] = lanes.along[near[best]] + ahead[best]
+        beside = fits & (side * side[best] < 0) & (np.abs(turn - turn[best]) < _PARALLEL)
+        between[row] = beside.any()
     stands = states[:, 3] < _PARKED_SPEED
-    aside = (lane == NONE) | (np.abs(lateral) > _PARKED_OFFSET) | (np.abs(angle) > _WIDE_ANGLE)
+    off_center = (np.abs(lateral) > _PARKED_OFFSET) & ~between
+    if ego is not None:  # it drives by definition
+        off_center[ego] = False
+    aside = (lane == NONE) | off_center | (np.abs(angle) > _WIDE_ANGLE)
     parked = stands & aside & np.isin(types, (AgentType.VEHICLE, AgentType.CYCLIST))
     parked |= types == AgentType.STATIC
     lane[parked] = NONE

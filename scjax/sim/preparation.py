@@ -73,7 +73,7 @@ def prepare(source: Log | Map | Scene, step: int, rng: np.random.Generator) -> S
     plan = _plan(log, rng)
     rows = {lane_id: row for row, lane_id in enumerate(log.signal_lane_ids)}
     network = build_road_network(log, graph, lanes, rows, tiles)
-    places = place_agents(lanes, states, log.object_types)
+    places = place_agents(lanes, states, log.object_types, None if log.ego_index == NO_EGO else log.ego_index)
     shift = swerve(lanes, states[places.is_parked])
     network = network.replace(
         x=network.x + shift[:, 0].astype(np.float32), y=network.y + shift[:, 1].astype(np.float32)
@@ -85,9 +85,9 @@ def prepare(source: Log | Map | Scene, step: int, rng: np.random.Generator) -> S
 def _one_step(source: Log | Map | Scene, step: int) -> tuple[Log, Sequence[MapTile]]:
     """The moment as a log of one step whose objects all take part, and the tiles of a map."""
     tiles: Sequence[MapTile] = ()
-    ego = 0
+    ego = NO_EGO
     if isinstance(source, Scene):
-        source = scene_to_map(source)
+        source, ego = scene_to_map(source), 0
     if isinstance(source, Map):
         tiles = source.tiles
         log = map_to_log(source)
