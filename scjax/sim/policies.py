@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -18,6 +18,7 @@ _LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.8, 4.0  # s and m ahead of the center to which 
 _PREDICTED = (0.0, 1.0, 2.0)  # s, at which others must not be on the way
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Drives one agent. Pure and hashable, such as a frozen dataclass or a function."""
 
@@ -72,12 +73,12 @@ def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float
     gap, lead = jnp.full_like(observation.speed, jnp.inf), jnp.zeros_like(observation.speed)
     for seconds in _PREDICTED:
         # Where somebody will be counts only for those who cross the route.
-        d_x = route[:, None, 0] - (x + seconds * speed * cos)
-        d_y = route[:, None, 1] - (y + seconds * speed * sin)
-        along = jnp.abs(d_x * cos + d_y * sin) - 0.5 * length - 1.6
-        across = jnp.abs(d_y * cos - d_x * sin) - 0.5 * width - room
-        parallel = tangent[:, :1] * cos + tangent[:, 1:] * sin
-        counts = observation.agent_mask & observation.route_mask[:, None] & (x > 0.0)
+        d_x = route[:, None, 0] - (x + seconds * speed * cos)[None]
+        d_y = route[:, None, 1] - (y + seconds * speed * sin)[None]
+        along = jnp.abs(d_x * cos[None] + d_y * sin[None]) - 0.5 * length[None] - 1.6
+        across = jnp.abs(d_y * cos[None] - d_x * sin[None]) - 0.5 * width[None] - room
+        parallel = tangent[:, :1] * cos[None] + tangent[:, 1:] * sin[None]
+        counts = (observation.agent_mask & (x > 0.0))[None] & observation.route_mask[:, None]
         counts = counts & ((seconds == 0.0) | (jnp.abs(parallel) < 0.8))
         hit = jnp.where((along < 0) & (across < 0) & counts, ahead[:, None], jnp.inf)
         first = hit.min(0)

@@ -129,7 +129,7 @@ class RouteFollower:
         routes = state.routes
         follows = routes.has_route & agents.valid
         front = FRONT * agents.length
-        way = _shifted(way_points(network, routes, front[:, None] + WINDOW), routes.lateral)
+        way = _shifted(way_points(network, routes, front[:, None] + WINDOW[None]), routes.lateral)
         way = _straight_on(way, agents, routes.has_route)
         leaders, waits = self._leaders(network, state, agents, signals, way, front)
         limit = self._limits(state, agents, way)
@@ -234,14 +234,14 @@ def _shifted(way: WayPoints, lateral: Float[AnyArray, " N"]) -> WayPoints:
 def _straight_on(way: WayPoints, agents: Agents, has_route: Bool[AnyArray, " N"]) -> WayPoints:
     """The way straight ahead for agents without a route."""
     front = FRONT * agents.length[:, None]
-    ahead = 0.5 * agents.length[:, None] + jnp.asarray(WINDOW)
+    ahead = 0.5 * agents.length[:, None] + jnp.asarray(WINDOW)[None]
     keep = has_route[:, None]
     return WayPoints(
         x=jnp.where(keep, way.x, agents.x[:, None] + ahead * jnp.cos(agents.heading)[:, None]),
         y=jnp.where(keep, way.y, agents.y[:, None] + ahead * jnp.sin(agents.heading)[:, None]),
         z=way.z,
         limit=jnp.where(keep, way.limit, jnp.inf),
-        distance=jnp.where(keep, way.distance, front + jnp.asarray(WINDOW)),
+        distance=jnp.where(keep, way.distance, front + jnp.asarray(WINDOW)[None]),
         inside=way.inside | ~keep,
     )
 
