@@ -5,7 +5,7 @@ A new model is one file with a frozen dataclass and one line in ``scjax.sim.beha
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Array, Int
 
@@ -17,6 +17,7 @@ from scjax.sim.routes import Routes
 State = Any  # a PyTree of arrays
 
 
+@runtime_checkable
 class BehaviorModel(Protocol):
     """Moves all agents of a scene by one step; pure, jitted by the roll-out, and hashable."""
 

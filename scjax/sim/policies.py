@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Float
@@ -18,6 +18,7 @@ _LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.8, 4.0  # s and m ahead of the center to which 
 _PREDICTED = (0.0, 1.0, 2.0)  # s, at which others must not be on the way
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Drives one agent. Pure and hashable, such as a frozen dataclass or a function."""
 
@@ -62,7 +63,7 @@ def _pursuit(observation: Observation) -> Float[AnyArray, ""]:
 
 def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float[AnyArray, ""]]:
     """Gap [m] to the first body that is on the route or will be, and its speed along the route [m/s]."""
-    x, y, cos, sin, speed, length, width = observation.agents.T
+    x, y, cos, sin, speed, length, width = observation.agents.T[:, None]  # [1, agents], beside points of the route
     route = observation.route
     step = jnp.diff(route[:, :2], axis=0)
     step = jnp.concatenate([step, step[-1:]])
@@ -77,13 +78,13 @@ def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float
         along = jnp.abs(d_x * cos + d_y * sin) - 0.5 * length - 1.6
         across = jnp.abs(d_y * cos - d_x * sin) - 0.5 * width - room
         parallel = tangent[:, :1] * cos + tangent[:, 1:] * sin
-        counts = observation.agent_mask & observation.route_mask[:, None] & (x > 0.0)
+        counts = observation.agent_mask[None] & observation.route_mask[:, None] & (x > 0.0)
         counts = counts & ((seconds == 0.0) | (jnp.abs(parallel) < 0.8))
         hit = jnp.where((along < 0) & (across < 0) & counts, ahead[:, None], jnp.inf)
         first = hit.min(0)
         row = jnp.argmin(first)
         its_gap = jnp.maximum(first[row] - 0.5 * observation.size[0] - 1.5, 0.1)
-        its_speed = jnp.maximum(speed[row] * parallel[jnp.argmin(hit[:, row]), row], 0.0)
+        its_speed = jnp.maximum(speed[0, row] * parallel[jnp.argmin(hit[:, row]), row], 0.0)
         nearer = its_gap < gap
         gap, lead = jnp.where(nearer, its_gap, gap), jnp.where(nearer, its_speed, lead)
     return gap, lead

@@ -23,6 +23,7 @@ from scjax.sim.routes import (
     Routes,
     WayPoints,
     advance,
+    complete_routes,
     extend_routes,
     fit_routes,
     lane_starts,
@@ -94,9 +95,8 @@ class RouteFollower:
             lateral_speed=jnp.zeros(num),
             heading=places.heading,
         )
-        speed_key, *keys = jax.random.split(key, NUM_LANES)
-        for one in keys:
-            routes = extend_routes(one, network, routes)
+        keys = jax.random.split(key, NUM_LANES)
+        speed_key, routes = keys[0], complete_routes(keys[1:], network, routes)
         routes = fit_routes(network, routes, agents)
         noise = jnp.clip(jax.random.normal(speed_key, (num,)), -2.0, 2.0)
         factor = self.driver.speed_factor * (1.0 + self.driver.speed_deviation * noise)
@@ -129,7 +129,7 @@ class RouteFollower:
         routes = state.routes
         follows = routes.has_route & agents.valid
         front = FRONT * agents.length
-        way = _shifted(way_points(network, routes, front[:, None] + WINDOW), routes.lateral)
+        way = _shifted(way_points(network, routes, front[:, None] + WINDOW[None]), routes.lateral)
         way = _straight_on(way, agents, routes.has_route)
         leaders, waits = self._leaders(network, state, agents, signals, way, front)
         limit = self._limits(state, agents, way)
@@ -234,14 +234,14 @@ def _shifted(way: WayPoints, lateral: Float[AnyArray, " N"]) -> WayPoints:
 def _straight_on(way: WayPoints, agents: Agents, has_route: Bool[AnyArray, " N"]) -> WayPoints:
     """The way straight ahead for agents without a route."""
     front = FRONT * agents.length[:, None]
-    ahead = 0.5 * agents.length[:, None] + jnp.asarray(WINDOW)
+    ahead = 0.5 * agents.length[:, None] + jnp.asarray(WINDOW)[None]
     keep = has_route[:, None]
     return WayPoints(
         x=jnp.where(keep, way.x, agents.x[:, None] + ahead * jnp.cos(agents.heading)[:, None]),
         y=jnp.where(keep, way.y, agents.y[:, None] + ahead * jnp.sin(agents.heading)[:, None]),
         z=way.z,
         limit=jnp.where(keep, way.limit, jnp.inf),
-        distance=jnp.where(keep, way.distance, front + jnp.asarray(WINDOW)),
+        distance=jnp.where(keep, way.distance, front + jnp.asarray(WINDOW)[None]),
         inside=way.inside | ~keep,
     )
 
