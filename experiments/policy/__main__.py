@@ -1,7 +1,7 @@
 """Can a policy learn to drive in scjax.sim.gym? PPO of skrl on synthetic worlds, scored on worlds it never saw.
 
     bash experiments/policy/install.sh runs/policy_env
-    nice -n 10 runs/policy_env/bin/python -m experiments.policy --runs runs/policy --out docs/results/policy
+    taskset -c 1 nice -n 5 runs/policy_env/bin/python -m experiments.policy --out docs/results/policy
 
 Every score is of 12 s from each held-out moment, with two seeds of the traffic. RUNS keeps the networks and all scores:
 the same command continues there, with a new state of Adam, since skrl does not restore it.
