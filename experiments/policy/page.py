@@ -44,10 +44,9 @@ def make_page(out: Path, command: str, curve: Sequence[Mapping], fixed: Mapping[
         "",
         f"Each row is the mean of {curve[-1]['episodes']} episodes of 12 s on {scenes} other worlds. The policy acts"
         f" without noise. Training changes the share of episodes off the road from {_percent(curve, 'off_road')} %, and"
-        f" that with a collision from {_percent(curve, 'collides')} %. The policy {verdict} `RoutePolicy`, which follows"
-        " the route by rules written by hand. Before training it hardly acts. `RewardWeights` has its defaults. An"
-        " episode ends with a collision, off the road or"
-        " where the route leaves the map.",
+        f" that with a collision from {_percent(curve, 'collides')} %. The policy {verdict} `RoutePolicy`, which"
+        " follows the route by rules written by hand. Before training it hardly acts. `RewardWeights` has its defaults."
+        " An episode ends with a collision, off the road or where the route leaves the map.",
         "",
         *table_lines(["driver", *(title for title, _, _ in _COLUMNS.values())], table),
         "",
