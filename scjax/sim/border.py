@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from scjax.scene import AgentType
 from scjax.scene.scene import AnyArray
@@ -42,9 +42,9 @@ def enter_map(
     time_key, lane_key = jax.random.split(key)
     waits = ~agents.valid & state.routes.has_route & (agents.kind == AgentType.VEHICLE)
     tries = waits & (jax.random.uniform(time_key, (num,)) < dt / delay)
-    lane = jax.random.categorical(lane_key, jnp.where(network.is_entry, 0.0, -jnp.inf), shape=(num,))
+    lane = entry_lanes(lane_key, network, num)
     tries = tries & network.is_entry.any()
-    lanes = jnp.full_like(state.routes.lanes, NONE).at[:, 0].set(lane.astype(jnp.int32))
+    lanes = jnp.full_like(state.routes.lanes, NONE).at[:, 0].set(lane)
     zeros = jnp.zeros(num)
     fresh = Routes(lanes=lanes, along=zeros, lateral=zeros, lateral_speed=zeros, heading=zeros)
     x, y, z, heading = poses(network, fresh, agents.length, zeros)
@@ -74,3 +74,11 @@ def enter_map(
     ignore = state.ignore & ~enters[:, None] & ~enters[None]
     state = state.replace(routes=routes, ignore=ignore, waited=choose(zeros, state.waited))
     return state, agents
+
+
+def entry_lanes(key: Array, network: RoadNetwork, num: int) -> Int[AnyArray, " N"]:
+    """For each of ``num`` vehicles a lane that leads into the map, each as likely; one number a vehicle is drawn."""
+    number = jnp.cumsum(network.is_entry.astype(jnp.int32))  # of entries up to each lane
+    choice = jnp.floor(jax.random.uniform(key, (num,)) * number[-1]).astype(jnp.int32)
+    lane = jnp.searchsorted(number, jnp.minimum(choice, number[-1] - 1), side="right")
+    return jnp.minimum(lane, len(number) - 1).astype(jnp.int32)

@@ -19,7 +19,16 @@ from scjax.sim.behavior import BehaviorModel
 from scjax.sim.bicycle import Action, VehiclePose, bicycle_step, finite_action
 from scjax.sim.collisions import touching_bodies
 from scjax.sim.road_network import NONE, RoadNetwork
-from scjax.sim.routes import AXLE_SHARE, NUM_LANES, Routes, extend_routes, lane_starts, remaining, way_points
+from scjax.sim.routes import (
+    AXLE_SHARE,
+    NUM_LANES,
+    Routes,
+    complete_routes,
+    extend_routes,
+    lane_starts,
+    remaining,
+    way_points,
+)
 from scjax.sim.tracking import track_route
 
 OFF_ROAD = 3.0  # m from the nearest centerline
@@ -82,8 +91,8 @@ def start_driving(
     Args:
       lanes: its route, if it has one to follow; -1 behind the end. By default it is drawn, straight on likelier.
     """
-    memory_key, *keys = jax.random.split(key, NUM_LANES + 1)
-    memory = behavior.start(memory_key, network, agents, places)
+    keys = jax.random.split(key, NUM_LANES + 1)
+    memory = behavior.start(keys[0], network, agents, places)
     first = jnp.full((1, NUM_LANES), NONE).at[0, 0].set(places.lane[row])
     one = jax.tree.map(lambda values: values[row][None], agents)
     zeros = jnp.zeros(1)
@@ -91,9 +100,7 @@ def start_driving(
     route = Routes(lanes=first, along=along, lateral=zeros, lateral_speed=zeros, heading=zeros)
     if lanes is not None:
         route = route.replace(lanes=jnp.asarray(lanes, jnp.int32)[None])
-    route = track_route(network, route, one)
-    for step_key in keys:
-        route = extend_routes(step_key, network, route)
+    route = complete_routes(keys[1:], network, track_route(network, route, one))
     ground = way_points(network, route, jnp.full((1, 1), AXLE_SHARE) * one.length[:, None]).z[0, 0]
     return DrivingState(
         agents=agents,

@@ -34,7 +34,7 @@ def place_agents(
 
     count = len(states)
     lane, along, lateral, angle = np.full(count, NONE), np.zeros(count), np.zeros(count), np.zeros(count)
-    between = np.zeros(count, bool)  # two lanes that run the same way
+    between = np.zeros(count, bool)  # two lanes of any direction
     headings = np.arctan2(states[:, 5], states[:, 4])
     found = KDTree(lanes.points[:, :2]).query_ball_point(states[:, :2], _RADIUS + 1.0) if count else []
     for row in range(count):
@@ -53,7 +53,8 @@ def place_agents(
         best = int(cost.argmin())
         lane[row], lateral[row], angle[row] = lanes.lane[near[best]], side[best], turn[best]
         along[row] = lanes.along[near[best]] + ahead[best]
-        beside = fits & (side * side[best] < 0) & (np.abs(turn - turn[best]) < _PARALLEL)
+        other = np.abs((turn - turn[best] + np.pi / 2) % np.pi - np.pi / 2)  # of either direction
+        beside = (side * side[best] < 0) & (np.abs(ahead) < 1.0) & (other < _PARALLEL)
         between[row] = beside.any()
     stands = states[:, 3] < _PARKED_SPEED
     off_center = (np.abs(lateral) > _PARKED_OFFSET) & ~between

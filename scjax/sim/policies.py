@@ -63,7 +63,7 @@ def _pursuit(observation: Observation) -> Float[AnyArray, ""]:
 
 def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float[AnyArray, ""]]:
     """Gap [m] to the first body that is on the route or will be, and its speed along the route [m/s]."""
-    x, y, cos, sin, speed, length, width = observation.agents.T
+    x, y, cos, sin, speed, length, width = observation.agents.T[:, None]  # [1, agents], beside points of the route
     route = observation.route
     step = jnp.diff(route[:, :2], axis=0)
     step = jnp.concatenate([step, step[-1:]])
@@ -73,18 +73,18 @@ def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float
     gap, lead = jnp.full_like(observation.speed, jnp.inf), jnp.zeros_like(observation.speed)
     for seconds in _PREDICTED:
         # Where somebody will be counts only for those who cross the route.
-        d_x = route[:, None, 0] - (x + seconds * speed * cos)[None]
-        d_y = route[:, None, 1] - (y + seconds * speed * sin)[None]
-        along = jnp.abs(d_x * cos[None] + d_y * sin[None]) - 0.5 * length[None] - 1.6
-        across = jnp.abs(d_y * cos[None] - d_x * sin[None]) - 0.5 * width[None] - room
-        parallel = tangent[:, :1] * cos[None] + tangent[:, 1:] * sin[None]
-        counts = (observation.agent_mask & (x > 0.0))[None] & observation.route_mask[:, None]
+        d_x = route[:, None, 0] - (x + seconds * speed * cos)
+        d_y = route[:, None, 1] - (y + seconds * speed * sin)
+        along = jnp.abs(d_x * cos + d_y * sin) - 0.5 * length - 1.6
+        across = jnp.abs(d_y * cos - d_x * sin) - 0.5 * width - room
+        parallel = tangent[:, :1] * cos + tangent[:, 1:] * sin
+        counts = observation.agent_mask[None] & observation.route_mask[:, None] & (x > 0.0)
         counts = counts & ((seconds == 0.0) | (jnp.abs(parallel) < 0.8))
         hit = jnp.where((along < 0) & (across < 0) & counts, ahead[:, None], jnp.inf)
         first = hit.min(0)
         row = jnp.argmin(first)
         its_gap = jnp.maximum(first[row] - 0.5 * observation.size[0] - 1.5, 0.1)
-        its_speed = jnp.maximum(speed[row] * parallel[jnp.argmin(hit[:, row]), row], 0.0)
+        its_speed = jnp.maximum(speed[0, row] * parallel[jnp.argmin(hit[:, row]), row], 0.0)
         nearer = its_gap < gap
         gap, lead = jnp.where(nearer, its_gap, gap), jnp.where(nearer, its_speed, lead)
     return gap, lead

@@ -162,13 +162,31 @@ def _plan(log: Log, rng: np.random.Generator) -> SignalPlan:
     return plan_signals(places, headings, states, rng)
 
 
+def pad_start(start: Start, shape: tuple[int, ...]) -> Start:
+    """``start`` with more rows that stand for nothing.
+
+    Args:
+      shape: as ``Start.shape``, nowhere smaller than that of ``start``.
+    """
+    network, agents, places = _pad(start.network, start.agents, start.places, shape)
+    return dataclasses.replace(start, network=network, agents=agents, places=places)
+
+
 def _padded(network: RoadNetwork, agents: Agents, places: LanePlaces) -> tuple[RoadNetwork, Agents, LanePlaces]:
-    """All three with rows that stand for nothing."""
+    """All three in one of few shapes."""
     counts = (len(network.x), len(network.first), len(network.conflict_start) + 1)
     scale = 1
     while any(count > scale * smallest for count, smallest in zip(counts, _SMALLEST, strict=True)):
         scale *= _GROWTH
-    points, lanes, conflicts = (scale * smallest for smallest in _SMALLEST)
+    count = -(-max(len(agents.x), 1) // _AGENT_STEP) * _AGENT_STEP
+    return _pad(network, agents, places, (count, *(scale * smallest for smallest in _SMALLEST)))
+
+
+def _pad(
+    network: RoadNetwork, agents: Agents, places: LanePlaces, shape: tuple[int, ...]
+) -> tuple[RoadNetwork, Agents, LanePlaces]:
+    """All three with rows that stand for nothing."""
+    count, points, lanes, conflicts = shape
     by_point = {"x", "y", "z", "heading", "lane", "limit"}
     fields = {f.name: getattr(network, f.name) for f in dataclasses.fields(network)}
     indices = {"successors", "signal", "left", "right", "conflicts"}
@@ -180,7 +198,6 @@ def _padded(network: RoadNetwork, agents: Agents, places: LanePlaces) -> tuple[R
         else:
             out[name] = _fill(values, size, NONE if name in indices else 1 if name in ("spacing", "intervals") else 0)
     out["conflict_other"] = _fill(fields["conflict_other"], conflicts, conflicts - 1)
-    count = -(-max(len(agents.x), 1) // _AGENT_STEP) * _AGENT_STEP
     wide = Agents(**{f.name: _fill(getattr(agents, f.name), count, 0) for f in dataclasses.fields(agents)})
     wide = wide.replace(length=np.maximum(wide.length, 0.1), width=np.maximum(wide.width, 0.1))
     rows = {f.name: _fill(getattr(places, f.name), count, 0) for f in dataclasses.fields(places)}

@@ -23,6 +23,7 @@ from scjax.sim.routes import (
     Routes,
     WayPoints,
     advance,
+    complete_routes,
     extend_routes,
     fit_routes,
     lane_starts,
@@ -94,9 +95,8 @@ class RouteFollower:
             lateral_speed=jnp.zeros(num),
             heading=places.heading,
         )
-        speed_key, *keys = jax.random.split(key, NUM_LANES)
-        for one in keys:
-            routes = extend_routes(one, network, routes)
+        keys = jax.random.split(key, NUM_LANES)
+        speed_key, routes = keys[0], complete_routes(keys[1:], network, routes)
         routes = fit_routes(network, routes, agents)
         noise = jnp.clip(jax.random.normal(speed_key, (num,)), -2.0, 2.0)
         factor = self.driver.speed_factor * (1.0 + self.driver.speed_deviation * noise)

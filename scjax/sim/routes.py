@@ -76,6 +76,11 @@ def extend_routes(key: Array, network: RoadNetwork, routes: Routes) -> Routes:
     return routes.replace(lanes=jnp.where(slot & goes_on[:, None], lane[:, None], lanes))
 
 
+def complete_routes(keys: Array, network: RoadNetwork, routes: Routes) -> Routes:
+    """Routes with one more lane for each of ``keys``; a loop, so that it compiles once."""
+    return jax.lax.scan(lambda some, key: (extend_routes(key, network, some), None), routes, keys)[0]
+
+
 def advance(network: RoadNetwork, routes: Routes, distance: Float[AnyArray, " N"]) -> Routes:
     """The routes after agents have moved by ``distance`` [m]; lanes that are passed drop out, two at most."""
     lanes, along = routes.lanes, routes.along + distance
