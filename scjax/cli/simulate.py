@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scjax.cli.options import LateHelp, json_option, model_option, num_steps_option, seed_option
+from scjax.cli.options import json_option, model_option, num_steps_option, seed_option
 from scjax.cli.output import Clock, say, writable_folder
 from scjax.cli.scene_files import read_content, scenes_of_content
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 _ANIMATIONS, _LOGS = (".gif", ".mp4"), (".npz",)
 
 
-def _behavior_help() -> str:
-    from scjax.sim.behaviors import BEHAVIORS
-
-    return f"How agents move: {', '.join(BEHAVIORS)}. [default: idm]"
-
-
 @click.command("simulate")
 @click.argument("prompt", required=False)
 @click.option("--start", metavar="FILE", help="Scene, map or recording to begin with, instead of PROMPT.")
 @click.option("--step", type=click.IntRange(min=0), help="Step of a recording at which to begin. [default: 0]")
 @click.option("--seconds", default=15.0, show_default=True, type=click.FloatRange(0.1, 600), help="Time to simulate.")
-@click.option("--behavior", default="idm", cls=LateHelp, late_help=_behavior_help, metavar="NAME")
+@click.option(
+    "--behavior",
+    default="idm",
+    show_default=True,
+    metavar="NAME",
+    help="How agents move: idm, lane-changes, calm, adversarial, learned or constant-velocity.",
+)
 @click.option("--grow", is_flag=True, help="Let the map grow ahead of the ego, which a driving policy steers.")
 @click.option("--heading-up", is_flag=True, help="Turn the animation so that the ego looks up.")
 @click.option("--radius", type=click.FloatRange(5, 5000), help="Of the animation, from the middle to the edge, in m.")

@@ -52,7 +52,7 @@ def test_a_platoon_never_collides(driver):
 
 @pytest.mark.parametrize("speed", [5.0, 10.0, 14.0])
 def test_vehicles_stop_before_a_red_signal(speed):
-    log = _simulate(signaled_road(Signal.STOP, [agent(20.0, 0.0, speed=speed)]), 60.0)
+    log = _simulate(signaled_road(Signal.STOP, [agent(65.0, 0.0, speed=speed)]), 20.0)
     red = log.signal_states[0] == Signal.STOP
     front = log.positions[0, :, 0] + 2.25
     stands = red & (_speed(log, 0) < 0.05) & (front > 90.0)
