@@ -159,8 +159,8 @@ def _number(value: float, digits: int = 2) -> str:
     return "–" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-_NOTES = """Driving: `scjax.metrics.driving`. Pairs of boxes that overlap at the start do not count; a vehicle is stuck if
-it stands for more than 10 s without a reason. The recorded rows are over the whole recordings, 9 or 20 s.
+_NOTES = """Driving: `scjax.metrics.driving`. Pairs of boxes that overlap at the start do not count. A vehicle is stuck if it
+stands for more than 10 s without a reason. The recorded rows are over the whole recordings, 9 or 20 s.
 
 Realism: `scjax.metrics.realism_of_motion`, the likelihoods of the Waymo Open Sim Agents Challenge with the weights of
 2025, from the first step of each recording: without a history, unlike the challenge."""
