@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.models.behavior.config import STEP
 from scjax.models.behavior.network import behavior_network
-from scjax.models.behavior.surroundings import Surroundings, observe
+from scjax.models.behavior.surroundings import observe
 from scjax.models.behavior.vocabulary import apply_change
 from scjax.scene import AgentType
 from scjax.scene.pytree import Replaceable, pytree
@@ -125,9 +125,14 @@ class LearnedBehavior:
         routes = extend_routes(route_key, network, track_routes(network, state.routes, moved))
         _, _, z = points_at(network, routes, jnp.zeros_like(moved.x))
         z = jnp.where(moves & routes.has_route, z + state.ground, moved.z)
-        leaves = has_left(network, routes, jnp.zeros_like(moved.x)) | ~is_near(network, moved.x, moved.y, _MARGIN)
+        leaves = has_left(network, routes, moved) | ~is_near(network, moved.x, moved.y, _MARGIN)
         moved = moved.replace(z=z, valid=moved.valid & ~leaves)
         return state.replace(routes=routes, phase=(state.phase + 1) % _SUBSTEPS), moved
+
+    def with_route(self, state: LearnedState, row: Int[AnyArray, ""], route: Routes) -> LearnedState:
+        """See ``BehaviorModel``."""
+        # Routes of others are followed by the rear axle; the next step finds the foot of the center.
+        return state.replace(routes=jax.tree.map(lambda all, one: all.at[row].set(one[0]), state.routes, route))
 
     def _decide(
         self, key: Array, network: RoadNetwork, state: LearnedState, agents: Agents, signals: Int[AnyArray, " S"]
@@ -148,7 +153,8 @@ class LearnedBehavior:
         choices = apply_change(jnp.broadcast_to(base[:, None], changes.shape), changes, kinds)
         logits = jnp.where(logits < logits.max(1, keepdims=True) + jnp.log(self.least), -jnp.inf, logits)
         if self.safe:
-            logits = _safe_logits(logits, choices[..., 0], seen, agents)
+            counts = (agents.kind != AgentType.PEDESTRIAN) & (seen.lead_gap > _INSIDE)
+            logits = _safe_logits(logits, choices[..., 0], jnp.where(counts, seen.lead_gap, jnp.inf), seen.lead_speed)
         token = jax.random.categorical(motion_key, logits)
         motion = jnp.take_along_axis(choices, token[:, None, None], axis=1)[:, 0]
         moves = (agents.valid & ~state.is_parked)[:, None]
@@ -159,20 +165,26 @@ class LearnedBehavior:
         return state.replace(motions=motions, known=known, rest=rest), first
 
 
-def _safe_logits(logits: Array, forward: Array, seen: Surroundings, agents: Agents) -> Array:
-    """Logits without the motions [N, V] after which an agent could not stop behind its leader; the shortest stays."""
-    counts = (seen.lead_gap > _INSIDE) & (agents.kind != AgentType.PEDESTRIAN)
-    speed = jnp.maximum(seen.lead_speed, 0.0)
-    room = jnp.maximum(seen.lead_gap - _ROOM + speed * speed / (2 * _BRAKING), 0.0)
+def _safe_logits(
+    logits: Float[Array, "N V"], forward: Float[Array, "N V"], gap: Float[Array, " N"], lead_speed: Float[Array, " N"]
+) -> Float[Array, "N V"]:
+    """Logits without the motions after which an agent could not stop behind its leader; the shortest stays.
+
+    Args:
+      forward: distance that each motion covers [m].
+      gap, lead_speed: to the leader, infinite without one [m], and its speed [m/s].
+    """
+    speed = jnp.maximum(lead_speed, 0.0)
+    room = jnp.maximum(gap - _ROOM + speed * speed / (2 * _BRAKING), 0.0)
     # v^2 / 2b + v STEP = room
     most = _BRAKING * (jnp.sqrt(STEP * STEP + 2 * room / _BRAKING) - STEP) * STEP
-    most = jnp.where(counts, most, jnp.inf)
     least = forward.min(1)
     most = jnp.maximum(most, least + 1e-4)[:, None]
     allowed = forward <= most
     # If the likely motions are all too long, the others come back.
     none = ~(allowed & jnp.isfinite(logits)).any(1, keepdims=True)
-    return jnp.where(allowed, jnp.where(none, -10.0 * (most - forward) / STEP, logits), -jnp.inf)
+    longest = -10.0 * jnp.minimum(most - forward, 10.0) / STEP
+    return jnp.where(allowed, jnp.where(none, longest, logits), -jnp.inf)
 
 
 def _halves(base: Float[Array, "N 3"], motion: Float[Array, "N 3"]) -> tuple[Array, Array]:

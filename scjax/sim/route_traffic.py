@@ -94,7 +94,7 @@ def _direction(network: RoadNetwork, routes: Routes, distance: Array) -> tuple[A
 def _points_ahead(
     network: RoadNetwork, routes: Routes, distance: Float[Array, "N W"]
 ) -> tuple[Array, Array, Array, Array]:
-    """x, y [m] and speed limit [m/s] at exactly ``distance`` [m] ahead, the end of the way beyond it; what is before it."""
+    """x, y [m] and speed limit [m/s] at ``distance`` [m] ahead, or at the end of the way; which are before the end."""
     starts = lane_starts(network, routes)
     position = routes.along[:, None] + distance
     lanes = routes.lanes

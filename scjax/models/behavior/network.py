@@ -30,7 +30,10 @@ class _Mlp(nnx.Module):
     def __init__(self, *sizes: int, init: ParamInit, std: float | None = None):
         last = len(sizes) - 2
         self.linears = nnx.List(
-            [Linear(i, o, init=init, std=std if n == last else None) for n, (i, o) in enumerate(itertools.pairwise(sizes))]
+            [
+                Linear(i, o, init=init, std=std if n == last else None)
+                for n, (i, o) in enumerate(itertools.pairwise(sizes))
+            ]
         )
 
     def __call__(self, x: Float[Array, "*b i"]) -> Float[Array, "*b o"]:

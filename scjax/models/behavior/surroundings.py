@@ -6,7 +6,7 @@ x and y stay separate arrays: a trailing axis of two would make the searches ove
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -60,6 +60,7 @@ def observe(traffic: Traffic, rows: Int[AnyArray, " M"] | None, neighbors: int) 
       rows: of the agents, or None for all.
       neighbors: K, at most the number of agents.
     """
+    traffic = jax.tree.map(jnp.asarray, traffic)
     own = traffic if rows is None else traffic.take(rows)
     numbers = jnp.arange(traffic.x.shape[0]) if rows is None else jnp.asarray(rows)
     pairs = _along_way(own, traffic)
@@ -117,7 +118,7 @@ def _along_way(own: Traffic, traffic: Traffic) -> _Pairs:
     apart_y = traffic.y[None, :, None] - own.way_y[:, None]
     square = apart_x * apart_x + apart_y * apart_y
     square = jnp.where(own.inside[:, None], square, square + 1e4)
-    nearness = (jnp.sqrt(square) + _DISCOUNT * jnp.asarray(WAY)).min(-1)
+    nearness = (jnp.sqrt(square) + _DISCOUNT * jnp.asarray(WAY)[None, None]).min(-1)
     point = jnp.argmin(square, axis=-1)
     t_x, t_y = _tangents(own)
     t_x, t_y, p_x, p_y = (jnp.take_along_axis(v, point, axis=1) for v in (t_x, t_y, own.way_x, own.way_y))
@@ -145,17 +146,17 @@ def _leader(own: Traffic, traffic: Traffic, pairs: _Pairs, there: Array) -> tupl
     return gap, jnp.where(gap < 0.5 * FAR, speed[:, 0], 0.0)
 
 
-def _soft(value: Array, scale: float) -> Array:
+def _soft(value: Any, scale: float) -> Array:
     """Any number as one between -1 and 1, steepest at 0."""
     return value / (scale + jnp.abs(value))
 
 
-def _gap(value: Array) -> list[Array]:
+def _gap(value: Any) -> list[Array]:
     """A distance at three scales."""
     return [_soft(value, 1.0), _soft(value, 5.0), _soft(value, 25.0)]
 
 
-def _kinds(kind: Array) -> list[Array]:
+def _kinds(kind: Any) -> list[Array]:
     return [(kind == number).astype(jnp.float32) for number in range(len(AgentType))]
 
 
@@ -181,16 +182,17 @@ def _own_features(own: Traffic, gap: Array, lead_speed: Array) -> Array:
     signals = [(own.signal == state).astype(jnp.float32) for state in Signal]
     columns = [
         speed / 10.0, jnp.tanh(speed), 5 * own.motions[:, 0, 1], 10 * own.motions[:, 0, 2], known[:, 0],
-        own.length / 5, own.width / 2, *_kinds(own.kind), has_way, lateral, _soft(lateral, 0.3), 3 * turn[:, 0] * has_way,
+        own.length / 5, own.width / 2, *_kinds(own.kind), has_way, lateral, _soft(lateral, 0.3),
+        3 * turn[:, 0] * has_way,
         limit / 15, jnp.tanh((limit - speed) / 3), own.limit[:, 0] / 15,
         *_gap(gap), jnp.tanh((lead_speed - speed) / 3), lead_speed / 10, jnp.minimum(needed / 5, 2.0),
         *signals, *_gap(own.signal_gap), jnp.minimum(stop / 5, 2.0), *_gap(own.end_gap),
     ]  # fmt: skip
     blocks = [
-        (changes * jnp.array([2.0, 10.0, 20.0])).reshape(len(speed), -1),
+        (changes * jnp.array([[[2.0, 10.0, 20.0]]])).reshape(len(speed), -1),
         known[:, 1:],
         0.05 * ahead * inside,
-        left * inside / (2.0 + 0.2 * jnp.asarray(WAY)),
+        left * inside / (2.0 + 0.2 * jnp.asarray(WAY)[None]),
         2 * turn * inside,
         own.limit * inside / 15,
         inside,

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int
 from scjax.data.agents import clean_agents
 from scjax.models.behavior.config import STEP
 from scjax.scene import OTHER_OBJECT, AgentType, Log
-from scjax.scene.scene import AnyArray
 from scjax.sim.network_of_map import LanePoints
 from scjax.sim.places import place_agents
 from scjax.sim.preparation import prepare

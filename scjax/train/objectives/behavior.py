@@ -98,11 +98,11 @@ class BehaviorObjective:
         seen = jax.vmap(lambda one, rows: observe(one, rows, self.model.neighbors))(traffic, batch.rows)
         seen = jax.lax.stop_gradient(seen)
 
-        def pick(values: Array) -> Array:
+        def pick(values: Any) -> Array:
             values = jax.vmap(lambda one, rows: one[rows])(values, batch.rows)
             return values.reshape(-1, *values.shape[2:])
 
-        def flat(values: Array) -> Array:
+        def flat(values: Any) -> Array:
             return values.reshape(-1, *values.shape[2:])
 
         kind, returns = pick(traffic.kind), flat(batch.returns)
