@@ -10,15 +10,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.models.behavior.config import STEP
 from scjax.models.behavior.network import behavior_network
-from scjax.models.behavior.surroundings import observe
+from scjax.models.behavior.surroundings import Surroundings, observe
+from scjax.models.behavior.traffic import Traffic
 from scjax.models.behavior.vocabulary import apply_change
-from scjax.scene import AgentType
+from scjax.scene import AgentType, Signal
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior_weights import BehaviorWeights
 from scjax.sim.border import has_left
 from scjax.sim.constant_velocity import is_near
+from scjax.sim.contacts import free_checks
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.route_traffic import first_motions, track_routes, traffic_of
 from scjax.sim.routes import NUM_LANES, Routes, extend_routes, points_at
@@ -26,7 +28,9 @@ from scjax.sim.routes import NUM_LANES, Routes, extend_routes, points_at
 _SUBSTEPS = 2  # of a motion
 _MARGIN = 20.0  # m beyond the lanes, where agents without a lane leave
 _BRAKING = 6.0  # m/s^2, by which followers and leaders are taken to brake at most
+_COMFORT = 4.0  # m/s^2, who would have to brake harder at a red signal drives on
 _ROOM = 0.5  # m between bumpers at the end of it
+_CANDIDATES = 8  # motions that are drawn
 _INSIDE = -1.0  # m; bodies that overlap by more do not count: they did at the start
 
 
@@ -65,8 +69,9 @@ class LearnedBehavior:
         bodies in the next 3 s: 10 gives careful drivers, -10 such as seek others.
       temperature: of the motion tokens; below 1, likely ones become likelier.
       least: tokens with less than this share of the probability of the likeliest are not drawn.
-      safe: leaves out motions after which a vehicle could no longer stop behind a leader that brakes. Without it the
-        network alone decides.
+      safe: leaves out motions after which a vehicle could not stop behind a leader that brakes, or at red. Of eight
+        drawn motions, the first is taken that leads into no body within a second, if it is repeated and others go on
+        as they do. Without it the network alone decides.
     """
 
     weights: BehaviorWeights
@@ -153,9 +158,20 @@ class LearnedBehavior:
         choices = apply_change(jnp.broadcast_to(base[:, None], changes.shape), changes, kinds)
         logits = jnp.where(logits < logits.max(1, keepdims=True) + jnp.log(self.least), -jnp.inf, logits)
         if self.safe:
-            counts = (agents.kind != AgentType.PEDESTRIAN) & (seen.lead_gap > _INSIDE)
-            logits = _safe_logits(logits, choices[..., 0], jnp.where(counts, seen.lead_gap, jnp.inf), seen.lead_speed)
-        token = jax.random.categorical(motion_key, logits)
+            logits = _safe_logits(logits, choices[..., 0], *_what_to_stop_for(traffic, seen))
+        noisy = logits + jax.random.gumbel(motion_key, logits.shape)
+        # The largest is a draw; the next ones are what is drawn where those before are ruled out.
+        _, tokens = jax.lax.top_k(noisy, min(_CANDIDATES, config.motions) if self.safe else 1)
+        row = jnp.zeros((len(tokens), 1), jnp.int32)
+        if self.safe:
+            tokens = jnp.concatenate([tokens, jnp.argmin(choices[..., 0], axis=1)[:, None]], 1)
+            candidates = jnp.take_along_axis(choices, tokens[..., None], axis=1)
+            still = jnp.where((agents.valid & ~state.is_parked)[:, None], base, 0.0)
+            free = free_checks(agents, candidates, still, jnp.asarray(seen.near), jnp.asarray(seen.mask))
+            is_drawn = jnp.isfinite(jnp.take_along_axis(noisy, tokens[:, :-1], axis=1))
+            free = free.at[:, :-1].set(jnp.where(is_drawn, free[:, :-1], -1))
+            row = jnp.argmax(free, axis=1)[:, None]
+        token = jnp.take_along_axis(tokens, row, axis=1)[:, 0]
         motion = jnp.take_along_axis(choices, token[:, None, None], axis=1)[:, 0]
         moves = (agents.valid & ~state.is_parked)[:, None]
         motion = jnp.where(moves, motion, 0.0)
@@ -163,6 +179,17 @@ class LearnedBehavior:
         motions = jnp.concatenate([motion[:, None], state.motions[:, :-1]], 1)
         known = jnp.concatenate([jnp.broadcast_to(moves, (len(moves), 1)), state.known[:, :-1]], 1)
         return state.replace(motions=motions, known=known, rest=rest), first
+
+
+def _what_to_stop_for(traffic: Traffic, seen: Surroundings) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+    """Gap [m] and speed [m/s] of the leader, or of a red signal at which the agent can still stop."""
+    drives = traffic.kind != AgentType.PEDESTRIAN
+    gap = jnp.where(drives & (seen.lead_gap > _INSIDE), seen.lead_gap, jnp.inf)
+    line = traffic.signal_gap - 0.5 * traffic.length
+    speed = traffic.motions[:, 0, 0] / STEP
+    stops = drives & (traffic.signal == Signal.STOP) & (line - _ROOM > speed * speed / (2 * _COMFORT))
+    nearer = stops & (line < gap)
+    return jnp.where(nearer, line, gap), jnp.where(nearer, 0.0, seen.lead_speed)
 
 
 def _safe_logits(

@@ -88,7 +88,7 @@ def _direction(network: RoadNetwork, routes: Routes, distance: Array) -> tuple[A
     b_x, b_y, _ = points_at(network, routes, distance - 0.5)
     e_x, e_y, _ = points_at(network, routes, distance + 0.5)
     norm = jnp.sqrt(jnp.maximum((e_x - b_x) ** 2 + (e_y - b_y) ** 2, 1e-8))
-    return (e_x - b_x) / norm, (e_y - b_y) / norm
+    return jnp.asarray((e_x - b_x) / norm), jnp.asarray((e_y - b_y) / norm)
 
 
 def _points_ahead(
@@ -108,7 +108,8 @@ def _points_ahead(
     step = jnp.minimum(jnp.floor(share).astype(jnp.int32), intervals - 1)
     index, rest = network.first[lane] + step, share - step
     x, y = (values[index] + rest * (values[index + 1] - values[index]) for values in (network.x, network.y))
-    return x, y, network.limit[index], (position <= starts[:, -1:] + 0.5) & routes.has_route[:, None]
+    inside = jnp.asarray(position <= starts[:, -1:] + 0.5) & routes.has_route[:, None]
+    return x, y, network.limit[index], jnp.asarray(inside)
 
 
 def _next_signal(

@@ -33,12 +33,14 @@ class Surroundings(Replaceable):
       own: features of the agent, its history, its way and its leader.
       others: features of its K neighbors.
       mask: which of them are there.
+      near: their rows.
       lead_gap, lead_speed: to the next body in the way from bumper to bumper [m], and its speed along the way [m/s].
     """
 
     own: Float[AnyArray, "*b M F"]
     others: Float[AnyArray, "*b M K G"]
     mask: Bool[AnyArray, "*b M K"]
+    near: Int[AnyArray, "*b M K"]
     lead_gap: Float[AnyArray, "*b M"]
     lead_speed: Float[AnyArray, "*b M"]
 
@@ -64,14 +66,14 @@ def observe(traffic: Traffic, rows: Int[AnyArray, " M"] | None, neighbors: int) 
     own = traffic if rows is None else traffic.take(rows)
     numbers = jnp.arange(traffic.x.shape[0]) if rows is None else jnp.asarray(rows)
     pairs = _along_way(own, traffic)
-    there = traffic.valid[None] & (jnp.arange(traffic.x.shape[0])[None] != numbers[:, None])
+    there = jnp.asarray(traffic.valid)[None] & (jnp.arange(traffic.x.shape[0])[None] != numbers[:, None])
     gap, speed = _leader(own, traffic, pairs, there)
     _, near = jax.lax.top_k(jnp.where(there, -pairs.nearness, -jnp.inf), neighbors)
     mask = jnp.take_along_axis(there, near, axis=1)
     features = _own_features(own, gap, speed)
     others = _other_features(own, traffic.take(near), pairs, near)
     others = jnp.where(mask[..., None], others, 0.0)
-    return Surroundings(own=features, others=others, mask=mask, lead_gap=gap, lead_speed=speed)
+    return Surroundings(own=features, others=others, mask=mask, near=near, lead_gap=gap, lead_speed=speed)
 
 
 @functools.lru_cache(maxsize=8)
@@ -124,7 +126,7 @@ def _along_way(own: Traffic, traffic: Traffic) -> _Pairs:
     t_x, t_y, p_x, p_y = (jnp.take_along_axis(v, point, axis=1) for v in (t_x, t_y, own.way_x, own.way_y))
     d_x, d_y = traffic.x[None] - p_x, traffic.y[None] - p_y
     along = jnp.asarray(WAY)[point] + d_x * t_x + d_y * t_y
-    return _Pairs(along, d_y * t_x - d_x * t_y, t_x, t_y, nearness)
+    return _Pairs(along, jnp.asarray(d_y * t_x - d_x * t_y), t_x, t_y, nearness)
 
 
 def _leader(own: Traffic, traffic: Traffic, pairs: _Pairs, there: Array) -> tuple[Array, Array]:
@@ -242,4 +244,4 @@ def _crossings(own: Traffic, other: Traffic) -> tuple[Array, Array, Array]:
     hit = hit & own.inside[:, None, :n, None] & other.inside[:, :, None, :n]
     rows, columns = hit.any(-1), hit.any(-2)
     distances = jnp.asarray(WAY)
-    return rows.any(-1), distances[jnp.argmax(rows, -1)], distances[jnp.argmax(columns, -1)]
+    return jnp.any(rows, -1), distances[jnp.argmax(rows, -1)], distances[jnp.argmax(columns, -1)]

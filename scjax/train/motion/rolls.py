@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -174,9 +175,9 @@ def _step(
     motion = jnp.where(has_target[:, None], motion, 0.0)
     cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
     carry = _Carry(
-        x=agents.x + motion[:, 0] * cos - motion[:, 1] * sin,
-        y=agents.y + motion[:, 0] * sin + motion[:, 1] * cos,
-        heading=agents.heading + motion[:, 2],
+        x=jnp.asarray(agents.x + motion[:, 0] * cos - motion[:, 1] * sin),
+        y=jnp.asarray(agents.y + motion[:, 0] * sin + motion[:, 1] * cos),
+        heading=jnp.asarray(agents.heading + motion[:, 2]),
         valid=has_target,
         motions=jnp.concatenate([motion[:, None], motions[:, :-1]], 1),
         known=jnp.concatenate([has_target[:, None], known[:, :-1]], 1),
@@ -222,5 +223,5 @@ def _nucleus(key: Array, errors: Float[Array, "N V"]) -> Int[Array, " N"]:
     return jnp.take_along_axis(order, choice[:, None], axis=1)[:, 0]
 
 
-def _wrap(angle: Array) -> Array:
+def _wrap(angle: Any) -> Array:
     return (angle + jnp.pi) % (2 * jnp.pi) - jnp.pi

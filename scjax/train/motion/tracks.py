@@ -151,7 +151,7 @@ def _route(
     route = np.full(NUM_LANES, NONE, np.int32)
     for slot in range(NUM_LANES):
         route[slot] = lane
-        successors = network.successors[lane]
+        successors = np.asarray(network.successors[lane])
         successors = successors[successors >= 0]
         if not len(successors):
             break
@@ -175,5 +175,5 @@ def _choose(
     near = table.min(0) < _NEAR
     if near.any() and np.ptp(table[:, near].mean(1)) > 0.3:
         return int(table[:, near].mean(1).argmin())
-    weights = np.exp(-np.abs(network.turn[lanes]) / TURN_TEMPERATURE)
+    weights = np.exp(-np.abs(np.asarray(network.turn)[lanes]) / TURN_TEMPERATURE)
     return int(rng.choice(len(lanes), p=weights / weights.sum()))
