@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.models.behavior.config import STEP
 from scjax.models.behavior.network import behavior_network
-from scjax.models.behavior.surroundings import Surroundings, observe
+from scjax.models.behavior.surroundings import Surroundings, surroundings_of
 from scjax.models.behavior.traffic import Traffic
 from scjax.models.behavior.vocabulary import apply_change
 from scjax.scene import AgentType, Signal
@@ -146,7 +146,7 @@ class LearnedBehavior:
         config, params = self.weights.config, jax.tree.map(jnp.asarray, self.weights.params)
         network_apply = behavior_network(config).apply
         traffic = traffic_of(network, state.routes, agents, state.motions, state.known, signals)
-        seen = observe(traffic, None, min(config.neighbors, agents.x.shape[0]))
+        seen = surroundings_of(traffic, None, min(config.neighbors, agents.x.shape[0]))
         return_key, motion_key = jax.random.split(key)
         agent = network_apply(params, seen.own, seen.others, seen.mask, method="read")
         tilt = self.tilt * jnp.linspace(0.0, 1.0, config.returns)[None]

@@ -55,7 +55,7 @@ class _Pairs(NamedTuple):
     nearness: Array
 
 
-def observe(traffic: Traffic, rows: Int[AnyArray, " M"] | None, neighbors: int) -> Surroundings:
+def surroundings_of(traffic: Traffic, rows: Int[AnyArray, " M"] | None, neighbors: int) -> Surroundings:
     """What agents of one scene see.
 
     Args:
@@ -80,7 +80,7 @@ def observe(traffic: Traffic, rows: Int[AnyArray, " M"] | None, neighbors: int) 
 def feature_sizes(history: int) -> tuple[int, int]:
     """Numbers of features of an agent and of a neighbor."""
     traffic = empty_traffic(2, history)
-    seen = jax.eval_shape(lambda one: observe(one, None, 1), traffic)
+    seen = jax.eval_shape(lambda one: surroundings_of(one, None, 1), traffic)
     return seen.own.shape[-1], seen.others.shape[-1]
 
 

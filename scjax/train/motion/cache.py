@@ -23,7 +23,7 @@ from scjax.scene.document import parse_document
 from scjax.scene.files import locked_folder, write_file, write_text
 from scjax.train.motion.clearance_returns import clearance_returns
 from scjax.train.motion.rolls import NO_NOISE, NOISE, Rolls, roll_tracks
-from scjax.train.motion.tracks import Tracks, tracks_of
+from scjax.train.motion.tracks import LogTracks, tracks_of
 
 _FORMAT = 1
 _INDEX, _VOCABULARY = "motion.json", "vocabulary.npy"
@@ -173,7 +173,7 @@ def _changes(log: Log, rows: np.ndarray) -> np.ndarray:
     return np.diff(motions, axis=1)[both & moves]
 
 
-def _pack(tracks: Tracks, rolls: Rolls, config: BehaviorConfig) -> dict[str, np.ndarray]:
+def _pack(tracks: LogTracks, rolls: Rolls, config: BehaviorConfig) -> dict[str, np.ndarray]:
     """Few bytes for each agent and step; ways are in the frame of the agent."""
     traffic = rolls.traffic
     x, y, heading, valid = (np.asarray(v) for v in (traffic.x, traffic.y, traffic.heading, traffic.valid))

@@ -1,4 +1,4 @@
-"""Tracks -> motion tokens from the agent's own position, with what it knows at each step; jitted, one log."""
+"""LogTracks -> motion tokens from the agent's own position, with what it knows at each step; jitted, one log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from scjax.sim.agents import Agents
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.route_traffic import first_motions, track_routes, traffic_of
 from scjax.sim.routes import Routes
-from scjax.train.motion.tracks import BLOCK, Tracks
+from scjax.train.motion.tracks import BLOCK, LogTracks
 
 _NUCLEUS, _TEMPERATURE = 0.95, 0.008  # of the choice of tokens; the second [m]
 _RETURN = 0.82  # of the distance from the track that is left after a step
@@ -76,7 +76,7 @@ class _Carry(Replaceable):
 
 
 def roll_tracks(
-    key: Array, tracks: Tracks, vocabulary: Float[np.ndarray, "C V 3"], history: int, noise: Noise = NO_NOISE
+    key: Array, tracks: LogTracks, vocabulary: Float[np.ndarray, "C V 3"], history: int, noise: Noise = NO_NOISE
 ) -> Rolls:
     """The rolls of a log: tokens are drawn from the nearest ones, from where the last token has led."""
     steps = len(tracks.x)

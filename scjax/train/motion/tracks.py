@@ -24,7 +24,7 @@ _PADDING = 32  # agents are padded to multiples
 
 
 @dataclasses.dataclass(frozen=True)
-class Tracks:
+class LogTracks:
     """N agents over T steps of 0.2 s in the frame of the network, padded.
 
     Attributes:
@@ -53,7 +53,7 @@ class Tracks:
     along: Float[np.ndarray, "B N"]
 
 
-def tracks_of(log: Log, rng: np.random.Generator) -> Tracks:
+def tracks_of(log: Log, rng: np.random.Generator) -> LogTracks:
     """The tracks of a log.
 
     Args:
@@ -75,7 +75,7 @@ def tracks_of(log: Log, rng: np.random.Generator) -> Tracks:
     single = states.astype(np.float32)
     wide = {"x": single[..., 0], "y": single[..., 1], "speed": single[..., 3]}
     wide["heading"] = np.arctan2(single[..., 5], single[..., 4])
-    return Tracks(
+    return LogTracks(
         network=start.network,
         signals=log.signal_states.T.astype(np.int32),
         valid=_wide(log.valid[rows].T, count, False),

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from scjax.models.behavior.config import BehaviorConfig
 from scjax.models.behavior.network import behavior_network
-from scjax.models.behavior.surroundings import observe
+from scjax.models.behavior.surroundings import surroundings_of
 from scjax.models.behavior.vocabulary import token_errors
 from scjax.nn.functional import Functional, Params, Path
 from scjax.sim.behavior_weights import BehaviorWeights, load_behavior
@@ -95,7 +95,7 @@ class BehaviorObjective:
     def loss(self, params: Params, batch: MotionExample, keys: Array) -> tuple[Array, Terms]:
         """Cross-entropy of the tokens that come near the next motions, given the returns, and of the returns."""
         traffic = batch.traffic
-        seen = jax.vmap(lambda one, rows: observe(one, rows, self.model.neighbors))(traffic, batch.rows)
+        seen = jax.vmap(lambda one, rows: surroundings_of(one, rows, self.model.neighbors))(traffic, batch.rows)
         seen = jax.lax.stop_gradient(seen)
 
         def pick(values: Any) -> Array:

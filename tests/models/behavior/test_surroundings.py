@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scjax.models.behavior.network import behavior_network
-from scjax.models.behavior.surroundings import Surroundings, feature_sizes, observe
+from scjax.models.behavior.surroundings import Surroundings, feature_sizes, surroundings_of
 from scjax.models.behavior.traffic import WAY, Traffic
 from tests.factories.behaviors import SIZES, random_traffic, small_weights
 
@@ -35,8 +35,8 @@ def _moved(traffic: Traffic, angle: float, d_x: float, d_y: float) -> Traffic:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_network_is_invariant_under_rigid_motion(seed):
     traffic = random_traffic(seed)
-    seen = observe(traffic, None, SIZES.neighbors)
-    other = observe(_moved(traffic, 1.2, 300.0, -70.0), None, SIZES.neighbors)
+    seen = surroundings_of(traffic, None, SIZES.neighbors)
+    other = surroundings_of(_moved(traffic, 1.2, 300.0, -70.0), None, SIZES.neighbors)
     np.testing.assert_allclose(_logits(other, traffic.kind), _logits(seen, traffic.kind), atol=2e-3)
 
 
@@ -44,9 +44,9 @@ def test_network_is_invariant_under_rigid_motion(seed):
 def test_network_follows_the_order_of_agents(seed):
     traffic = random_traffic(seed)
     order = np.random.default_rng(seed).permutation(len(traffic.x))
-    seen = _logits(observe(traffic, None, SIZES.neighbors), traffic.kind)
+    seen = _logits(surroundings_of(traffic, None, SIZES.neighbors), traffic.kind)
     mixed = jax.tree.map(lambda values: values[order], traffic)
-    other = _logits(observe(mixed, None, SIZES.neighbors), mixed.kind)
+    other = _logits(surroundings_of(mixed, None, SIZES.neighbors), mixed.kind)
     there = traffic.valid[order]
     np.testing.assert_allclose(other[there], seen[order][there], atol=1e-5)
 
@@ -55,8 +55,8 @@ def test_padding_changes_nothing():
     traffic = random_traffic(3)
     pad = jax.tree.map(lambda values: np.zeros((5, *values.shape[1:]), values.dtype), traffic)
     wide = jax.tree.map(lambda *parts: np.concatenate(parts), traffic, pad)
-    seen = observe(traffic, None, SIZES.neighbors)
-    other = jax.tree.map(lambda values: values[: len(traffic.x)], observe(wide, None, SIZES.neighbors))
+    seen = surroundings_of(traffic, None, SIZES.neighbors)
+    other = jax.tree.map(lambda values: values[: len(traffic.x)], surroundings_of(wide, None, SIZES.neighbors))
     there = traffic.valid
     np.testing.assert_array_equal(np.asarray(other.mask)[there], np.asarray(seen.mask)[there])
     np.testing.assert_allclose(_logits(other, traffic.kind)[there], _logits(seen, traffic.kind)[there], atol=1e-5)
@@ -65,7 +65,7 @@ def test_padding_changes_nothing():
 def test_rows_are_those_of_all():
     traffic = random_traffic(1)
     rows = np.array([4, 0, 2])
-    every, some = observe(traffic, None, SIZES.neighbors), observe(traffic, rows, SIZES.neighbors)
+    every, some = surroundings_of(traffic, None, SIZES.neighbors), surroundings_of(traffic, rows, SIZES.neighbors)
     for one, other in zip(jax.tree.leaves(every), jax.tree.leaves(some), strict=True):
         np.testing.assert_allclose(np.asarray(other), np.asarray(one)[rows], atol=1e-5)
 
@@ -73,7 +73,7 @@ def test_rows_are_those_of_all():
 def test_gone_agents_are_not_seen():
     traffic = random_traffic(2)
     far = traffic.replace(x=np.where(traffic.valid, traffic.x, traffic.x[0]).astype(np.float32))
-    seen, other = observe(traffic, None, SIZES.neighbors), observe(far, None, SIZES.neighbors)
+    seen, other = surroundings_of(traffic, None, SIZES.neighbors), surroundings_of(far, None, SIZES.neighbors)
     np.testing.assert_array_equal(np.asarray(other.others)[0], np.asarray(seen.others)[0])
 
 
@@ -92,12 +92,12 @@ def test_leader_is_the_body_on_the_way():
         way_y=np.array([[0], [0], [8]], np.float32) + 0 * way,
         inside=np.ones((3, len(WAY)), bool),
     )
-    seen = observe(traffic, None, 2)
+    seen = surroundings_of(traffic, None, 2)
     assert float(seen.lead_gap[0]) == pytest.approx(16.0, abs=0.2)  # between the bumpers, not to the car beside
     assert float(seen.lead_speed[0]) == pytest.approx(float(traffic.motions[1, 0, 0]) / 0.2, rel=1e-3)
     assert float(seen.lead_gap[1]) > 500
 
 
 def test_feature_sizes_are_those_of_observe():
-    seen = observe(random_traffic(), None, SIZES.neighbors)
+    seen = surroundings_of(random_traffic(), None, SIZES.neighbors)
     assert feature_sizes(SIZES.history) == (seen.own.shape[-1], seen.others.shape[-1])
