@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scjax.scene import AgentType
-from scjax.sim.behavior_weights import load_behavior
+from scjax.sim.behavior_weights import DEFAULT_BEHAVIOR, load_behavior
 from scjax.sim.learned import LearnedBehavior, _halves, _safe_logits
 from scjax.sim.preparation import prepare
 from scjax.sim.rollout import roll_out, stack_records
@@ -107,3 +107,13 @@ def test_damaged_weights_are_refused(tmp_path):
     file.write_bytes(file.read_bytes()[:-4] + b"abcd")
     with pytest.raises(ValueError, match=r"weights\.safetensors"):
         load_behavior(folder)
+
+
+def test_behavior_of_the_package_drives():
+    weights = load_behavior()
+    assert weights.notes["data"].startswith("scjax's own synthetic worlds")
+    assert sum(path.stat().st_size for path in DEFAULT_BEHAVIOR.iterdir()) < 8e6
+    log = simulate(0, example_log(), seconds=2.0, behavior=LearnedBehavior(weights), step=5)
+    speed = np.linalg.norm(log.velocities[:2], axis=-1)
+    assert log.valid[:2].all() and (speed > 3).all() and (speed < 17).all()  # from 10 m/s on an empty road
+    assert np.abs(log.positions[0, :, 1] - 200.0).max() < 1.5  # it keeps to its lane
