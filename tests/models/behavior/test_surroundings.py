@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,10 +17,14 @@ from tests.factories.behaviors import SIZES, random_traffic, small_weights
 SEEDS = range(4)
 
 
+_see = jax.jit(functools.partial(surroundings_of, rows=None, neighbors=SIZES.neighbors))
+_apply = jax.jit(behavior_network(SIZES).apply)
+
+
 def _logits(seen: Surroundings, kind: np.ndarray) -> np.ndarray:
     params = jax.tree.map(jnp.asarray, small_weights().params)
     returns = jnp.zeros(len(kind), jnp.int32)
-    parts = behavior_network(SIZES).apply(params, seen.own, seen.others, seen.mask, returns, jnp.asarray(kind))
+    parts = _apply(params, seen.own, seen.others, seen.mask, returns, jnp.asarray(kind))
     return np.concatenate([np.asarray(part) for part in parts], -1)
 
 
@@ -35,8 +41,8 @@ def _moved(traffic: Traffic, angle: float, d_x: float, d_y: float) -> Traffic:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_network_is_invariant_under_rigid_motion(seed):
     traffic = random_traffic(seed)
-    seen = surroundings_of(traffic, None, SIZES.neighbors)
-    other = surroundings_of(_moved(traffic, 1.2, 300.0, -70.0), None, SIZES.neighbors)
+    seen = _see(traffic)
+    other = _see(_moved(traffic, 1.2, 300.0, -70.0))
     np.testing.assert_allclose(_logits(other, traffic.kind), _logits(seen, traffic.kind), atol=2e-3)
 
 
@@ -44,9 +50,9 @@ def test_network_is_invariant_under_rigid_motion(seed):
 def test_network_follows_the_order_of_agents(seed):
     traffic = random_traffic(seed)
     order = np.random.default_rng(seed).permutation(len(traffic.x))
-    seen = _logits(surroundings_of(traffic, None, SIZES.neighbors), traffic.kind)
+    seen = _logits(_see(traffic), traffic.kind)
     mixed = jax.tree.map(lambda values: values[order], traffic)
-    other = _logits(surroundings_of(mixed, None, SIZES.neighbors), mixed.kind)
+    other = _logits(_see(mixed), mixed.kind)
     there = traffic.valid[order]
     np.testing.assert_allclose(other[there], seen[order][there], atol=1e-5)
 
@@ -55,8 +61,8 @@ def test_padding_changes_nothing():
     traffic = random_traffic(3)
     pad = jax.tree.map(lambda values: np.zeros((5, *values.shape[1:]), values.dtype), traffic)
     wide = jax.tree.map(lambda *parts: np.concatenate(parts), traffic, pad)
-    seen = surroundings_of(traffic, None, SIZES.neighbors)
-    other = jax.tree.map(lambda values: values[: len(traffic.x)], surroundings_of(wide, None, SIZES.neighbors))
+    seen = _see(traffic)
+    other = jax.tree.map(lambda values: values[: len(traffic.x)], _see(wide))
     there = traffic.valid
     np.testing.assert_array_equal(np.asarray(other.mask)[there], np.asarray(seen.mask)[there])
     np.testing.assert_allclose(_logits(other, traffic.kind)[there], _logits(seen, traffic.kind)[there], atol=1e-5)
@@ -65,7 +71,7 @@ def test_padding_changes_nothing():
 def test_rows_are_those_of_all():
     traffic = random_traffic(1)
     rows = np.array([4, 0, 2])
-    every, some = surroundings_of(traffic, None, SIZES.neighbors), surroundings_of(traffic, rows, SIZES.neighbors)
+    every, some = _see(traffic), surroundings_of(traffic, rows, SIZES.neighbors)
     for one, other in zip(jax.tree.leaves(every), jax.tree.leaves(some), strict=True):
         np.testing.assert_allclose(np.asarray(other), np.asarray(one)[rows], atol=1e-5)
 
@@ -73,7 +79,7 @@ def test_rows_are_those_of_all():
 def test_gone_agents_are_not_seen():
     traffic = random_traffic(2)
     far = traffic.replace(x=np.where(traffic.valid, traffic.x, traffic.x[0]).astype(np.float32))
-    seen, other = surroundings_of(traffic, None, SIZES.neighbors), surroundings_of(far, None, SIZES.neighbors)
+    seen, other = _see(traffic), _see(far)
     np.testing.assert_array_equal(np.asarray(other.others)[0], np.asarray(seen.others)[0])
 
 
@@ -99,5 +105,5 @@ def test_leader_is_the_body_on_the_way():
 
 
 def test_feature_sizes_are_those_of_observe():
-    seen = surroundings_of(random_traffic(), None, SIZES.neighbors)
+    seen = _see(random_traffic())
     assert feature_sizes(SIZES.history) == (seen.own.shape[-1], seen.others.shape[-1])
