@@ -2,9 +2,9 @@
 
     PROGRAM --config=CONFIG[:VARIANT] --workdir=FOLDER [--config.FIELD=VALUE ...]
 
-CONFIG is autoencoder, denoiser or counts (scjax/train/configs), or the path of a Python file like these. VARIANT is
-tiny, small, base or official. Train an autoencoder, then a denoiser on its model; for prompts, a denoiser with
---config.condition=text and then counts. The docstring of each config has its command, time and expected numbers.
+CONFIG is autoencoder, denoiser, counts or behavior (scjax/train/configs), or the path of a Python file like these.
+VARIANT is tiny, small, base or official. Train an autoencoder, then a denoiser on its model; for prompts, a denoiser
+with --config.condition=text and then counts. The docstring of each config has its command, time and expected numbers.
 
 Any field is changed on the command line: --config.batch.batch_size=32. The same command in the same FOLDER continues
 at the very next batch; Ctrl-C and SIGTERM save first. At the end FOLDER/model is the model for scjax.load.

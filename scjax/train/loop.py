@@ -14,11 +14,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from scjax.data.loader import BatchLoader, LoaderConfig, training_batches
-from scjax.generate.model import save_model
 from scjax.nn.functional import Params
 from scjax.nn.sharding import host_copy
 from scjax.scene.files import locked_folder, remove_stale_parts, write_text
+from scjax.train.batches import Batches, loader_config, open_batches, save_export
 from scjax.train.checkpoint import Checkpoints, check_resume
 from scjax.train.configs.schema import check_config
 from scjax.train.objectives import make_objective
@@ -38,7 +37,7 @@ def train(config, workdir: Path) -> None:
       FloatingPointError: a loss or an update is not finite.
     """
     resolved = check_config(config)
-    loader = LoaderConfig.from_json(resolved["batch"])
+    loader = loader_config(resolved)
     objective = make_objective(config)
     inputs, checkpoints_folder = objective.inputs, workdir / "checkpoints"
     check_resume(checkpoints_folder, resolved, inputs)
@@ -49,16 +48,7 @@ def train(config, workdir: Path) -> None:
         if is_first:
             remove_stale_parts(workdir)
             remove_stale_parts(workdir / "pictures")
-        batches = training_batches(
-            config.records,
-            objective.codec,
-            loader,
-            texts=objective.texts,
-            measurements=objective.measurements,
-            images=objective.images,
-            process=jax.process_index(),
-            processes=jax.process_count(),
-        )
+        batches = open_batches(objective, resolved.get("records", ""), loader)
         with Checkpoints(checkpoints_folder, resolved, inputs) as checkpoints:
             run = TrainingRun(config, resolved, workdir, objective, batches, checkpoints)
             if is_first:
@@ -86,7 +76,7 @@ class TrainingRun:
         resolved: dict[str, Any],
         workdir: Path,
         objective: Objective,
-        batches: BatchLoader,
+        batches: Batches,
         checkpoints: Checkpoints,
     ):
         self._config, self._resolved, self._workdir = config, resolved, workdir
@@ -156,7 +146,7 @@ class TrainingRun:
         notes = {"steps": self.number, "config": self._resolved}
         model = self._objective.export(self._ema_params(), notes)
         folder = self._workdir / name
-        return save_model(model, folder) if jax.process_index() == 0 else folder
+        return save_export(model, folder) if jax.process_index() == 0 else folder
 
     def _after_step(self, metrics: Metrics, reporter: Reporter) -> None:
         """What is due at this step: evaluation, pictures, a checkpoint, an exported model."""

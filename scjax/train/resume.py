@@ -29,7 +29,7 @@ FREE = frozenset(
 )
 """Fields of a config that may change."""
 
-FOLDERS = frozenset({"records", "autoencoder", "denoiser", "init_from"})
+FOLDERS = frozenset({"records", "autoencoder", "denoiser", "init_from", "logs", "cache"})
 """Fields that name a folder, whose content is compared instead."""
 
 

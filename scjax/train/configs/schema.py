@@ -14,6 +14,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.loss import LossWeights
+from scjax.models.behavior.config import BehaviorConfig
 from scjax.models.counts.predictor import CountPredictorConfig
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.nn.cross_attention import OPTIONS
@@ -87,15 +88,13 @@ class _Optimizer(_Fields):
             raise ValueError('kind "muon" has no fields b1, b2 and eps')
 
 
-class _Run(_Fields, kw_only=True):
+class _AnyRun(_Fields, kw_only=True):
     """Fields of every objective."""
 
     objective: str
-    records: str
     seed: Seed
     sharding: Literal["flat", "fsdp"]
     steps: Steps
-    batch: _Batch
     optimizer: _Optimizer
     ema_decay: Decay
     log_every: Steps
@@ -104,6 +103,13 @@ class _Run(_Fields, kw_only=True):
     checkpoint_every: Steps
     export_at: tuple[Every, ...]
     tensorboard: bool
+
+
+class _Run(_AnyRun, kw_only=True):
+    """Fields of the objectives that read records."""
+
+    records: str
+    batch: _Batch
 
 
 class _AutoencoderLoss(_Fields):
@@ -162,7 +168,34 @@ class _CountsRun(_Run, kw_only=True):
     domain_dropout: Share
 
 
-RUNS: dict[str, type[_Run]] = {"autoencoder": _AutoencoderRun, "denoiser": _DenoiserRun, "counts": _CountsRun}
+class _MotionBatch(_Fields):
+    batch_size: Size
+    agents: Annotated[int, Meta(ge=2, le=1024)]
+    trained: Annotated[int, Meta(ge=1, le=1024)]
+    unknown_past: Share
+    seed: Seed
+
+    def __post_init__(self):
+        if self.trained > self.agents:
+            raise ValueError("trained must be at most agents")
+
+
+class _BehaviorRun(_AnyRun, kw_only=True):
+    logs: str
+    cache: str
+    rolls: Annotated[int, Meta(ge=1, le=100)]
+    init_from: str
+    batch: _MotionBatch
+    model: _fields_of(BehaviorConfig)  # pyright: ignore[reportInvalidTypeForm]
+    return_weight: Weight
+
+
+RUNS: dict[str, type[_AnyRun]] = {
+    "autoencoder": _AutoencoderRun,
+    "denoiser": _DenoiserRun,
+    "counts": _CountsRun,
+    "behavior": _BehaviorRun,
+}
 """``config.objective`` -> its fields."""
 
 

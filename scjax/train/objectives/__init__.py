@@ -2,6 +2,7 @@
 
 from scjax.train.objectives.autoencoder import AutoencoderObjective
 from scjax.train.objectives.base import Objective
+from scjax.train.objectives.behavior import BehaviorObjective
 from scjax.train.objectives.counts import CountObjective
 from scjax.train.objectives.denoiser import DenoiserObjective
 
@@ -9,6 +10,7 @@ OBJECTIVES = {
     "autoencoder": AutoencoderObjective,
     "denoiser": DenoiserObjective,
     "counts": CountObjective,
+    "behavior": BehaviorObjective,
 }
 
 

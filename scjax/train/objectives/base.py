@@ -21,6 +21,7 @@ from scjax.models.codec import SceneCodec
 from scjax.nn.functional import Params
 from scjax.nn.functional import Path as ParamPath
 from scjax.nn.random import row_keys
+from scjax.sim.behavior_weights import BehaviorWeights
 
 Terms = dict[str, Array]
 
@@ -31,26 +32,6 @@ PicturePath = Callable[[str], Path]
 @runtime_checkable
 class Objective(Protocol):
     """A network with its data, loss and evaluation; the loop knows nothing else of it."""
-
-    @property
-    def codec(self) -> SceneCodec:
-        """Types, columns and ranges of the scenes that the loader reads."""
-        ...
-
-    @property
-    def texts(self) -> TextStore | None:
-        """Captions of the training split that batches carry, or None."""
-        ...
-
-    @property
-    def measurements(self) -> MeasuredRecords | None:
-        """Attributes of the training split, of which batches carry requests, or None."""
-        ...
-
-    @property
-    def images(self) -> bool:
-        """Whether batches carry what a camera sees."""
-        ...
 
     @property
     def frozen(self) -> frozenset[ParamPath]:
@@ -70,8 +51,8 @@ class Objective(Protocol):
         """Fits what must be fitted before step 0; not called where a run resumes."""
         ...
 
-    def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
-        """Loss and its terms, means over the scenes [B] of the batch; random numbers come from the keys [B]."""
+    def loss(self, params: Params, batch: Any, keys: Array) -> tuple[Array, Terms]:
+        """Loss and its terms, means over the rows [B] of the batch; random numbers come from the keys [B]."""
         ...
 
     def evaluate(self, params: Params) -> dict[str, float]:
@@ -82,8 +63,33 @@ class Objective(Protocol):
         """Writes pictures of validation scenes."""
         ...
 
-    def export(self, params: Params, notes: dict[str, Any]) -> Model:
+    def export(self, params: Params, notes: dict[str, Any]) -> Model | BehaviorWeights:
         """The model with these parameters; ``notes`` says how they were trained (steps, config)."""
+        ...
+
+
+@runtime_checkable
+class SceneObjective(Objective, Protocol):
+    """An objective of which the batches are scenes of a record folder."""
+
+    @property
+    def codec(self) -> SceneCodec:
+        """Types, columns and ranges of the scenes that the loader reads."""
+        ...
+
+    @property
+    def texts(self) -> TextStore | None:
+        """Captions of the training split that batches carry, or None."""
+        ...
+
+    @property
+    def measurements(self) -> MeasuredRecords | None:
+        """Attributes of the training split, of which batches carry requests, or None."""
+        ...
+
+    @property
+    def images(self) -> bool:
+        """Whether batches carry what a camera sees."""
         ...
 
 

@@ -1,0 +1,1 @@
+"""Motion for the training of behaviors: logs -> tokens on routes, with what each agent saw."""
