@@ -111,7 +111,7 @@ def measure(
         rows["recorded"] = driving_table(_added([driving_sums(log) for log in sources]))
     for name in tqdm(names, "behaviors", disable=None):
         begin = time.perf_counter()
-        logs = scjax.simulate(seed, list(sources), seconds=seconds, behavior=BEHAVIORS[name])
+        logs = scjax.simulate(seed, list(sources), seconds=seconds, behavior=name)
         rows[name] = driving_table(_added([driving_sums(log) for log in logs]))
         rows[name]["seconds"] = time.perf_counter() - begin
     return rows
@@ -126,7 +126,7 @@ def measure_realism(
     rows = {}
     for name in tqdm(names, "realism", disable=None):
         runs = [
-            scjax.simulate(jax.random.key(seed + k), logs, seconds=REALISM_SECONDS, behavior=BEHAVIORS[name])
+            scjax.simulate(jax.random.key(seed + k), logs, seconds=REALISM_SECONDS, behavior=name)
             for k in range(repeats)
         ]
         sums = [realism_of_motion(log, [_on_steps(run[row], log) for run in runs]) for row, log in enumerate(logs)]
@@ -159,8 +159,8 @@ def _number(value: float, digits: int = 2) -> str:
     return "–" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-_NOTES = """Driving: `scjax.metrics.driving`. Pairs of boxes that overlap at the start do not count. A vehicle is stuck if it
-stands for more than 10 s without a reason. The recorded rows are over the whole recordings, 9 or 20 s.
+_NOTES = """Driving: `scjax.metrics.driving`. Pairs of boxes that overlap at the start do not count. A vehicle is stuck
+if it stands for more than 10 s without a reason. The recorded rows are over the whole recordings, 9 or 20 s.
 
 Realism: `scjax.metrics.realism_of_motion`, the likelihoods of the Waymo Open Sim Agents Challenge with the weights of
 2025, from the first step of each recording: without a history, unlike the challenge."""

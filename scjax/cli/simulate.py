@@ -72,7 +72,9 @@ def simulate_command(
         from scjax.nn.startup import start_jax
 
         start_jax()
-        model = _behavior(behavior)
+        from scjax.sim.behaviors import as_behavior
+
+        model = as_behavior(behavior)
         source = _generated(prompt, seed, num_steps, model_folder) if prompt else _start_of(start, grow)
     with clock.part("traffic"):
         if grow:
@@ -107,14 +109,6 @@ def _checked_out(out: str) -> Path:
 
         video_suffix(path)
     return path
-
-
-def _behavior(name: str) -> Any:
-    from scjax.sim.behaviors import BEHAVIORS
-
-    if name not in BEHAVIORS:
-        raise click.UsageError(f"--behavior is {name!r}: choose one of {', '.join(BEHAVIORS)}")
-    return BEHAVIORS[name]
 
 
 def _generated(prompt: str, seed: int, num_steps: int | None, model: Any) -> Scene:

@@ -14,11 +14,11 @@ from scjax.generate.conditions import Condition
 from scjax.scene import Log, Map, Scene
 from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
+from scjax.sim.behaviors import as_behavior
 from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
 from scjax.sim.growing import GrowingDrive
 from scjax.sim.policies import Policy, RoutePolicy
 from scjax.sim.preparation import prepare
-from scjax.sim.route_follower import RouteFollower
 from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
@@ -31,7 +31,7 @@ def drive(
     policy_state: Any = None,
     seconds: float = 15.0,
     actor: str | None = None,
-    behavior: BehaviorModel | None = None,
+    behavior: BehaviorModel | str | None = None,
     step: int = 0,
     grow: Condition | str | None = None,
     **outpainting: Any,
@@ -51,7 +51,7 @@ def drive(
       policy: (``Observation``, state) -> (``Action``, state), in JAX; ``RoutePolicy()`` by default.
       policy_state: memory of the policy at time 0, a PyTree.
       actor: id of the agent to drive; the ego, or the first vehicle on a lane without one.
-      behavior: of all others; ``RouteFollower()`` by default.
+      behavior: of all others: a model, or one of the names in ``BEHAVIORS``; ``RouteFollower()`` by default.
       step: of a log, from which on it is simulated.
       grow: what new tiles show; "" for whatever fits.
       outpainting: further options of ``scjax.outpaint`` for a map that grows, such as ``candidates`` and ``route``.
@@ -62,7 +62,7 @@ def drive(
     """
     seconds = finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS)
     policy = RoutePolicy() if policy is None else policy
-    behavior = RouteFollower() if behavior is None else behavior
+    behavior = as_behavior(behavior)
     if grow is not None:
         options = {"policy_state": policy_state, "actor": actor, **outpainting}
         if isinstance(source, Log):

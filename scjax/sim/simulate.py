@@ -14,9 +14,9 @@ from scjax.generate.arguments import sampling_key
 from scjax.scene import NO_EGO, Log, Map, Scene
 from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
+from scjax.sim.behaviors import as_behavior
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.rollout import roll_out, stack_records
-from scjax.sim.route_follower import RouteFollower
 from scjax.sim.track_log import TrackLog
 
 TIME_STEP = 0.1  # s
@@ -27,7 +27,12 @@ _SIGNAL_STEP = 64  # signals are padded to multiples
 
 @overload
 def simulate(
-    key: Any, source: Log | Map | Scene, *, seconds: float = 15.0, behavior: BehaviorModel | None = None, step: int = 0
+    key: Any,
+    source: Log | Map | Scene,
+    *,
+    seconds: float = 15.0,
+    behavior: BehaviorModel | str | None = None,
+    step: int = 0,
 ) -> Log: ...
 @overload
 def simulate(
@@ -35,7 +40,7 @@ def simulate(
     source: Sequence[Log | Map | Scene],
     *,
     seconds: float = 15.0,
-    behavior: BehaviorModel | None = None,
+    behavior: BehaviorModel | str | None = None,
     step: int = 0,
 ) -> list[Log]: ...
 def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
@@ -47,7 +52,7 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     Args:
       key: a key of ``jax.random``, or a number. The same key gives the same log, alone or in a list.
       source: a scene, a map, a log, or a list of them, which is simulated together and faster.
-      behavior: how agents move; ``RouteFollower()`` by default.
+      behavior: how agents move: a model, or one of the names in ``BEHAVIORS``; ``RouteFollower()`` by default.
       step: of a log, from which on it is simulated.
 
     Returns:
@@ -59,7 +64,7 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     seconds = finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS)
     steps = round(seconds / TIME_STEP)
     sources = list(source) if isinstance(source, Sequence) else [source]
-    behavior = RouteFollower() if behavior is None else behavior
+    behavior = as_behavior(behavior)
     key = sampling_key(key)
     keys = [key] * len(sources)
     starts = [prepare(one, step, np.random.default_rng(key_seed(key))) for one in sources]
