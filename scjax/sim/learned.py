@@ -23,7 +23,7 @@ from scjax.sim.constant_velocity import is_near
 from scjax.sim.contacts import free_checks
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.route_traffic import first_motions, track_routes, traffic_of
-from scjax.sim.routes import NUM_LANES, Routes, extend_routes, points_at
+from scjax.sim.routes import NUM_LANES, Routes, complete_routes, extend_routes, points_at
 
 _SUBSTEPS = 2  # of a motion
 _MARGIN = 20.0  # m beyond the lanes, where agents without a lane leave
@@ -86,8 +86,7 @@ class LearnedBehavior:
         zeros = jnp.zeros(num)
         lanes = jnp.full((num, NUM_LANES), NONE).at[:, 0].set(places.lane)
         routes = Routes(lanes=lanes, along=places.along, lateral=zeros, lateral_speed=zeros, heading=zeros)
-        for one in jax.random.split(key, NUM_LANES - 1):
-            routes = extend_routes(one, network, routes)
+        routes = complete_routes(jax.random.split(key, NUM_LANES - 1), network, routes)
         motions = jnp.broadcast_to(first_motions(network, routes, agents)[:, None], (num, config.history, 3))
         _, _, z = points_at(network, routes, zeros)
         return LearnedState(
@@ -137,7 +136,8 @@ class LearnedBehavior:
     def with_route(self, state: LearnedState, row: Int[AnyArray, ""], route: Routes) -> LearnedState:
         """See ``BehaviorModel``."""
         # Routes of others are followed by the rear axle; the next step finds the foot of the center.
-        return state.replace(routes=jax.tree.map(lambda all, one: all.at[row].set(one[0]), state.routes, route))
+        route = route.replace(lanes=route.lanes[:, : state.routes.lanes.shape[1]])
+        return state.replace(routes=jax.tree.map(lambda every, one: every.at[row].set(one[0]), state.routes, route))
 
     def _decide(
         self, key: Array, network: RoadNetwork, state: LearnedState, agents: Agents, signals: Int[AnyArray, " S"]
