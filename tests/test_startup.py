@@ -15,7 +15,7 @@ from scjax.cli import cli
 
 SELDOM_USED = {"grain", "matplotlib", "ml_collections", "orbax", "scipy", "tensorstore", "tokenizers"}
 HEAVY = SELDOM_USED | {"flax", "jax", "numpy", "optax", "rich", "treescope"}
-NAME_SAMPLERS = {("outpaint",), ("demo",), ("edit",), ("generate",), ("place",)}
+NAME_SAMPLERS = {("simulate",), ("outpaint",), ("demo",), ("edit",), ("generate",), ("place",)}
 """Commands whose help names samplers and their steps, which stand beside their code."""
 
 

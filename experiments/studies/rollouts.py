@@ -63,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--behaviors", nargs="+", default=list(BEHAVIORS), choices=list(BEHAVIORS), metavar="NAME")
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
     start_jax()
     try:
