@@ -3,8 +3,8 @@
     scjax data logs runs/logs --worlds 200
     scjax train --config=behavior --workdir=runs/behavior --config.logs=runs/logs --config.cache=runs/motion
 
-Expected on 300 logs of synthetic worlds, 5,000 steps of 32: motion 3.60 and nll 3.08 of held-back places, from 3.83 and 3.41
-after 500 steps. A step takes 50 ms of one CPU core.
+Expected on 300 logs of synthetic worlds after 5,000 steps of 32: motion 3.60 and nll 3.08 on held-back places (3.83 and
+3.41 after 500 steps). A step takes 50 ms of one CPU core.
 
 Logs are files of any format with motion at 10 or 5 Hz. The cache holds them as arrays and is built at the first start.
 """
