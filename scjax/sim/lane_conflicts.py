@@ -126,7 +126,7 @@ def _is_on_ring(lane: int, length: np.ndarray, after: dict[int, list[int]]) -> b
         for following in after[one]:
             reach = best[one] + length[one]
             if following == lane:
-                return reach <= _RING_LENGTH
+                return bool(reach <= _RING_LENGTH)
             if reach <= _RING_LENGTH and reach < best.get(following, np.inf):
                 best[following] = reach
                 queue.append(following)
