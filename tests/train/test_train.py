@@ -297,7 +297,7 @@ def test_train_command_rejects_mistakes(records, tmp_path, flag, message, capsys
     [
         (["--workdir=x"], "give --config"),
         (["--config=denoiser:tiny"], "give --workdir"),
-        (["--config=denoyser", "--workdir=x"], "choose autoencoder, counts, denoiser"),
+        (["--config=denoyser", "--workdir=x"], "choose autoencoder, behavior, counts, denoiser"),
         (["--config=denoiser:huge", "--workdir=x"], "--config=denoiser:huge is an unknown variant"),
         (["--config=denoiser", "--workdir=x", "extra"], "unknown argument 'extra'"),
         (["--config=denoiser", "--workdir=x", "--config.optimzer.kind=muon"], 'Did you mean "optimizer"'),
