@@ -50,6 +50,20 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
+_MAX_MAPPINGS = 15_000
+"""Pieces of memory of a process, after which its programs are dropped; Linux allows 65,530, and each program has many."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_programs_in_memory():
+    """Drops compiled programs between modules before there are too many for the process."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > _MAX_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
+
+
 _LONGEST = (
     "test_train",
     "test_text_training",
