@@ -51,7 +51,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 _MAX_MAPPINGS = 15_000
-"""Pieces of memory of a process, after which its programs are dropped; Linux allows 65,530, and each program has many."""
+"""Pieces of memory of a process, after which its programs are dropped; Linux allows 65,530."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -163,7 +163,9 @@ def config_path(config: str) -> str:
     if packaged.is_file() and "/" not in name:
         return f"{packaged}{colon}{variant}"
     if not Path(name).is_file():
-        names = sorted(path.stem for path in _CONFIGS.glob("*.py") if path.stem not in ("__init__", "renamed", "schema"))
+        names = sorted(
+            path.stem for path in _CONFIGS.glob("*.py") if path.stem not in ("__init__", "renamed", "schema")
+        )
         raise ValueError(f"--config={config}: no such file, and no config of that name: choose {', '.join(names)}")
     return config
 
