@@ -23,14 +23,14 @@ python -m consumers.make
 python -m consumers.check FILES --out docs/results/exports.md
 ```
 
-netconvert runs with `{options}`: its thresholds for steep and bent lanes are about
+netconvert runs with `{options}`. Its thresholds for steep and bent lanes are about
 roads as built, not about files. Without these options {plain} of {nets} files give a warning.
 Warnings about programs of traffic lights, which netconvert makes up since OpenDRIVE holds none, do not count; {lights}
 files have one.
 
 Two kinds of warning may remain. "Intersecting left turns" is about ways through a junction whose shapes, as netconvert
-draws them, cross. In two files with grades that were looked at, the grade is netconvert's own: it makes a junction flat
-and shortens roads that lie near each other, which leaves steps at their ends. Why others have them was not looked at.
+draws them, cross. Two files with grades were looked at. There netconvert makes a junction flat and shortens roads that
+lie near each other, which leaves steps at their ends. Why others have them was not looked at.
 roadgen compares the heights of all ends that are linked in the file itself.
 
 | program | files | opened without a fault |

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from scjax.scene.geometry import wrap_angle
 from scjax.scene.scene import AnyArray
 
 MAX_ACCELERATION, MAX_CURVATURE = 6.0, 0.3  # m/s^2, 1/m
@@ -48,7 +49,7 @@ def bicycle_action(before: VehiclePose, after: VehiclePose, dt: float) -> Action
     """The action that leads from one pose to the next; 0 curvature for vehicles that hardly move."""
     acceleration = (after.speed - before.speed) / dt
     distance = 0.5 * (before.speed + after.speed) * dt
-    turn = jnp.arctan2(jnp.sin(after.heading - before.heading), jnp.cos(after.heading - before.heading))
+    turn = wrap_angle(after.heading - before.heading)
     moves = distance > _MIN_SPEED * dt
     return Action(acceleration, jnp.where(moves, turn / jnp.where(moves, distance, 1.0), 0.0))
 

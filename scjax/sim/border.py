@@ -22,8 +22,7 @@ _ENTRY_SPEED = 0.7  # of the speed of the road
 def has_left(network: RoadNetwork, routes: Routes, agents: Agents) -> Bool[AnyArray, " N"]:
     """Whether an agent is past the end of a way that leads out of the map, or has stopped at one that ends inside."""
     rest, ends = remaining(network, routes)
-    last = jnp.take_along_axis(routes.lanes, jnp.maximum((routes.lanes >= 0).sum(1) - 1, 0)[:, None], axis=1)[:, 0]
-    leads_out = network.is_exit[last]
+    leads_out = network.is_exit[routes.last_lane]
     gone = leads_out & (rest < AXLE_SHARE * agents.length)
     arrived = ~leads_out & (rest < (0.5 + AXLE_SHARE) * agents.length + _ARRIVED) & (agents.speed < _STANDS)
     return ends & (gone | arrived)
@@ -35,7 +34,7 @@ def enter_map(
     """Vehicles that have left enter at a random lane that leads into the map, where there is room.
 
     Args:
-      state: memory with ``routes``, ``waited``, ``since_change`` and ``ignore``.
+      state: memory with ``routes`` and ``ignore``.
       delay: mean time until a vehicle tries [s].
     """
     num = agents.x.shape[0]
@@ -72,7 +71,7 @@ def enter_map(
         entries=agents.entries + enters,
     )
     ignore = state.ignore & ~enters[:, None] & ~enters[None]
-    state = state.replace(routes=routes, ignore=ignore, waited=choose(zeros, state.waited))
+    state = state.replace(routes=routes, ignore=ignore)
     return state, agents
 
 

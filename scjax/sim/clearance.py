@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import corners
 from scjax.sim.network_of_map import LanePoints
 
@@ -54,7 +55,7 @@ def _faded(lanes: LanePoints, shift: np.ndarray, tree) -> np.ndarray:
     out = shift.copy()
     for row in np.flatnonzero(shift):
         near = np.array(tree.query_ball_point(lanes.points[row, :2], _REACH), int)
-        turn = (lanes.headings[near] - lanes.headings[row] + np.pi) % (2 * np.pi) - np.pi
+        turn = wrap_to_pi(lanes.headings[near] - lanes.headings[row])
         offset = lanes.points[near, :2] - lanes.points[row, :2]
         heading = lanes.headings[row] + turn / 2
         side = -offset[:, 0] * np.sin(heading) + offset[:, 1] * np.cos(heading)

@@ -148,8 +148,7 @@ def drive_step(
     center = way_points(network, route, AXLE_SHARE * one.length[:, None])
     agents = agents.replace(z=jnp.where(is_row, center.z[0, 0] + state.height, agents.z))
     rest, ends = remaining(network, route)
-    last = jnp.maximum((route.lanes >= 0).sum(1) - 1, 0)[0]
-    arrives = (ends & network.is_exit[route.lanes[0, last]] & (rest < AXLE_SHARE * one.length))[0] & was_here
+    arrives = (ends & network.is_exit[route.last_lane] & (rest < AXLE_SHARE * one.length))[0] & was_here
     agents = agents.replace(valid=agents.valid & ~(is_row & arrives))
     touching = touching_bodies(agents, row)
     distance = jnp.sqrt(((network.x - pose.x) ** 2 + (network.y - pose.y) ** 2).min())

@@ -12,7 +12,6 @@ from jaxtyping import Array, Int
 
 from scjax.scene import NO_EGO, Log, Map
 from scjax.scene.scene import AnyArray
-from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingState, DrivingTerms, drive_step, start_driving
 from scjax.sim.observation import observe
@@ -75,19 +74,8 @@ def actor_row(start: Start, actor: str | None) -> int:
     return row
 
 
-@functools.partial(jax.jit, static_argnames=("behavior",))
-def start_state(
-    key: Array,
-    network: RoadNetwork,
-    agents: Agents,
-    places: LanePlaces,
-    row: Int[AnyArray, ""],
-    lanes: Int[AnyArray, " R"] | None = None,
-    *,
-    behavior: BehaviorModel,
-) -> DrivingState:
-    """``start_driving``, jitted."""
-    return start_driving(key, network, agents, places, row, behavior=behavior, lanes=lanes)
+start_state = jax.jit(start_driving, static_argnames=("behavior",))
+"""``start_driving``, compiled."""
 
 
 @functools.partial(jax.jit, static_argnames=("policy", "behavior", "dt"))

@@ -25,8 +25,7 @@ class DriverSettings:
       max_deceleration: in emergencies [m/s^2].
       speed_factor: mean of the desired speeds, relative to those of the road.
       speed_deviation: standard deviation of this factor between drivers.
-      patience: time that drivers wait at a crossing until they take the right of way [s].
-      yields: drivers give way at crossings and to pedestrians.
+      yields: drivers give way where lanes cross or merge.
       stops_at_red: drivers obey signals.
     """
 
@@ -37,7 +36,6 @@ class DriverSettings:
     max_deceleration: float = 7.0
     speed_factor: float = 1.0
     speed_deviation: float = 0.1
-    patience: float = 5.0
     yields: bool = True
     stops_at_red: bool = True
 
@@ -45,8 +43,8 @@ class DriverSettings:
         for name in ("time_headway", "min_gap", "acceleration", "deceleration", "max_deceleration", "speed_factor"):
             if not 0 < getattr(self, name) < 100:
                 raise ValueError(f"{name} is {getattr(self, name)}: give a number above 0 and below 100")
-        if not 0 <= self.speed_deviation < 1 or not self.patience >= 0:
-            raise ValueError("speed_deviation must be in 0..1 and patience at least 0 s: correct them")
+        if not 0 <= self.speed_deviation < 1:
+            raise ValueError(f"speed_deviation is {self.speed_deviation}: give a number from 0 to below 1")
 
 
 NORMAL = DriverSettings()
@@ -54,7 +52,7 @@ NORMAL = DriverSettings()
 CALM = DriverSettings(time_headway=2.2, min_gap=2.5, acceleration=1.0, deceleration=1.5, speed_factor=0.85)
 """Careful drivers who keep their distance."""
 ADVERSARIAL = DriverSettings(
-    time_headway=0.6, min_gap=0.8, acceleration=2.5, deceleration=3.5, speed_factor=1.25, patience=1.0, yields=False
+    time_headway=0.6, min_gap=0.8, acceleration=2.5, deceleration=3.5, speed_factor=1.25, yields=False
 )
 """Drivers who speed, tailgate and do not give way; they still stop at red and brake for who is in front of them."""
 

@@ -135,7 +135,7 @@ class GrowingDrive:
             start.agents,
             start.places,
             jnp.int32(self.row),
-            _route_rows(start, self.row, self.goal),
+            lanes=_route_rows(start, self.row, self.goal),
             behavior=self.behavior,
         )
 

@@ -8,6 +8,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
+from scjax.scene.angles import wrap_to_pi
+
 CONFLICT_DISTANCE = 2.2  # m between centerlines on which vehicles collide
 _MERGE_ANGLE = np.deg2rad(60.0)  # at most, between lanes that merge
 _SAME_WAY = np.deg2rad(20.0)  # lanes that only run beside each other differ by less
@@ -72,7 +74,7 @@ def find_conflicts(
         both = pairs[rows]
         is_a = lane[both] == a
         at_a, at_b = both[is_a], both[~is_a]
-        angle = np.abs((headings[at_a] - headings[at_b] + np.pi) % (2 * np.pi) - np.pi)
+        angle = np.abs(wrap_to_pi(headings[at_a] - headings[at_b]))
         joined = bool(after[a] & after[b])
         if joined and angle[np.argmax(along[at_a])] < _MERGE_ANGLE:
             joins = True

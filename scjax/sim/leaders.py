@@ -37,7 +37,6 @@ def body_ahead(
     way: WayPoints,
     front: Float[AnyArray, " N"],
     ignore: Bool[AnyArray, "N N"],
-    impatient: Bool[AnyArray, " N"],
 ) -> Leader:
     """The first body on the way of each agent.
 
@@ -45,7 +44,6 @@ def body_ahead(
       way: points ahead of the agents at ``front + WINDOW``.
       front: from the origin of the way's distances to the front bumper [m].
       ignore: pairs (agent, body) that do not count.
-      impatient: agents that squeeze past bodies.
     """
     cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
     walks = (agents.kind == AgentType.PEDESTRIAN) & (agents.speed > 0.3)
@@ -53,8 +51,8 @@ def body_ahead(
     center_x, center_y = agents.x + 0.5 * ahead * cos, agents.y + 0.5 * ahead * sin
     half_length, half_width = 0.5 * (agents.length + ahead), 0.5 * agents.width
     gap_beside = jnp.where(agents.speed > 0.3, _SIDE_GAP, _PARKED_SIDE_GAP)
-    room = 0.5 * agents.width[:, None] + jnp.where(impatient[:, None], 0.0, gap_beside[None])  # [agent, body]
-    tangent_x, tangent_y = _tangents(way)
+    room = 0.5 * agents.width[:, None] + gap_beside[None]  # [agent, body]
+    tangent_x, tangent_y = way_tangents(way)
 
     def depth(x, y, t_x, t_y, body):
         """How far points are outside the body that is widened by the vehicle on its way, along the worse axis [m]."""
@@ -89,7 +87,7 @@ def body_ahead(
     return Leader(jnp.where(found, edge - front, jnp.inf), jnp.where(found, agents.speed[body] * forward, 0.0))
 
 
-def _tangents(way: WayPoints) -> tuple[Float[AnyArray, "N W"], Float[AnyArray, "N W"]]:
+def way_tangents(way: WayPoints) -> tuple[Float[AnyArray, "N W"], Float[AnyArray, "N W"]]:
     """Unit vectors along the way."""
     d_x, d_y = way.x[:, 1:] - way.x[:, :-1], way.y[:, 1:] - way.y[:, :-1]
     d_x = jnp.concatenate([d_x, d_x[:, -1:]], axis=1)

@@ -23,7 +23,7 @@ from scjax.sim.constant_velocity import is_near
 from scjax.sim.contacts import free_checks
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.route_traffic import first_motions, track_routes, traffic_of
-from scjax.sim.routes import NUM_LANES, Routes, complete_routes, extend_routes, points_at
+from scjax.sim.routes import NUM_LANES, Routes, complete_routes, extend_routes, points_at, with_row
 
 _SUBSTEPS = 2  # of a motion
 _MARGIN = 20.0  # m beyond the lanes, where agents without a lane leave
@@ -136,8 +136,7 @@ class LearnedBehavior:
     def with_route(self, state: LearnedState, row: Int[AnyArray, ""], route: Routes) -> LearnedState:
         """See ``BehaviorModel``."""
         # Routes of others are followed by the rear axle; the next step finds the foot of the center.
-        route = route.replace(lanes=route.lanes[:, : state.routes.lanes.shape[1]])
-        return state.replace(routes=jax.tree.map(lambda every, one: every.at[row].set(one[0]), state.routes, route))
+        return state.replace(routes=with_row(state.routes, row, route))
 
     def _decide(
         self, key: Array, network: RoadNetwork, state: LearnedState, agents: Agents, signals: Int[AnyArray, " S"]

@@ -10,6 +10,7 @@ from jaxtyping import Float64, Int
 
 from scjax.data.lane_graph import LaneGraph, build_graph
 from scjax.scene import TILE_SIZE, Log
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.map import MapTile
 from scjax.scene.polyline import cumulative_length
 from scjax.sim.lane_conflicts import LaneConflicts, find_conflicts, rank_lanes
@@ -138,8 +139,7 @@ def _single(values: np.ndarray) -> np.ndarray:
 
 def _turns(lanes: LanePoints) -> np.ndarray:
     """Change of heading of every lane [rad]."""
-    change = np.diff(lanes.headings)
-    change = (change + np.pi) % (2 * np.pi) - np.pi
+    change = wrap_to_pi(np.diff(lanes.headings))
     change[lanes.first[1:] - 1] = 0.0
     total = np.concatenate([[0.0], np.cumsum(change)])
     return total[lanes.first + lanes.intervals] - total[lanes.first]
@@ -150,7 +150,7 @@ def _limits(lanes: LanePoints, speeds: np.ndarray) -> np.ndarray:
     span = np.minimum(_CURVATURE_SPAN, lanes.intervals)[lanes.lane]
     low = np.maximum(np.arange(len(lanes.lane)) - span, lanes.first[lanes.lane])
     high = np.minimum(np.arange(len(lanes.lane)) + span, (lanes.first + lanes.intervals)[lanes.lane])
-    change = (lanes.headings[high] - lanes.headings[low] + np.pi) % (2 * np.pi) - np.pi
+    change = wrap_to_pi(lanes.headings[high] - lanes.headings[low])
     curvature = np.abs(change) / np.maximum(lanes.along[high] - lanes.along[low], 1.0)
     bend = np.sqrt(_LATERAL_ACCELERATION / np.maximum(curvature, 1e-4))
     return np.maximum(np.minimum(speeds[lanes.lane], bend), _MIN_SPEED)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from scjax.scene import AgentType
+from scjax.scene.angles import wrap_to_pi
 from scjax.sim.agents import LanePlaces
 from scjax.sim.network_of_map import LanePoints
 from scjax.sim.road_network import NONE
@@ -44,7 +45,7 @@ def place_agents(
         offset = states[row, :2] - lanes.points[near, :2]
         cos, sin = np.cos(lanes.headings[near]), np.sin(lanes.headings[near])
         ahead, side = offset[:, 0] * cos + offset[:, 1] * sin, -offset[:, 0] * sin + offset[:, 1] * cos
-        turn = (headings[row] - lanes.headings[near] + np.pi) % (2 * np.pi) - np.pi
+        turn = wrap_to_pi(headings[row] - lanes.headings[near])
         limit = _RADIUS if states[row, 3] > _PARKED_SPEED else _NEAR
         fits = (np.abs(side) < limit) & (np.abs(turn) < _ANGLE) & (np.abs(ahead) < 1.0)
         if not fits.any():

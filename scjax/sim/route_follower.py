@@ -15,7 +15,7 @@ from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.border import enter_map, has_left
 from scjax.sim.driver import NORMAL, DriverSettings, idm_acceleration
 from scjax.sim.lane_changes import LaneChanges, apply_lane_changes
-from scjax.sim.leaders import FRONT, WINDOW, Leader, body_ahead, lane_leader
+from scjax.sim.leaders import FRONT, WINDOW, Leader, body_ahead, lane_leader, way_tangents
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.routes import (
     AXLE_SHARE,
@@ -30,17 +30,18 @@ from scjax.sim.routes import (
     poses,
     remaining,
     way_points,
+    with_row,
 )
 from scjax.sim.walking import usual_pace, walk
 from scjax.sim.yielding import yield_leader
 
 _CYCLIST_SPEED = 5.0  # m/s
 _LATERAL_RATE = 1.2  # 1/s, of the return to the centerline
+_RETURN_LENGTH = 12.0  # m over which the way ahead returns to the centerline
 _HEADING_LENGTH = 5.0  # m over which a heading off the lane fades out
 _SIGNAL_BRAKING = 3.0  # m/s^2; who would have to brake harder drives on at amber
 _COMFORT = 1.5  # m/s^2 before bends
 _ON_ROAD = 1.8  # m from a centerline, where pedestrians do not stand for long
-_STANDS = 0.3  # m/s
 
 
 @pytree
@@ -51,7 +52,6 @@ class FollowerState(Replaceable):
       routes: where they are and where they go.
       factor: desired speed relative to that of the road.
       ground: height of the box center above the lane [m].
-      waited: time of giving way [s].
       since_change: time since the last change of lanes [s].
       is_parked: never moves.
       pace: of pedestrians where nothing is in the way [m/s].
@@ -61,7 +61,6 @@ class FollowerState(Replaceable):
     routes: Routes
     factor: Float[AnyArray, " N"]
     ground: Float[AnyArray, " N"]
-    waited: Float[AnyArray, " N"]
     since_change: Float[AnyArray, " N"]
     is_parked: Bool[AnyArray, " N"]
     pace: Float[AnyArray, " N"]
@@ -108,7 +107,6 @@ class RouteFollower:
             routes=routes,
             factor=factor,
             ground=ground,
-            waited=jnp.zeros(num),
             since_change=jnp.full(num, 10.0),
             is_parked=places.is_parked,
             pace=usual_pace(agents, _distance_to_lanes(network, agents) < _ON_ROAD),
@@ -131,7 +129,7 @@ class RouteFollower:
         front = FRONT * agents.length
         way = _shifted(way_points(network, routes, front[:, None] + WINDOW[None]), routes.lateral)
         way = _straight_on(way, agents, routes.has_route)
-        leaders, waits = self._leaders(network, state, agents, signals, way, front)
+        leaders = self._leaders(network, state, agents, signals, way, front)
         limit = self._limits(state, agents, way)
         acceleration = jnp.stack(
             [idm_acceleration(self.driver, agents.speed, limit, one.gap, one.speed) for one in leaders]
@@ -155,8 +153,7 @@ class RouteFollower:
             speed=jnp.where(walks, walked.speed, speed),
         )
         moved = _keep(agents, moved, state.is_parked | ~agents.valid)
-        waited = jnp.where(waits & (speed < _STANDS), state.waited + dt, jnp.where(speed > 1.0, 0.0, state.waited))
-        state = state.replace(routes=routes, waited=waited, since_change=state.since_change + dt)
+        state = state.replace(routes=routes, since_change=state.since_change + dt)
         if self.lane_changes is not None:
             state = apply_lane_changes(change_key, network, state, moved, leaders[0], self.driver, self.lane_changes)
         moved = moved.replace(valid=moved.valid & ~has_left(network, state.routes, moved))
@@ -166,8 +163,7 @@ class RouteFollower:
 
     def with_route(self, state: FollowerState, row: Int[AnyArray, ""], route: Routes) -> FollowerState:
         """See ``BehaviorModel``."""
-        route = route.replace(lanes=route.lanes[:, : state.routes.lanes.shape[1]])
-        return state.replace(routes=jax.tree.map(lambda every, one: every.at[row].set(one[0]), state.routes, route))
+        return state.replace(routes=with_row(state.routes, row, route))
 
     def _leaders(
         self,
@@ -177,23 +173,20 @@ class RouteFollower:
         signals: Int[AnyArray, " S"],
         way: WayPoints,
         front: Float[AnyArray, " N"],
-    ) -> tuple[list[Leader], Bool[AnyArray, " N"]]:
-        """All that agents have to follow or stop for, and who gives way or stands behind somebody."""
+    ) -> list[Leader]:
+        """All that agents have to follow or stop for."""
         routes = state.routes
         ignore = state.ignore | jnp.eye(agents.x.shape[0], dtype=bool)
-        body = body_ahead(agents, way, front, ignore, state.waited > self.driver.patience)
-        on_lane = lane_leader(network, routes, agents)
-        nearer = body.gap < on_lane.gap
-        ahead = Leader(jnp.minimum(body.gap, on_lane.gap), jnp.where(nearer, body.speed, on_lane.speed))
-        crossing = yield_leader(network, routes, agents, self.driver, state.waited, ahead)
+        body = body_ahead(agents, way, front, ignore)
         rest, ends = remaining(network, routes)
-        last = jnp.take_along_axis(routes.lanes, jnp.maximum((routes.lanes >= 0).sum(1) - 1, 0)[:, None], axis=1)
-        stops = ends & ~network.is_exit[last[:, 0]]
+        stops = ends & ~network.is_exit[routes.last_lane]
         end = Leader(jnp.where(stops, jnp.maximum(rest - front - 0.5, 0.1), jnp.inf), jnp.zeros_like(rest))
-        leaders = [on_lane, body, crossing, end]
+        leaders = [lane_leader(network, routes, agents), body, end]
+        if self.driver.yields:
+            leaders.append(yield_leader(network, routes, agents))
         if self.driver.stops_at_red:
             leaders.append(_red_signal(network, routes, agents, signals, front))
-        return leaders, jnp.isfinite(crossing.gap) | jnp.isfinite(body.gap)
+        return leaders
 
     def _limits(self, state: FollowerState, agents: Agents, way: WayPoints) -> Float[AnyArray, " N"]:
         """Speeds that agents aim at, so that they are slow enough in the bends ahead [m/s]."""
@@ -212,11 +205,10 @@ def _distance_to_lanes(network: RoadNetwork, agents: Agents) -> Float[AnyArray, 
 
 
 def _touching(agents: Agents) -> Bool[AnyArray, "N N"]:
-    """Pairs whose boxes, as discs of the smaller side, overlap or nearly do."""
+    """Pairs of which the center of one lies in the box of the other, widened by half the width of the first."""
     d_x, d_y = agents.x[:, None] - agents.x[None], agents.y[:, None] - agents.y[None]
     cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
     ahead, side = d_x * cos[None] + d_y * sin[None], d_y * cos[None] - d_x * sin[None]
-    # A box is inside another's if its center, widened by half its width, is.
     reach = 0.5 * agents.width[:, None]
     inside = (jnp.abs(ahead) < 0.5 * agents.length[None] + reach) & (jnp.abs(side) < 0.5 * agents.width[None] + reach)
     return inside | inside.T
@@ -224,11 +216,9 @@ def _touching(agents: Agents) -> Bool[AnyArray, "N N"]:
 
 def _shifted(way: WayPoints, lateral: Float[AnyArray, " N"]) -> WayPoints:
     """The way of an agent beside its centerline, to which it returns."""
-    d_x, d_y = way.x[:, 1:] - way.x[:, :-1], way.y[:, 1:] - way.y[:, :-1]
-    d_x, d_y = (jnp.concatenate([value, value[:, -1:]], axis=1) for value in (d_x, d_y))
-    norm = jnp.sqrt(jnp.maximum(d_x * d_x + d_y * d_y, 1e-8))
-    shift = lateral[:, None] * jnp.exp(-jnp.maximum(way.distance - way.distance[:, :1], 0.0) / 12.0) / norm
-    return way._replace(x=way.x - shift * d_y, y=way.y + shift * d_x)
+    tangent_x, tangent_y = way_tangents(way)
+    shift = lateral[:, None] * jnp.exp(-jnp.maximum(way.distance - way.distance[:, :1], 0.0) / _RETURN_LENGTH)
+    return way._replace(x=way.x - shift * tangent_y, y=way.y + shift * tangent_x)
 
 
 def _straight_on(way: WayPoints, agents: Agents, has_route: Bool[AnyArray, " N"]) -> WayPoints:

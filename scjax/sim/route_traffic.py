@@ -41,7 +41,6 @@ def traffic_of(
     straight_y = agents.y[:, None] + ahead * jnp.sin(agents.heading)[:, None]
     signal, gap = _next_signal(network, routes, agents, signals)
     rest, ends = remaining(network, routes)
-    last = jnp.take_along_axis(routes.lanes, jnp.maximum((routes.lanes >= 0).sum(1) - 1, 0)[:, None], axis=1)[:, 0]
     return Traffic(
         x=agents.x,
         y=agents.y,
@@ -59,7 +58,7 @@ def traffic_of(
         has_way=has_way,
         signal=signal,
         signal_gap=gap,
-        end_gap=jnp.where(ends & ~network.is_exit[last], jnp.clip(rest, 0.0, FAR), FAR),
+        end_gap=jnp.where(ends & ~network.is_exit[routes.last_lane], jnp.clip(rest, 0.0, FAR), FAR),
     )
 
 

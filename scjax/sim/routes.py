@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from scjax.scene.geometry import wrap_angle
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
@@ -40,6 +41,12 @@ class Routes(Replaceable):
         """Whether the agent follows lanes."""
         return self.lanes[:, 0] >= 0
 
+    @property
+    def last_lane(self) -> Int[AnyArray, " N"]:
+        """The last lane that is known of each way; -1 without a route."""
+        count = (self.lanes >= 0).sum(1)
+        return jnp.take_along_axis(self.lanes, jnp.maximum(count - 1, 0)[:, None], axis=1)[:, 0]
+
 
 class WayPoints(NamedTuple):
     """Points of the lanes ahead of N agents, each with its distance [m] from the agent's rear axle.
@@ -65,8 +72,7 @@ def extend_routes(key: Array, network: RoadNetwork, routes: Routes) -> Routes:
     """Adds one lane to every route that has room for it and goes on; lanes that turn less are likelier."""
     lanes = routes.lanes
     count = (lanes >= 0).sum(1)
-    last = jnp.take_along_axis(lanes, jnp.maximum(count - 1, 0)[:, None], axis=1)[:, 0]
-    following = network.successors[last]
+    following = network.successors[routes.last_lane]
     logits = jnp.where(following >= 0, -jnp.abs(network.turn[following]) / TURN_TEMPERATURE, -jnp.inf)
     noise = jax.random.gumbel(key, following.shape)
     choice = jnp.argmax(jnp.where(following >= 0, logits + noise, -jnp.inf), axis=1)
@@ -158,9 +164,13 @@ def poses(
 def remaining(network: RoadNetwork, routes: Routes) -> tuple[Float[AnyArray, " N"], Bool[AnyArray, " N"]]:
     """Distance of each rear axle from the end of the way [m], and whether the way ends there: no lane follows."""
     starts = lane_starts(network, routes)
-    count = (routes.lanes >= 0).sum(1)
-    last = jnp.take_along_axis(routes.lanes, jnp.maximum(count - 1, 0)[:, None], axis=1)[:, 0]
-    return starts[:, -1] - routes.along, (network.successors[last, 0] < 0) & (count > 0)
+    return starts[:, -1] - routes.along, (network.successors[routes.last_lane, 0] < 0) & routes.has_route
+
+
+def with_row(routes: Routes, row: Int[AnyArray, ""], route: Routes) -> Routes:
+    """``routes`` with that of agent ``row`` replaced by ``route`` (N = 1), of which the first lanes count."""
+    route = route.replace(lanes=route.lanes[:, : routes.lanes.shape[1]])
+    return jax.tree.map(lambda every, one: every.at[row].set(one[0]), routes, route)
 
 
 def fit_routes(network: RoadNetwork, routes: Routes, agents: Agents) -> Routes:
@@ -173,6 +183,6 @@ def fit_routes(network: RoadNetwork, routes: Routes, agents: Agents) -> Routes:
         routes = routes.replace(
             along=routes.along + d_x * jnp.cos(way) + d_y * jnp.sin(way),
             lateral=routes.lateral + d_y * jnp.cos(way) - d_x * jnp.sin(way),
-            heading=jnp.arctan2(jnp.sin(turn), jnp.cos(turn)),
+            heading=wrap_angle(turn),
         )
     return routes

@@ -66,7 +66,6 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     sources = list(source) if isinstance(source, Sequence) else [source]
     behavior = as_behavior(behavior)
     key = sampling_key(key)
-    keys = [key] * len(sources)
     starts = [prepare(one, step, np.random.default_rng(key_seed(key))) for one in sources]
     groups: dict[tuple, list[int]] = collections.defaultdict(list)
     for row, start in enumerate(starts):
@@ -75,7 +74,7 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     for rows in groups.values():
         for first in range(0, len(rows), _MAX_BATCH):
             chunk = rows[first : first + _MAX_BATCH]
-            found = _run([starts[row] for row in chunk], [keys[row] for row in chunk], behavior, steps)
+            found = _run([starts[row] for row in chunk], key, behavior, steps)
             logs.update(zip(chunk, found, strict=True))
     result = [logs[row] for row in range(len(sources))]
     return result if isinstance(source, Sequence) else result[0]
@@ -96,14 +95,14 @@ def padded_signals(starts: Sequence[Start], steps: int, clock: float = 0.0) -> I
     return signals
 
 
-def _run(starts: list[Start], keys: list[Any], behavior: BehaviorModel, steps: int) -> list[Log]:
+def _run(starts: list[Start], key: Any, behavior: BehaviorModel, steps: int) -> list[Log]:
     """The logs of scenes of one shape."""
     signals = padded_signals(starts, steps)
     rows = np.minimum(np.arange(1 << int(np.ceil(np.log2(len(starts))))), len(starts) - 1)  # few sizes of batches
     networks, agents, places = (
         stack_records([getattr(starts[row], name) for row in rows]) for name in ("network", "agents", "places")
     )
-    batch_keys = jax.numpy.stack([keys[row] for row in rows])
+    batch_keys = jax.numpy.stack([key] * len(rows))
     after = roll_out(batch_keys, networks, agents, places, signals[rows], behavior=behavior, dt=TIME_STEP)
     after = {name: np.asarray(values) for name, values in after.items()}
     return [_log_of(start, {k: v[row] for k, v in after.items()}) for row, start in enumerate(starts)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from scjax.scene.geometry import wrap_angle
 from scjax.sim.agents import Agents
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.routes import AXLE_SHARE, Routes, advance, way_points
@@ -28,8 +29,7 @@ def track_route(network: RoadNetwork, route: Routes, agent: Agents) -> Routes:
     best = jnp.argmin(distance, axis=1)
     kept = advance(network, route, near.distance[:, best[0]])
 
-    angle = network.heading - heading
-    turn = jnp.abs(jnp.arctan2(jnp.sin(angle), jnp.cos(angle)))
+    turn = jnp.abs(wrap_angle(network.heading - heading))
     point = jnp.argmin(jnp.hypot(network.x - rear_x, network.y - rear_y) + _ANGLE_COST * turn)
     lane = network.lane[point]
     fresh = jnp.full_like(kept.lanes, NONE).at[:, 0].set(lane)
@@ -42,10 +42,9 @@ def track_route(network: RoadNetwork, route: Routes, agent: Agents) -> Routes:
     angle = jnp.arctan2(here.y[:, 1] - here.y[:, 0], here.x[:, 1] - here.x[:, 0])
     offset_x, offset_y = rear_x - here.x[:, 0], rear_y - here.y[:, 0]
     rest = offset_x * jnp.cos(angle) + offset_y * jnp.sin(angle)
-    off = heading - angle
     return placed.replace(
         along=along + here.distance[:, 0] + jnp.clip(rest, -2.0, 2.0),
         lateral=offset_y * jnp.cos(angle) - offset_x * jnp.sin(angle),
         lateral_speed=jnp.zeros_like(along),
-        heading=jnp.arctan2(jnp.sin(off), jnp.cos(off)),
+        heading=wrap_angle(heading - angle),
     )

@@ -1,8 +1,8 @@
 """Who goes first where lanes cross or merge. Jitted, one scene.
 
 Of each conflict only the next vehicle on either lane counts, and the vehicles that are inside. The order among two
-vehicles is total, so they never wait for each other: who cannot stop any more, then who has waited too long, then the
-lane's right of way, then who arrives first.
+vehicles is total, so they never wait for each other: who cannot stop any more, then the lane's right of way, then who
+arrives first.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int
 
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
-from scjax.sim.driver import DriverSettings
 from scjax.sim.leaders import FRONT, Leader
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.routes import Routes, lane_starts
@@ -39,20 +38,8 @@ class Claims(NamedTuple):
     speed: Float[AnyArray, " C"]
 
 
-def yield_leader(
-    network: RoadNetwork,
-    routes: Routes,
-    agents: Agents,
-    settings: DriverSettings,
-    waited: Float[AnyArray, " N"],
-    lead: Leader,
-) -> Leader:
-    """What agents that give way have to stop for or follow, as a leader.
-
-    Args:
-      waited: time for which each agent has given way [s].
-      lead: what is ahead otherwise: nobody enters a crossing behind which there is no room.
-    """
+def yield_leader(network: RoadNetwork, routes: Routes, agents: Agents) -> Leader:
+    """What agents that give way have to stop for or follow, as a leader."""
     num = agents.x.shape[0]
     mine = _claims(network, routes, agents)
     yours = Claims(*(value[network.conflict_other] for value in mine))
@@ -67,13 +54,10 @@ def yield_leader(
     leave = _time(mine.distance + size + length, speed)
     your_leave = _time(yours.distance + your_size + your_length, your_speed)
     meet = (your_arrival < leave + _MARGIN) & (arrival < your_leave + _MARGIN)
-    score = _score(settings, mine.distance, speed, waited[me], network.conflict_rank, arrival)
+    score = _score(mine.distance, speed, network.conflict_rank, arrival)
     your_score = score[network.conflict_other]
     you_first = (your_score > score) | ((your_score == score) & (you < me))
-    is_claimed = (yours.vehicle >= 0) & (me != you)
-    gives_way = is_claimed & you_first & meet
-    room = lead.gap[me] - mine.distance - size - length - settings.min_gap
-    no_room = is_claimed & (room < 0) & (lead.speed[me] < 1.0)
+    gives_way = (yours.vehicle >= 0) & (me != you) & you_first & meet
 
     stop = jnp.maximum(mine.distance - _STOP_BEFORE, 0.1)
     # Where lanes merge, vehicles follow the other one as if it were ahead. To stop before the conflict is enough.
@@ -82,7 +66,7 @@ def yield_leader(
     follow_speed = jnp.where(follow > stop, jnp.where(yours.is_occupied, yours.speed, your_speed), 0.0)
     gap = jnp.where(merges, jnp.maximum(follow, stop), stop)
     lead_speed = jnp.where(merges, follow_speed, 0.0)
-    counts = (mine.vehicle >= 0) & (gives_way | yours.is_occupied | (no_room & ~merges))
+    counts = (mine.vehicle >= 0) & (gives_way | yours.is_occupied)
 
     target = jnp.where(counts, me, num)
     nearest = jnp.full(num + 1, _FAR).at[target].min(gap)
@@ -124,14 +108,11 @@ def _time(distance: Float[AnyArray, "*shape"], speed: Float[AnyArray, "*shape"])
 
 
 def _score(
-    settings: DriverSettings,
     distance: Float[AnyArray, " C"],
     speed: Float[AnyArray, " C"],
-    waited: Float[AnyArray, " C"],
     rank: Int[AnyArray, " C"],
     arrival: Float[AnyArray, " C"],
 ) -> Float[AnyArray, " C"]:
     """Order of two vehicles at a conflict: the higher one goes first."""
     committed = speed * speed / (2 * _HARD_BRAKING) > distance
-    impatient = waited > settings.patience
-    return 1000.0 * committed + 100.0 * impatient + 10.0 * rank - jnp.minimum(arrival, 9.9)
+    return 1000.0 * committed + 10.0 * rank - jnp.minimum(arrival, 9.9)

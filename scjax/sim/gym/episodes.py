@@ -13,18 +13,19 @@ from jaxtyping import Array, Float, Int, UInt32
 
 from scjax.scene import Log, Map, Scene
 from scjax.scene.arguments import finite_number
+from scjax.scene.geometry import wrap_angle
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior import BehaviorModel
+from scjax.sim.behaviors import as_behavior
 from scjax.sim.closed_loop import DrivingState, DrivingTerms, drive_step, start_driving
-from scjax.sim.drive import actor_row
+from scjax.sim.drive_loop import actor_row
 from scjax.sim.gym.spaces import boxed_observation, scaled_action
 from scjax.sim.observation import observe
 from scjax.sim.preparation import pad_start, prepare
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.rollout import moving_fields, stack_records
-from scjax.sim.route_follower import RouteFollower
 from scjax.sim.simulate import MAX_SECONDS, TIME_STEP, padded_signals
 from scjax.sim.track_log import TrackLog
 
@@ -73,7 +74,7 @@ class EpisodeBatch:
       count: number of slots B.
       seconds: length of an episode.
       actor: id of the agent to drive in every source; the ego, or the first vehicle on a lane without one.
-      behavior: of all others; ``RouteFollower()`` by default.
+      behavior: of all others: a model or its name; ``RouteFollower()`` by default.
 
     Raises:
       ValueError: no source, a time of 0 s, a source without a lane for cars, or an actor that follows no lane.
@@ -86,13 +87,13 @@ class EpisodeBatch:
         *,
         seconds: float,
         actor: str | None,
-        behavior: BehaviorModel | None,
+        behavior: BehaviorModel | str | None,
     ):
         sources = list(sources) if isinstance(sources, Sequence) else [sources]
         if not sources:
             raise ValueError("sources is empty: give at least one scene, map or log")
         self.steps = round(finite_number(seconds, "seconds", TIME_STEP, MAX_SECONDS) / TIME_STEP)
-        self.behavior = RouteFollower() if behavior is None else behavior
+        self.behavior = as_behavior(behavior)
         starts, rows = [], []
         for place, source in enumerate(sources):
             try:
@@ -187,8 +188,7 @@ def _advance(
         after, terms = drive_step(
             key, slot.network, before, scaled_action(action), signals, row, behavior=behavior, dt=dt
         )
-        turn = after.agents.heading[row] - before.agents.heading[row]
-        turn = jnp.arctan2(jnp.sin(turn), jnp.cos(turn))
+        turn = wrap_angle(after.agents.heading[row] - before.agents.heading[row])
         named = {name: getattr(terms, name) for name in DrivingTerms._fields}
         named["acceleration"] = (after.agents.speed[row] - before.agents.speed[row]) / dt
         named["lateral_acceleration"] = after.agents.speed[row] * turn / dt

@@ -28,7 +28,7 @@ class DrivingEnv(gymnasium.Env):
       sources: scenes, maps or logs (at their first step). Each episode draws one of them.
       seconds: after which an episode is truncated.
       actor: id of the agent to drive in every source; the ego, or the first vehicle on a lane without one.
-      behavior: of all others; ``RouteFollower()`` by default.
+      behavior: of all others: a model or its name; ``RouteFollower()`` by default.
       weights: of the reward.
       endings: what terminates an episode.
       render_mode: "rgb_array" or None.
@@ -46,7 +46,7 @@ class DrivingEnv(gymnasium.Env):
         *,
         seconds: float = 15.0,
         actor: str | None = None,
-        behavior: BehaviorModel | None = None,
+        behavior: BehaviorModel | str | None = None,
         weights: RewardWeights | None = None,
         endings: Endings | None = None,
         render_mode: str | None = None,

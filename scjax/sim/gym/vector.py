@@ -48,7 +48,7 @@ class DrivingVectorEnv(VectorEnv):
         *,
         seconds: float = 15.0,
         actor: str | None = None,
-        behavior: BehaviorModel | None = None,
+        behavior: BehaviorModel | str | None = None,
         weights: RewardWeights | None = None,
         endings: Endings | None = None,
         render_mode: str | None = None,
