@@ -115,7 +115,6 @@ def measure(
         logs = scjax.simulate(seed, list(sources), seconds=seconds, behavior=name)
         rows[name] = driving_table(_added([driving_sums(log) for log in logs]))
         rows[name]["seconds"] = time.perf_counter() - begin
-        jax.clear_caches()  # programs of many sizes would fill the memory for code
     return rows
 
 
@@ -133,7 +132,6 @@ def measure_realism(
         ]
         sums = [realism_of_motion(log, [_on_steps(run[row], log) for run in runs]) for row, log in enumerate(logs)]
         rows[name] = realism_of_motion_table(_added(sums))
-        jax.clear_caches()
     return rows
 
 

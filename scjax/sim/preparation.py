@@ -13,6 +13,7 @@ from scjax.data.agents import clean_agents
 from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, Log, Map, Scene, map_to_log, scene_to_map
 from scjax.scene.map import MapTile
 from scjax.scene.scene import AnyArray
+from scjax.scene.stop_points import stop_points
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.clearance import swerve
 from scjax.sim.network_of_map import LanePoints, build_road_network, lane_graph_of, space_points
@@ -150,16 +151,14 @@ def _agents_of(states: np.ndarray, types: np.ndarray) -> Agents:
 
 
 def _plan(log: Log, rng: np.random.Generator) -> SignalPlan:
-    """Phases of the signals; each stands at the start of its lane."""
-    lanes = {lane.id: lane.points for lane in log.lanes}
-    known = [lane_id in lanes and len(lanes[lane_id]) > 1 for lane_id in log.signal_lane_ids]
-    places, headings = np.zeros((len(known), 2)), np.zeros(len(known))
-    states = np.where(known, log.signal_states[:, 0], 0)
-    for row in np.flatnonzero(known):
-        points = lanes[log.signal_lane_ids[row]]
-        step = points[min(3, len(points) - 1), :2] - points[0, :2]
-        places[row], headings[row] = points[0, :2], np.arctan2(step[1], step[0])
-    return plan_signals(places, headings, states, rng)
+    """Phases of the signals; those whose lane the map lacks have none."""
+    points, count = stop_points(log), len(log.signal_lane_ids)
+    headings = np.arctan2(points.directions[:, 1], points.directions[:, 0])
+    known = plan_signals(points.positions, headings, log.signal_states[points.signals, 0], rng)
+    plan = SignalPlan(*(np.zeros(count) for _ in range(3)))
+    for field in dataclasses.fields(plan):
+        getattr(plan, field.name)[points.signals] = getattr(known, field.name)
+    return plan
 
 
 def pad_start(start: Start, shape: tuple[int, ...]) -> Start:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 from collections.abc import Sequence
 from typing import Any, overload
 
@@ -15,13 +14,14 @@ from scjax.scene import NO_EGO, Log, Map, Scene
 from scjax.scene.arguments import finite_number
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.behaviors import as_behavior
-from scjax.sim.preparation import Start, prepare
+from scjax.sim.preparation import Start, pad_start, prepare
 from scjax.sim.rollout import roll_out, stack_records
 from scjax.sim.track_log import TrackLog
 
 TIME_STEP = 0.1  # s
 MAX_SECONDS = 600.0
 _MAX_BATCH = 16  # scenes in one call
+_ONE_SHAPE = 64  # scenes that are padded alike: to compile a second program takes longer than to step them
 _SIGNAL_STEP = 64  # signals are padded to multiples
 
 
@@ -67,14 +67,15 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     behavior = as_behavior(behavior)
     key = sampling_key(key)
     starts = [prepare(one, step, np.random.default_rng(key_seed(key))) for one in sources]
-    groups: dict[tuple, list[int]] = collections.defaultdict(list)
-    for row, start in enumerate(starts):
-        groups[start.shape].append(row)
+    order = sorted(range(len(starts)), key=lambda row: starts[row].shape)
     logs: dict[int, Log] = {}
-    for rows in groups.values():
-        for first in range(0, len(rows), _MAX_BATCH):
-            chunk = rows[first : first + _MAX_BATCH]
-            found = _run([starts[row] for row in chunk], key, behavior, steps)
+    for first in range(0, len(order), _ONE_SHAPE):
+        rows = order[first : first + _ONE_SHAPE]
+        shape = tuple(max(sizes) for sizes in zip(*(starts[row].shape for row in rows), strict=True))
+        batch = min(_MAX_BATCH, 1 << (len(rows) - 1).bit_length())
+        for begin in range(0, len(rows), batch):
+            chunk = rows[begin : begin + batch]
+            found = _run([pad_start(starts[row], shape) for row in chunk], key, behavior, steps, batch)
             logs.update(zip(chunk, found, strict=True))
     result = [logs[row] for row in range(len(sources))]
     return result if isinstance(source, Sequence) else result[0]
@@ -95,10 +96,10 @@ def padded_signals(starts: Sequence[Start], steps: int, clock: float = 0.0) -> I
     return signals
 
 
-def _run(starts: list[Start], key: Any, behavior: BehaviorModel, steps: int) -> list[Log]:
-    """The logs of scenes of one shape."""
+def _run(starts: list[Start], key: Any, behavior: BehaviorModel, steps: int, batch: int) -> list[Log]:
+    """The logs of at most ``batch`` scenes of one shape."""
     signals = padded_signals(starts, steps)
-    rows = np.minimum(np.arange(1 << int(np.ceil(np.log2(len(starts))))), len(starts) - 1)  # few sizes of batches
+    rows = np.minimum(np.arange(batch), len(starts) - 1)
     networks, agents, places = (
         stack_records([getattr(starts[row], name) for row in rows]) for name in ("network", "agents", "places")
     )
