@@ -23,6 +23,7 @@ import jax
 import numpy as np
 
 from benchmarks.workload import machine
+from scjax.nn.sharding import use_every_core
 from scjax.scene import AgentType, Log, map_to_log, scene_to_map
 from scjax.scene.files import write_text
 from scjax.sim.behavior import BehaviorModel
@@ -53,6 +54,7 @@ def main() -> None:
     parser.add_argument("--skip", type=int, default=0, help="cases of an earlier run to leave out (default: 0)")
     parser.add_argument("--smoke", action="store_true", help="smallest sizes only")
     args = parser.parse_args()
+    use_every_core()
     jax.config.update("jax_enable_compilation_cache", False)
     maps = map_sizes(make_world(*WORLD, event_share=0.0))
     rows = []

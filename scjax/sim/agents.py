@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float, Int
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 
+MAX_SIMULATED = 1024  # agents of one roll-out
+
 
 @pytree
 class LanePlaces(Replaceable):

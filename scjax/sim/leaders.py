@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,6 +20,7 @@ from scjax.sim.routes import AXLE_SHARE, Routes, WayPoints, lane_starts
 
 WINDOW = np.concatenate([np.arange(0.0, 16.0, 1.0), np.arange(16.0, 48.0, 2.0)]).astype(np.float32)
 """Distances ahead of the front bumper at which bodies are searched [m]."""
+_BITS = np.uint32(1) << np.arange(len(WINDOW), dtype=np.uint32)  # one for each of the 32 distances
 FRONT = 0.5 + AXLE_SHARE  # of the length, from the rear axle to the front bumper
 _REAR = 0.5 - AXLE_SHARE  # from the rear bumper to the rear axle
 _SIDE_GAP, _PARKED_SIDE_GAP = 0.25, 0.1  # m beside a moving and a standing body
@@ -67,12 +69,14 @@ def body_ahead(
     bodies = (center_x, center_y, cos, sin, half_length, half_width)
     wide = tuple(value[None, :, None] for value in bodies)
     outside = depth(way.x[:, None], way.y[:, None], tangent_x[:, None], tangent_y[:, None], (*wide, room[:, :, None]))
-    hit = jnp.where((outside < 0) & way.inside[:, None], way.distance[:, None], jnp.inf).min(-1)
-    hit = jnp.where(ignore | ~agents.valid[None], jnp.inf, hit)
-    body = jnp.argmin(hit, axis=1)
-    first = jnp.take_along_axis(hit, body[:, None], axis=1)[:, 0]
+    # A bit for each point: sums of whole numbers are several times as fast as a minimum of distances.
+    hits = jnp.where((outside < 0) & way.inside[:, None], _BITS, jnp.uint32(0)).sum(-1, dtype=jnp.uint32)
+    hits = jnp.where(ignore | ~agents.valid[None], jnp.uint32(0), hits)
+    first = jax.lax.population_count((hits & -hits) - 1).astype(jnp.int32)  # the lowest bit; 32 if there is none
+    body = jnp.argmin(first, axis=1)
+    step = jnp.take_along_axis(first, body[:, None], axis=1)[:, 0]
+    found, step = step < len(WINDOW), jnp.minimum(step, len(WINDOW) - 1)
     # The edge of the body lies between two points of the way: where the depth passes through zero.
-    step = jnp.argmax(way.distance >= first[:, None], axis=1)
     both = jnp.stack([jnp.maximum(step - 1, 0), step], axis=1)
     x, y, t_x, t_y, at = (
         jnp.take_along_axis(value, both, axis=1) for value in (way.x, way.y, tangent_x, tangent_y, way.distance)
@@ -83,7 +87,6 @@ def body_ahead(
     edge = jnp.where(step > 0, at[:, 0] + share * (at[:, 1] - at[:, 0]), at[:, 1])
     forward = jnp.maximum(cos[body] * t_x[:, 1] + sin[body] * t_y[:, 1], 0.0)
     forward = jnp.where(walks[body], 0.0, forward)
-    found = jnp.isfinite(first)
     return Leader(jnp.where(found, edge - front, jnp.inf), jnp.where(found, agents.speed[body] * forward, 0.0))
 
 

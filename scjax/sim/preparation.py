@@ -14,14 +14,13 @@ from scjax.scene import NO_EGO, OTHER_OBJECT, AgentType, Log, Map, Scene, map_to
 from scjax.scene.map import MapTile
 from scjax.scene.scene import AnyArray
 from scjax.scene.stop_points import stop_points
-from scjax.sim.agents import Agents, LanePlaces
+from scjax.sim.agents import MAX_SIMULATED, Agents, LanePlaces
 from scjax.sim.clearance import swerve
 from scjax.sim.network_of_map import LanePoints, build_road_network, lane_graph_of, space_points
 from scjax.sim.places import place_agents
 from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.signal_plan import SignalPlan, plan_signals
 
-MAX_AGENTS = 1024
 _AGENT_STEP = 32  # agents are padded to multiples
 _SMALLEST, _GROWTH = (4096, 256, 512), 4  # points, lanes and conflicts of small maps; larger ones are padded in steps
 
@@ -97,8 +96,8 @@ def _one_step(source: Log | Map | Scene, step: int) -> tuple[Log, Sequence[MapTi
             raise ValueError(f"step is {step}: give one of the {source.num_steps} steps of the log, counted from 0")
         log, ego = source.select_steps([step]), source.ego_index
     rows = np.flatnonzero(log.valid[:, 0] & (log.object_types != OTHER_OBJECT))
-    if len(rows) > MAX_AGENTS:
-        raise ValueError(f"{len(rows)} agents are more than {MAX_AGENTS}: cut a smaller map")
+    if len(rows) > MAX_SIMULATED:
+        raise ValueError(f"{len(rows)} agents are more than {MAX_SIMULATED}: cut a smaller map")
     if ego != NO_EGO and ego in rows:  # the ego is row 0
         rows = np.concatenate([[ego], rows[rows != ego]])
         ego = 0

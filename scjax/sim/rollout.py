@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from scjax.nn.sharding import spread
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.behavior import BehaviorModel
@@ -29,14 +30,15 @@ def roll_out(
     behavior: BehaviorModel,
     dt: float,
 ) -> dict[str, AnyArray]:
-    """What changes of the agents, at the T steps after the start: arrays [B, T, N].
+    """What changes of the agents, at the T steps after the start: arrays [B, T, N]. Devices share the scenes.
 
     Args:
       keys: one for each of B scenes.
       networks, agents, places: with a leading axis of B scenes.
       signals: ``Signal`` of every signal at the start of each step.
     """
-    return jax.vmap(functools.partial(_one, behavior, dt))(keys, networks, agents, places, signals)
+    batch = jax.vmap(functools.partial(_one, behavior, dt))
+    return spread(batch, shared=0)(keys, networks, agents, places, signals)
 
 
 def _one(

@@ -58,17 +58,17 @@ def _others(agents: Agents) -> Bool[AnyArray, "N N"]:
 
 
 def _ahead(agents: Agents, heading: Float[AnyArray, " N"]) -> tuple[Bool[AnyArray, " N"], Float[AnyArray, " N"]]:
-    """Whether a body is a step ahead of each agent, and on which side its center is: 1 left, -1 right."""
+    """Whether a body is a step ahead of each agent, and on which side most of these are: 1 left, -1 right."""
     x, y = agents.x + _LOOK_AHEAD * jnp.cos(heading), agents.y + _LOOK_AHEAD * jnp.sin(heading)
     cos, sin = jnp.cos(agents.heading)[None], jnp.sin(agents.heading)[None]
     d_x, d_y = x[:, None] - agents.x[None], y[:, None] - agents.y[None]
     along, across = jnp.abs(d_x * cos + d_y * sin), jnp.abs(d_y * cos - d_x * sin)
     inside = (along < 0.5 * agents.length[None] + _ROOM) & (across < 0.5 * agents.width[None] + _ROOM)
     inside &= _others(agents)
-    body = jnp.argmax(inside, axis=1)
-    to_x, to_y = agents.x[body] - agents.x, agents.y[body] - agents.y
-    left = to_y * jnp.cos(heading) - to_x * jnp.sin(heading)
-    return inside.any(1), jnp.where(left > 0, 1.0, -1.0)
+    to_x, to_y = agents.x[None] - agents.x[:, None], agents.y[None] - agents.y[:, None]
+    left = to_y * jnp.cos(heading)[:, None] - to_x * jnp.sin(heading)[:, None]
+    sides = jnp.where(inside, jnp.where(left > 0, 1, -1), 0).sum(1)
+    return inside.sum(1) > 0, jnp.where(sides >= 0, 1.0, -1.0)
 
 
 def _is_threatened(agents: Agents) -> Bool[AnyArray, " N"]:
@@ -87,4 +87,4 @@ def _is_threatened(agents: Agents) -> Bool[AnyArray, " N"]:
     enters = (along > 0) & (along < reach) & (across < wide)
     now_along, now_across = position(agents.x, agents.y)
     is_inside = (jnp.abs(now_along) < reach) & (now_across < wide)
-    return jnp.any(enters & ~is_inside & (agents.speed[None] > 0.5) & _others(agents), axis=1)
+    return (enters & ~is_inside & (agents.speed[None] > 0.5) & _others(agents)).sum(1) > 0

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from scjax.scene.scene import AnyArray
-from scjax.sim.agents import Agents
+from scjax.sim.agents import MAX_SIMULATED, Agents
 from scjax.sim.leaders import FRONT, Leader
-from scjax.sim.road_network import RoadNetwork
+from scjax.sim.road_network import NONE, RoadNetwork
 from scjax.sim.routes import Routes, lane_starts
 
 HORIZON = 60.0  # m ahead in which conflicts count
@@ -24,11 +24,14 @@ _HARD_BRAKING = 4.0  # m/s^2 that drivers still accept in order to give way
 _MARGIN = 1.0  # s between two vehicles
 _START_ACCELERATION = 1.5  # m/s^2 of vehicles that set off
 _FAR = 1e6
+_UNIT = 2.0**-12  # m, of distances that are packed with a vehicle
+_MAX_STEPS = 2**31 // MAX_SIMULATED - 2  # some 512 m
+_NOBODY = jnp.iinfo(jnp.int32).max
 
 
 class Claims(NamedTuple):
     """Of each conflict: the next vehicle that has not entered it (its index, -1 for none) and its distance [m];
-    whether a vehicle is inside, its distance to the end [m] and its speed [m/s].
+    whether a vehicle is inside; of the one farthest from the end the distance to it [m] and the speed [m/s].
     """
 
     vehicle: Int[AnyArray, " C"]
@@ -90,14 +93,24 @@ def _claims(network: RoadNetwork, routes: Routes, agents: Agents) -> Claims:
     waits = exists & (to_start > 0) & (to_start < HORIZON)
     inside = exists & (to_start <= 0) & (to_end + rear > 0)
     vehicle = jnp.broadcast_to(jnp.arange(agents.x.shape[0])[:, None, None], rows.shape)
-    speed = jnp.broadcast_to(agents.speed[:, None, None], rows.shape)
-    slot = jnp.where(exists, rows, count)
-    nearest = jnp.full(count + 1, _FAR).at[jnp.where(waits, rows, count)].min(jnp.where(waits, to_start, _FAR))
-    is_nearest = waits & (to_start <= nearest[slot])
-    owner = jnp.full(count + 1, -1).at[jnp.where(is_nearest, rows, count)].max(vehicle)
-    rest = jnp.full(count + 1, -_FAR).at[jnp.where(inside, rows, count)].max(jnp.where(inside, to_end + rear, -_FAR))
-    slowest = jnp.full(count + 1, _FAR).at[jnp.where(inside, rows, count)].min(jnp.where(inside, speed, _FAR))
-    return Claims(owner[:count], nearest[:count], rest[:count] > -_FAR, rest[:count], slowest[:count])
+    next_key = jnp.where(waits, _packed(to_start, vehicle), _NOBODY)
+    last_key = jnp.where(inside, _packed(to_end + rear, vehicle), NONE)
+    nearest = jnp.full(count + 1, _NOBODY).at[jnp.where(waits, rows, count)].min(next_key)[:count]
+    rest = jnp.full(count + 1, NONE).at[jnp.where(inside, rows, count)].max(last_key)[:count]
+    is_claimed, is_occupied = nearest < _NOBODY, rest >= 0
+    return Claims(
+        vehicle=jnp.where(is_claimed, nearest % MAX_SIMULATED, NONE),
+        distance=jnp.where(is_claimed, (nearest // MAX_SIMULATED) * _UNIT, _FAR),
+        is_occupied=is_occupied,
+        rest=jnp.where(is_occupied, (rest // MAX_SIMULATED) * _UNIT, -_FAR),
+        speed=jnp.where(is_occupied, agents.speed[rest % MAX_SIMULATED], _FAR),
+    )
+
+
+def _packed(distance: Float[AnyArray, "*shape"], vehicle: Int[AnyArray, "*shape"]) -> Int[AnyArray, "*shape"]:
+    """Distance and vehicle as one number in the order of distances: one scatter finds both."""
+    steps = jnp.clip(distance / _UNIT, 0, _MAX_STEPS).astype(jnp.int32)
+    return steps * MAX_SIMULATED + vehicle
 
 
 def _time(distance: Float[AnyArray, "*shape"], speed: Float[AnyArray, "*shape"]) -> Float[AnyArray, "*shape"]:
