@@ -39,10 +39,8 @@ class _Shift(NamedTuple):
     left: float
 
 
-def bend_lanes(
-    lines: Sequence[Float64[np.ndarray, "_ 3"]], edges: Sequence[tuple[int, int]], joints: Sequence[Joint]
-) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Lines that meet the open ends of their joints without a gap or a change of direction.
+class Bends:
+    """The shifts of lines that bring them to the open ends of their joints without a gap or a change of direction.
 
     Each joint moves the road around it, by a shift that fades over 8 m, more for a wide gap or a turn. It goes on along
     connected lanes, so that they stay connected and smooth. The shifts of joints near each other add up to what all of
@@ -50,18 +48,32 @@ def bend_lanes(
 
     Args:
       edges: pairs of lines, the second of which begins where the first one ends.
+      joints: at least one.
     """
-    if not joints:
-        return list(lines)
-    roads = _Roads(lines, edges)
-    first = {roads.node(joint.lane, joint.at_start): joint for joint in reversed(joints)}
-    targets = np.stack([_target(lines[joint.lane], joint) for joint in first.values()])
-    fields = [roads.spread(node, *target) for node, target in zip(first, targets, strict=True)]
-    nothing = _Shift(np.zeros(2), np.zeros(2), 0.0)
-    at_joints = [[np.stack(field.get(node, nothing)[:2]) for field in fields] for node in first]
-    matrix = np.concatenate([np.concatenate(row, axis=1) for row in at_joints])
-    factors = np.linalg.lstsq(matrix, targets.reshape(-1, 3), rcond=_SINGULAR)[0].reshape(targets.shape)
-    return [roads.moved(row, fields, factors) for row in range(len(lines))]
+
+    def __init__(
+        self,
+        lines: Sequence[Float64[np.ndarray, "_ 3"]],
+        edges: Sequence[tuple[int, int]],
+        joints: Sequence[Joint],
+    ):
+        self._roads = roads = _Roads(lines, edges)
+        first = {roads.node(joint.lane, joint.at_start): joint for joint in reversed(joints)}
+        targets = np.stack([_target(lines[joint.lane], joint) for joint in first.values()])
+        self._fields = fields = [roads.spread(node, *target) for node, target in zip(first, targets, strict=True)]
+        nothing = _Shift(np.zeros(2), np.zeros(2), 0.0)
+        at_joints = [[np.stack(field.get(node, nothing)[:2]) for field in fields] for node in first]
+        matrix = np.concatenate([np.concatenate(row, axis=1) for row in at_joints])
+        factors = np.linalg.lstsq(matrix, targets.reshape(-1, 3), rcond=_SINGULAR)[0]
+        self._factors = factors.reshape(targets.shape)
+
+    def lines(self) -> list[Float64[np.ndarray, "_ 3"]]:
+        """The lines where they are moved to, with more points where they bend."""
+        return [self._roads.moved(row, self._fields, self._factors) for row in range(self._roads.num_lines)]
+
+    def shifts(self, line: int, places: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
+        """How far a line moves at places along it [m]."""
+        return self._roads.shifts(line, places, self._fields, self._factors)
 
 
 def _target(line: Float64[np.ndarray, "points 3"], joint: Joint) -> Float64[np.ndarray, "2 3"]:
@@ -94,7 +106,7 @@ class _Roads:
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import connected_components
 
-        self._lines = lines
+        self._lines, self.num_lines = lines, len(lines)
         self._lengths = [float(cumulative_length(line)[-1]) for line in lines]
         ends, starts = np.array([(2 * a + 1, 2 * b) for a, b in edges], int).reshape(-1, 2).T
         graph = coo_matrix((np.ones(len(ends)), (ends, starts)), shape=(2 * len(lines),) * 2)
@@ -144,14 +156,26 @@ class _Roads:
         places = places[np.diff(places, prepend=-1.0) > _LEAST_STEP]
         places = np.append(places[places < length - _LEAST_STEP], length) if length > _LEAST_STEP else arc
         points = np.stack([np.interp(places, arc, column) for column in line.T], -1)
-        for (start, end), factor in zip(ends, factors, strict=True):
+        return points + self.shifts(lane, places, fields, factors)
+
+    def shifts(
+        self,
+        lane: int,
+        places: Float64[np.ndarray, " n"],
+        fields: Sequence[Mapping[int, _Shift]],
+        factors: Float64[np.ndarray, "joints 2 3"],
+    ) -> Float64[np.ndarray, "n 3"]:
+        """How far all joints together move a line at places along it [m]."""
+        length, shifts = self._lengths[lane], np.zeros((len(places), 3))
+        for field, factor in zip(fields, factors, strict=True):
+            start, end = field.get(self.node(lane, True)), field.get(self.node(lane, False))
             if start and end:
-                points += _between(places, length, start[:2], end[:2])[0] @ factor
+                shifts += _between(places, length, start[:2], end[:2])[0] @ factor
             elif start:
-                points += _faded(places, start, 1.0)[0] @ factor
+                shifts += _faded(places, start, 1.0)[0] @ factor
             elif end:
-                points += _faded(length - places, end, -1.0)[0] @ factor
-        return points
+                shifts += _faded(length - places, end, -1.0)[0] @ factor
+        return shifts
 
 
 def _faded(

@@ -18,12 +18,12 @@ from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
 from scjax.generate.sample import sample_scenes
 from scjax.outpainting.coverage import Coverage
-from scjax.outpainting.exits import MAX_COVERED, RoadExit, choose_exit, find_exits, pose_beyond, start_lane
+from scjax.outpainting.exits import MAX_COVERED, RoadExit, find_exits, pose_beyond, start_lane
 from scjax.outpainting.extend import extend_map, open_condition
+from scjax.outpainting.route_search import RouteSearch
 from scjax.outpainting.window import WindowPose
-from scjax.scene import Map, MapRoute, Scene, TileStatus, route_line, scene_to_map, validate_map
+from scjax.scene import Map, Scene, TileStatus, scene_to_map, validate_map
 from scjax.scene.arguments import finite_number, whole_number
-from scjax.scene.polyline import cumulative_length
 
 LENGTH = 200.0
 """m of a route, where neither length nor area is given."""
@@ -32,8 +32,9 @@ MAX_LENGTH, MAX_TILES = 20_000.0, 1000
 ROUTES = ("straight", "random")
 """Names of ways to choose a route."""
 
-_STEP_BACK = 8.0  # m by which a window that failed is moved back
-_START_KEY = 0x57  # folded into the key for the first scene
+_STEPS_BACK = ((0.0, 8.0), (4.0, 2.0))  # m by which windows are moved back, at an exit and where that failed
+_RETURNS = 4  # how often, for each try of a tile, a route that ends goes back before it gives up
+_START_KEY, _STARTS = 0x57, 4  # folded into the key for the first scene; so many are tried
 
 
 def outpaint(
@@ -46,8 +47,8 @@ def outpaint(
 
     Args:
       key: typed key, or the number of one.
-      start: a single scene around its ego, or a map; None: a scene that is sampled for the condition. Of a map only the
-        connections that a car can drive count and stay (``connect_lanes``).
+      start: a single scene around its ego, or a map; None: a scene that is sampled for the condition, again if its ego
+        cannot leave it. Of a map only the connections that a car can drive count and stay (``connect_lanes``).
       condition: what new tiles shall show; a sequence: tile by tile, and the last for all further ones.
       options: those of ``outpaint_steps``.
 
@@ -80,13 +81,15 @@ def outpaint_steps(
     """As ``outpaint``, but gives the map after every tile; the first is that of ``start``.
 
     Args:
-      length: of the route, from the ego [m]; 200 if there is no area either.
+      length: of the route, from the ego [m]; 200 if there is no area either. A route that ends too early goes back to
+        an earlier exit; the tiles behind it are taken back. After 4 times for each try of a tile (``retries``) in which
+        it has not become longer than before, the longest one stays.
       route: "straight", "random", or points x, y that it shall pass [m].
       area: x_min, x_max, y_min, y_max [m]: the map grows at all roads that lead out, until they leave this area.
         Instead of ``length``.
       at: x, y [m] and direction [rad] where the route begins on a map; by default where the map's first route begins,
         else at its first tile's center.
-      max_tiles: new tiles at most.
+      max_tiles: new tiles at most, those that are taken back included.
       candidates, retries, model, num_steps: as in ``extend_map``.
 
     Raises:
@@ -100,9 +103,7 @@ def outpaint_steps(
         raise ValueError("length and area are both given: leave one of them out")
     length = finite_number(LENGTH if length is None else length, "length", 1.0, MAX_LENGTH)
     if start is None:
-        start = sample_scenes(
-            jax.random.fold_in(key, _START_KEY), conditions[0], model=model, num_steps=num_steps, repair=True
-        )[0]
+        start = _sampled_start(key, conditions[0], model, num_steps)
     map, first = _start(start, at)
     options = {"candidates": candidates, "retries": retries, "model": model, "num_steps": num_steps}
     yield map
@@ -125,29 +126,17 @@ class _Grower:
     def along_route(
         self, map: Map, first: str, length: float, way: str | Float64[np.ndarray, "points 2"], max_tiles: int
     ) -> Iterator[Map]:
-        """Grows at the end of a route that begins on lane ``first``."""
+        """Grows at the end of a route that begins on lane ``first``; where it ends too early, goes back."""
         rng = np.random.default_rng(np.asarray(jax.random.key_data(self.key)).astype(np.uint32))
-        lane_ids, yaw = (first,), 0.0
-        line = map.lane_by_id[first].points
-        yaw = pose_beyond(line).yaw
-        blocked: set[str] = set()
-        while self.number < max_tiles:
-            exits = [one for one in find_exits(map, lane_ids[-1]) if one.lane_ids[-1] not in blocked]
-            chosen = choose_exit(exits, rng, yaw=yaw, way=way)
-            if chosen is None:
-                return
-            reached = (*lane_ids, *chosen.lane_ids[1:])
-            routed = _with_route(map, reached)
-            if cumulative_length(route_line(routed, routed.routes[0]))[-1] >= length:
+        search = RouteSearch(map, first, way, rng, returns=_RETURNS * (1 + self.options["retries"]))
+        while self.number < max_tiles and (chosen := search.next_exit()):
+            routed = search.routed(chosen)
+            if search.length >= length:
                 yield routed
                 return
-            grown = self._beyond(routed, chosen)
-            if grown.lane_by_id[reached[-1]].successors:
-                lane_ids, yaw = reached, chosen.pose.yaw
-            else:
-                blocked.add(reached[-1])
-            map = grown
-            yield map
+            yield search.add(self._beyond(routed, chosen, search.depth, search.tries(chosen)))
+        if search.best is not search.map:
+            yield search.best
 
     def over_area(self, map: Map, area: tuple[float, float, float, float], max_tiles: int) -> Iterator[Map]:
         """Grows at every open end whose window's center is in the area, the least covered first."""
@@ -165,15 +154,20 @@ class _Grower:
                 return
             chosen = min(places, key=lambda one: one.covered)
             blocked.add(chosen.lane_ids[-1])
-            map = self._beyond(map, chosen)
+            map = self._beyond(map, chosen, self.number)
             yield map
 
-    def _beyond(self, map: Map, chosen: RoadExit) -> Map:
-        """The map with a tile at an exit; if that tile is not complete, one a little farther back is tried."""
-        condition = self.conditions[min(self.number, len(self.conditions) - 1)]
+    def _beyond(self, map: Map, chosen: RoadExit, turn: int, tries: int = 0) -> Map:
+        """The map with a tile at an exit; if that tile is not complete, one a little farther back is tried.
+
+        Args:
+          turn: number of the condition.
+          tries: how often this exit has failed.
+        """
+        condition = self.conditions[min(turn, len(self.conditions) - 1)]
         points = map.lane_by_id[chosen.lane_ids[-1]].points
         best = None
-        for attempt, back in enumerate((0.0, _STEP_BACK)):
+        for attempt, back in enumerate(_STEPS_BACK[min(tries, len(_STEPS_BACK) - 1)]):
             pose = pose_beyond(points, back)
             key = jax.random.fold_in(jax.random.fold_in(self.key, self.number), attempt)
             grown = extend_map(key, map, condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self.options)
@@ -191,6 +185,22 @@ _BETTER = {
     (TileStatus.MISSING, TileStatus.COMPLETE),
     (TileStatus.INCOMPLETE, TileStatus.COMPLETE),
 }
+
+
+def _sampled_start(key: Array, condition: Condition, model: Model, num_steps: int | None) -> Scene:
+    """A scene for a condition: the first of a few whose ego can drive on to the border, or the first of all."""
+    scenes = []
+    for attempt in range(_STARTS):
+        drawn = jax.random.fold_in(key, _START_KEY)
+        drawn = jax.random.fold_in(drawn, attempt) if attempt else drawn
+        scenes.append(sample_scenes(drawn, condition, model=model, num_steps=num_steps, repair=True)[0])
+        try:
+            map, first = _start(scenes[-1], None)
+        except ValueError:
+            continue
+        if any(one.covered <= MAX_COVERED for one in find_exits(map, first)):
+            return scenes[-1]
+    return scenes[0]
 
 
 def _start(start: Scene | Map, at: tuple[float, float, float] | None) -> tuple[Map, str]:
@@ -245,9 +255,3 @@ def _checked_area(area: Any) -> tuple[float, float, float, float]:
 def _inside(pose: WindowPose, area: tuple[float, float, float, float]) -> bool:
     x_min, x_max, y_min, y_max = area
     return x_min <= pose.x <= x_max and y_min <= pose.y <= y_max
-
-
-def _with_route(map: Map, lane_ids: tuple[str, ...]) -> Map:
-    start = map.routes[0].start if map.routes and map.routes[0].lane_ids[0] == lane_ids[0] else 0.0
-    route = MapRoute(lane_ids=lane_ids, start=start, name="outpainted")
-    return dataclasses.replace(map, routes=(route, *map.routes[1:]))

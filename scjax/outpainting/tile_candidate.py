@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.data.map_crop import near_map
-from scjax.outpainting.bends import Joint, bend_lanes
+from scjax.outpainting.bends import Bends, Joint
 from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
 from scjax.outpainting.measures import kinks_of
 from scjax.outpainting.seams import SAME_PLACE, find_joints, is_duplicate
+from scjax.outpainting.tile_agents import free_agents, move_beside, sampled_agents
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.boxes import overlaps
 from scjax.scene.polyline import cumulative_length
 
 _SHORTEST = 0.5  # m of a new lane
@@ -63,8 +63,11 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     edges = _inner_edges(links[np.ix_(rows, rows)])
     lines = [lanes[row] for row in np.flatnonzero(kept)]
     joints = find_joints(lines, window.open_ends, edges)
-    lines, edges = _closed(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
-    lines = bend_lanes(lines, edges, joints)
+    agents, types = sampled_agents(sample, window)
+    met, closing = _closing(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
+    lines, agents = _bent(lines, met, list(closing.values()), agents, types)
+    edges = [*met, *closing]
+    lines, agents = _bent(lines, edges, joints, agents, types)
     edges = [(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP]
     joints = [
         one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
@@ -73,7 +76,7 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     ends = [end for end in window.open_ends if must_continue(end, window.pose)]
     dead, unmet = window.dead_turns.of([end for end in ends if (end.lane_id, end.is_start) not in met])
     faults, penalty = _faults(lines, edges, joints, len(unmet), window.pose)
-    new_map = _map_of(sample, rows, lines, edges, window, coverage, name)
+    new_map = _map_of(sample, rows, lines, edges, free_agents(agents, types, window, coverage), name)
     ids = [lane.id for lane in new_map.lanes]
     pairs = [
         (joint.open_end.lane_id, ids[joint.lane]) if joint.at_start else (ids[joint.lane], joint.open_end.lane_id)
@@ -100,10 +103,10 @@ def _inner_edges(links: Int[np.ndarray, "lanes lanes"]) -> list[tuple[int, int]]
     return [(int(a), int(b)) for a, b in np.argwhere(links == Link.PREDECESSOR) if a != b]
 
 
-def _closed(
+def _closing(
     lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joined: set[tuple[int, bool]]
-) -> tuple[list[np.ndarray], list[tuple[int, int]]]:
-    """Lines whose connections have no gap, and those connections; ends that are ``joined`` get no further ones."""
+) -> tuple[list[tuple[int, int]], dict[tuple[int, int], Joint]]:
+    """Connections without a gap, and others with the joints that close them; ends that are ``joined`` get no more."""
     loose_starts = set(range(len(lines))) - {b for _, b in edges} - {lane for lane, start in joined if start}
     loose_ends = set(range(len(lines))) - {a for a, _ in edges} - {lane for lane, start in joined if not start}
     close = [(a, b) for a in sorted(loose_ends) for b in sorted(loose_starts) if a != b]
@@ -118,10 +121,21 @@ def _closed(
             met.append((a, b))
         elif (b, True) not in joined and b not in moved:
             moved[b] = a, Joint(b, True, OpenEnd("", False, lines[a][-1], outward, False))
-    if moved:
-        lines = bend_lanes(lines, met, [joint for _, joint in moved.values()])
-        met += [(a, b) for b, (a, _) in moved.items()]
-    return list(lines), met
+    return met, {(a, b): joint for b, (a, joint) in moved.items()}
+
+
+def _bent(
+    lines: list[np.ndarray],
+    edges: Sequence[tuple[int, int]],
+    joints: Sequence[Joint],
+    agents: np.ndarray,
+    types: np.ndarray,
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Lines that meet the ends of their joints, and agents that go with them."""
+    if not joints:
+        return lines, agents
+    bends = Bends(lines, edges, joints)
+    return bends.lines(), move_beside(agents, types, lines, bends)
 
 
 def _gap(one: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> float:
@@ -185,8 +199,7 @@ def _map_of(
     rows: Int[np.ndarray, " lanes"],
     lines: Sequence[np.ndarray],
     edges: Sequence[tuple[int, int]],
-    window: KnownWindow,
-    coverage: Coverage,
+    agents_and_types: tuple[np.ndarray, np.ndarray],
     name: str,
 ) -> Map:
     """New lanes, signals and agents as a map."""
@@ -206,7 +219,7 @@ def _map_of(
     )
     signals = np.asarray(sample.signals, np.int32)[rows]
     lit = np.flatnonzero(signals != Signal.UNKNOWN)
-    agents, types = _new_agents(sample, window, coverage)
+    agents, types = agents_and_types
     return Map(
         lanes=lanes,
         signal_lane_ids=tuple(ids[row] for row in lit),
@@ -216,24 +229,3 @@ def _map_of(
         agent_types=types,
         agents=agents,
     )
-
-
-def _new_agents(
-    sample: Scene, window: KnownWindow, coverage: Coverage
-) -> tuple[Float64[np.ndarray, "agents 9"], Int[np.ndarray, " agents"]]:
-    """New agents on uncovered ground in the frame of the map, without those in or on others."""
-    count, pose = len(window.scene.agents), window.pose
-    agents, types = np.array(sample.agents, np.float64)[count:], np.asarray(sample.agent_types, np.int32)[count:]
-    agents[:, :3] = pose.to_map(agents[:, :3])
-    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
-    agents[:, 4:6] = agents[:, 4:6] @ np.array([[cos, sin], [-sin, cos]])
-    new = ~coverage.contains(agents[:, :2], 0.5)
-    agents, types = agents[new], types[new]
-    others = window.map.agents
-    near = np.hypot(*(others[:, :2] - np.array([pose.x, pose.y])).T) < 2 * HALF
-    others = others[near & ~np.isnan(others[:, 6:8]).any(-1)]
-    is_overlap = overlaps(np.concatenate([others, agents]))
-    free = np.array([not row.any() for row in is_overlap[len(others) :, : len(others)]], bool)
-    for row in range(len(agents)):
-        free[row] &= not (is_overlap[len(others) + row, len(others) :][:row] & free[:row]).any()
-    return agents[free], types[free]

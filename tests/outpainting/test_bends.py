@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from scjax.outpainting.bends import Joint, bend_lanes
+from scjax.outpainting.bends import Bends, Joint
 from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
 
@@ -22,6 +22,10 @@ def _line(*points):
 
 def _end(x, y, turn, z=1.0):
     return OpenEnd("known", False, np.array([x, y, z]), float(turn), True)
+
+
+def bend_lanes(lines, edges, joints):
+    return Bends(lines, edges, joints).lines()
 
 
 def _meets(lane, end, at_start=True):
