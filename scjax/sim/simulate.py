@@ -21,7 +21,7 @@ from scjax.sim.track_log import TrackLog
 TIME_STEP = 0.1  # s
 MAX_SECONDS = 600.0
 _MAX_BATCH = 16  # scenes in one call
-_ONE_SHAPE = 64  # scenes that are padded alike: to compile a second program takes longer than to step them
+_COMPILING = 10e6  # us that a further program takes to compile
 _SIGNAL_STEP = 64  # signals are padded to multiples
 
 
@@ -67,10 +67,8 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
     behavior = as_behavior(behavior)
     key = sampling_key(key)
     starts = [prepare(one, step, np.random.default_rng(key_seed(key))) for one in sources]
-    order = sorted(range(len(starts)), key=lambda row: starts[row].shape)
     logs: dict[int, Log] = {}
-    for first in range(0, len(order), _ONE_SHAPE):
-        rows = order[first : first + _ONE_SHAPE]
+    for rows in _alike([start.shape for start in starts], steps):
         shape = tuple(max(sizes) for sizes in zip(*(starts[row].shape for row in rows), strict=True))
         batch = min(_MAX_BATCH, 1 << (len(rows) - 1).bit_length())
         for begin in range(0, len(rows), batch):
@@ -79,6 +77,26 @@ def simulate(key, source, *, seconds=15.0, behavior=None, step=0):
             logs.update(zip(chunk, found, strict=True))
     result = [logs[row] for row in range(len(sources))]
     return result if isinstance(source, Sequence) else result[0]
+
+
+def _alike(shapes: Sequence[tuple[int, ...]], steps: int) -> list[list[int]]:
+    """Rows of scenes that are padded to one shape: a smaller one comes only where it saves more than it takes to
+    compile.
+    """
+    costs = np.array([_step_cost(shape) for shape in shapes])
+    groups: list[list[int]] = []
+    rows = np.argsort(-costs, kind="stable")
+    for place, row in enumerate(rows.tolist()):
+        if not groups or steps * (costs[groups[-1][0]] - costs[rows[place:]]).sum() > _COMPILING:
+            groups.append([])
+        groups[-1].append(row)
+    return groups
+
+
+def _step_cost(shape: tuple[int, ...]) -> float:
+    """About how long a core takes for one step of a scene [us], as benchmarks/README.md has it."""
+    agents, _, _, conflicts = shape
+    return 100 + 3.5 * agents + 0.07 * agents * agents + 0.11 * conflicts
 
 
 def key_seed(key: Any) -> np.ndarray:
