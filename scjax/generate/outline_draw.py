@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Int
 
@@ -14,8 +15,9 @@ from scjax.generate.conditions import Condition
 from scjax.language.attributes.contradictions import least_numbers
 from scjax.language.attributes.table import GROUPS
 from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import NO_KIND, agent_digits, agent_kinds, lane_kinds
-from scjax.scene import AgentType, Crop, Scene
+from scjax.models.denoiser.kinds import NO_KIND, agent_digits, scene_kinds
+from scjax.scene import AgentType, Crop, Scene, pad
+from scjax.scene.per_type import PerType
 
 Kinds = Int[np.ndarray, "_"]
 
@@ -70,7 +72,7 @@ def draw_outline(
     request, negative = condition.attributes, condition.negative_attributes
     if known is not None and len(known.lane_mask) == condition.num_lanes:
         request, negative = _of_agents(request), _of_agents(negative)
-        known_lanes = np.asarray(lane_kinds(known))
+        known_lanes = _known_kinds(known, model).lanes
     row = model.outlines.draw(
         rng,
         request,
@@ -85,11 +87,11 @@ def draw_outline(
     agents = draw.fit(agents, condition.attributes)
     num_known = 1
     if known is not None and len(known.agent_mask):
-        agents = draw.replace(agents, np.asarray(agent_kinds(known, model.codec)))
+        agents = draw.replace(agents, _known_kinds(known, model).agents)
         num_known = len(known.agent_mask)
     agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], condition.num_agents, num_known)
     if known is not None and len(known.lane_mask):
-        lanes = np.asarray(lane_kinds(known))
+        lanes = _known_kinds(known, model).lanes
     else:
         lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
     domain = int(model.outlines.domains[row]) if domain is None else domain
@@ -108,7 +110,8 @@ def _draw_continuation(
     request, negative = condition.attributes, condition.negative_attributes
     among = outlines.ahead.nearest(known)
     row = outlines.draw(rng, request, negative=negative, domain=domain, among=among)
-    agents, lanes = np.asarray(agent_kinds(known, model.codec)), np.asarray(lane_kinds(known))
+    kinds = _known_kinds(known, model)
+    agents, lanes = kinds.agents, kinds.lanes
     draw = _AgentDraw(rng, outlines.agents, model.codec)
     new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]), request)[1:]
     agents = np.concatenate([agents, new])[: config.max_agents]
@@ -116,6 +119,17 @@ def _draw_continuation(
     lanes = np.concatenate([lanes, _tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
     lanes = _cut_or_fill(rng, lanes, condition.num_lanes, len(known.lane_mask))
     return Outline(agents, lanes, int(outlines.domains[row]) if domain is None else domain, len(lanes))
+
+
+def _known_kinds(known: Scene, model: Model) -> PerType:
+    """Kinds of known elements (NumPy). They are padded, so that one program serves all numbers of them."""
+    config, agents, lanes = model.denoiser.config, len(known.agent_mask), len(known.lane_mask)
+    padded = pad(known, max(config.max_agents, agents), max(config.max_lanes, lanes))
+    kinds = _compiled_kinds(padded, codec=model.codec)
+    return PerType(agents=np.asarray(kinds.agents)[:agents], lanes=np.asarray(kinds.lanes)[:lanes])
+
+
+_compiled_kinds = jax.jit(scene_kinds, static_argnames=("codec",))
 
 
 class _AgentDraw:

@@ -16,6 +16,7 @@ from scjax.data.map_joins import connect_lanes
 from scjax.generate.conditions import Condition
 from scjax.outpainting.exits import choose_exit, find_exits
 from scjax.outpainting.extend import extend_map
+from scjax.outpainting.route_search import MAX_TRIES
 from scjax.scene import Map, Scene, map_to_log, scene_to_map
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
@@ -59,7 +60,7 @@ class GrowingDrive:
         self.tile_key, self.key = jax.random.split(key)
         self.world, self.condition = connect_lanes(world), condition
         self.way, self.outpainting = outpainting.pop("route", "straight"), outpainting
-        self.world_grows, self.blocked, self.goal = True, set[str](), ""
+        self.world_grows, self.tries, self.goal = True, collections.Counter[str](), ""
         self.policy, self.policy_state, self.behavior = policy, policy_state, behavior
         self.clock, self.number, self.has_ended = 0.0, 0, False
         self.start = prepare(self.world, 0, self._rng())
@@ -109,7 +110,7 @@ class GrowingDrive:
         """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on."""
         while self._way_left() < LOOK_AHEAD and self.world_grows:
             first = self.start.lane_ids[int(np.asarray(self.state.route.lanes)[0, 0])][-1]
-            exits = [one for one in find_exits(self.world, first) if one.lane_ids[-1] not in self.blocked]
+            exits = [one for one in find_exits(self.world, first) if self.tries[one.lane_ids[-1]] < MAX_TRIES]
             chosen = choose_exit(exits, self._rng(), yaw=self.yaw, way=self.way)
             if chosen is None:
                 self.world_grows = False
@@ -118,7 +119,7 @@ class GrowingDrive:
             pose, number = chosen.pose, self.world.num_lanes
             world = extend_map(key, self.world, self.condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self.outpainting)
             if world.num_lanes == number or not world.lane_by_id[chosen.lane_ids[-1]].successors:
-                self.blocked.add(chosen.lane_ids[-1])
+                self.tries[chosen.lane_ids[-1]] += 1
             else:
                 self.yaw, self.goal = pose.yaw, chosen.lane_ids[-1]
             self.world = world

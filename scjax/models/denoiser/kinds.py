@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int, Real
 from scjax.models.codec import SceneCodec
 from scjax.scene import TILE_SIZE, AgentType, Crop, Link, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
+from scjax.scene.per_type import PerType
 from scjax.scene.scene import LARGE_LENGTH, AnyArray
 
 NO_KIND = -1
@@ -85,6 +86,11 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
 
 
+def scene_kinds(scene: Scene, codec: SceneCodec) -> PerType:
+    """The kinds of all tokens of scenes in meters."""
+    return PerType(agents=agent_kinds(scene, codec), lanes=lane_kinds(scene))
+
+
 def digits_of(kinds: Int[AnyArray, "*n"], sizes: Sequence[int]) -> list[Int[AnyArray, "*n"]]:
     """The digits of kinds, one array each."""
     steps = [math.prod(sizes[:place]) for place in range(len(sizes))]
@@ -142,10 +148,10 @@ def _from_ego(points: Real[Array, "*b n 2"], scene: Scene) -> Real[Array, "*b n 
     """Points in the frame of agent 0, or as they are where there is none: the ego is at the origin then."""
     if not scene.agents.shape[-2]:
         return points
-    ego = jnp.asarray(scene.agents)[..., :1, :]
+    ego, is_there = jnp.asarray(scene.agents)[..., :1, :], jnp.asarray(scene.agent_mask)[..., :1, None]
     offsets, cos, sin = points - ego[..., :2], ego[..., _COS], ego[..., _COS + 1]
     x, y = offsets[..., 0], offsets[..., 1]
-    return jnp.stack([cos * x + sin * y, cos * y - sin * x], -1)
+    return jnp.where(is_there, jnp.stack([cos * x + sin * y, cos * y - sin * x], -1), points)
 
 
 def _side_of_agents(scene: Scene) -> Int[Array, "*b agents"]:

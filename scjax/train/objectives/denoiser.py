@@ -33,7 +33,7 @@ from scjax.models.codec import SceneCodec
 from scjax.models.counts.prior import count_table
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
-from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
+from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits, scene_kinds
 from scjax.models.denoiser.model import denoiser
 from scjax.nn import random
 from scjax.nn.cross_attention import from_name
@@ -44,7 +44,7 @@ from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
 from scjax.train.objectives.known_elements import KnownShares, draw_known
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
-from scjax.train.objectives.record_outlines import outlines_of_records, scene_kinds
+from scjax.train.objectives.record_outlines import outlines_of_records
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
 from scjax.train.resume import captions_hash, model_hash, params_hash
 from scjax.train.warm_start import denoiser_base, load_config_model, load_init_model, warm_start

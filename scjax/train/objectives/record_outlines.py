@@ -14,17 +14,12 @@ from scjax.data.token_order import known_half, sort_tokens
 from scjax.generate.continuations import Continuations, seam_crossings
 from scjax.generate.outlines import Outlines
 from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import agent_kinds, lane_kinds
+from scjax.models.denoiser.kinds import scene_kinds
 from scjax.scene import Crop, Scene, pad, permute, stack, unpadded
 from scjax.scene.per_type import PerType
 
 _MOST = 8000  # outlines of a model: 4 MB
 _BATCH = 100
-
-
-def scene_kinds(scene: Scene, codec: SceneCodec) -> PerType:
-    """The kinds of all tokens of scenes in meters."""
-    return PerType(agents=agent_kinds(scene, codec), lanes=lane_kinds(scene))
 
 
 def outlines_of_records(folder: str, measured: MeasuredRecords, codec: SceneCodec, bucket: Bucket) -> Outlines:
