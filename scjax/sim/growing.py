@@ -17,7 +17,7 @@ from scjax.generate.conditions import Condition
 from scjax.outpainting.exits import choose_exit, find_exits
 from scjax.outpainting.extend import extend_map
 from scjax.outpainting.route_search import MAX_TRIES
-from scjax.scene import Map, Scene, map_to_log, scene_to_map
+from scjax.scene import AgentType, Map, Scene, map_to_log, scene_to_map
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
 from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
@@ -31,6 +31,7 @@ SEGMENT = 20  # steps between two looks at what is left of the way
 LOOK_AHEAD = 90.0  # m of the way that must be there
 AROUND = 200.0  # m from the driven agent, within which traffic moves
 _ROUTE_LANES = 32
+_IN_THE_WAY = 2.5  # m from a centerline
 
 
 class GrowingDrive:
@@ -123,7 +124,9 @@ class GrowingDrive:
             else:
                 self.yaw, self.goal = pose.yaw, chosen.lane_ids[-1]
             self.world = world
-            self._begin(self._prepare(self._with_traffic(world)))
+            traffic = self._with_traffic(world)
+            blocking = vehicles_in_the_way(self._prepare(traffic)) - self.seen
+            self._begin(self._prepare(_without_agents(traffic, blocking)))
             self.seen |= set(world.agent_ids)
 
     def _begin(self, start: Start) -> None:
@@ -187,6 +190,27 @@ class GrowingDrive:
             agents=states[near],
             agent_types=types[near],
         )
+
+
+def vehicles_in_the_way(start: Start) -> set[str]:
+    """Ids of vehicles that stand on a lane and follow none, or run against it: queues behind them would not end."""
+    from scipy.spatial import KDTree
+
+    log = start.log
+    places = np.stack([start.agents.x, start.agents.y], -1)[: log.num_objects]
+    near = KDTree(start.lanes.points[:, :2]).query(places)[0] < _IN_THE_WAY
+    blocks = near & (start.places.lane[: log.num_objects] == NONE) & (log.object_types == AgentType.VEHICLE)
+    return {log.object_ids[row] for row in np.flatnonzero(blocks)}
+
+
+def _without_agents(map: Map, names: set[str]) -> Map:
+    keep = np.array([name not in names for name in map.agent_ids], bool)
+    return dataclasses.replace(
+        map,
+        agent_ids=tuple(name for name in map.agent_ids if name not in names),
+        agents=map.agents[keep],
+        agent_types=map.agent_types[keep],
+    )
 
 
 def _route_rows(start: Start, row: int, goal: str) -> Int[np.ndarray, " R"]:
