@@ -42,7 +42,8 @@ def drive(
     not finite brakes it.
 
     With ``grow`` a scene or map grows by tiles whenever less than 90 m of the way are left. Agents of new tiles join
-    the traffic; agents farther than 200 m are gone. The driven agent follows the route of the map, and the loop ends
+    the traffic, without vehicles that stand in the way; agents farther than 200 m are gone, and nobody enters at the
+    border. The driven agent follows the route of the map, and the loop ends
     early where no road goes on.
 
     Args:

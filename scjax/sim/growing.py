@@ -24,6 +24,7 @@ from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_st
 from scjax.sim.policies import Policy
 from scjax.sim.preparation import Start, prepare
 from scjax.sim.road_network import NONE
+from scjax.sim.route_follower import RouteFollower
 from scjax.sim.simulate import TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
@@ -62,6 +63,8 @@ class GrowingDrive:
         self.world, self.condition = connect_lanes(world), condition
         self.way, self.outpainting = outpainting.pop("route", "straight"), outpainting
         self.world_grows, self.tries, self.goal = True, collections.Counter[str](), ""
+        if isinstance(behavior, RouteFollower):  # nobody enters at the border: new tiles bring traffic of their own
+            behavior = dataclasses.replace(behavior, entry_delay=None)
         self.policy, self.policy_state, self.behavior = policy, policy_state, behavior
         self.clock, self.number, self.has_ended = 0.0, 0, False
         self.start = prepare(self.world, 0, self._rng())
