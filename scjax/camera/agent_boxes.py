@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float64
 
-EDGES = np.array(
-    [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
-)
+EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
 """Corners of the edges of a box: bottom, top, upright ones. Each is listed once."""
 
 FRONT_CROSS = np.array([(0, 5), (1, 4)])
@@ -42,7 +40,7 @@ def visible_faces(corners: Float64[np.ndarray, "n 8 3"]) -> Bool[np.ndarray, "n 
     """Which faces look at the origin, of corners in the frame of a camera. Faces without area do not."""
     faces = corners[:, FACES]
     normals = np.cross(faces[:, :, 2] - faces[:, :, 0], faces[:, :, 3] - faces[:, :, 1])
-    return (normals * faces.mean(2)).sum(-1) < 0
+    return np.asarray((normals * faces.mean(2)).sum(-1) < 0)
 
 
 def visible_edges(faces: Bool[np.ndarray, "n 6"]) -> Bool[np.ndarray, "n 12"]:

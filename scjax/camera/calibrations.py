@@ -16,11 +16,11 @@ from msgspec import Struct
 from scjax.camera.camera import Camera
 from scjax.camera.distortion import NO_DISTORTION
 from scjax.camera.rig import CameraPoses, Rig
-from scjax.camera.rig_file import RIG_FORMAT, RigHeader, parse_rig
+from scjax.camera.rig_file import RIG_FORMAT, RigHeader, Triple, parse_rig
 from scjax.scene.document import parse_document
 from scjax.scene.files import read_limited
 
-Triple, Quaternion = tuple[float, float, float], tuple[float, float, float, float]
+Quaternion = tuple[float, float, float, float]
 _CURE = "give the calibration of one sample, as docs/camera.md shows"
 _TABLES_CURE = "give the folder with the tables of nuScenes, as in v1.0-mini"
 _WAYMO_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # its cameras look along x, z is up
@@ -161,7 +161,9 @@ def read_nuscenes_calibration(folder: str | Path, sample_token: str) -> Calibrat
 
     rows = [row for row in table("sample_data", SampleDataRow) if row.is_key_frame and row.sample_token == sample_token]
     if not rows:
-        raise ValueError(f"{folder / 'sample_data.json'} has no key frame of the sample {sample_token!r}: give its token")
+        raise ValueError(
+            f"{folder / 'sample_data.json'} has no key frame of the sample {sample_token!r}: give its token"
+        )
     sensors = {row.token: row for row in table("sensor", SensorRow)}
     calibrated = {row.token: row for row in table("calibrated_sensor", CalibratedSensorRow)}
     ego_poses = {row.token: row for row in table("ego_pose", EgoPoseRow)}

@@ -25,7 +25,9 @@ class VisiblePart(NamedTuple):
         """Whether some of the segment is visible; a point on the border is."""
         return self.start <= self.stop
 
-    def cut(self, first: Float64[np.ndarray, "n *v"], second: Float64[np.ndarray, "n *v"]) -> Float64[np.ndarray, "n 2 *v"]:
+    def cut(
+        self, first: Float64[np.ndarray, "n ..."], second: Float64[np.ndarray, "n ..."]
+    ) -> Float64[np.ndarray, "n 2 ..."]:
         """Values at both ends of the visible parts, of values at both ends of the segments."""
         axes = (1,) * (first.ndim - 1)
         change = second - first
@@ -106,7 +108,9 @@ def clip_polygons(
     used = np.stack([inside, crosses & np.isfinite(share)], 2).reshape(count, 2 * corners)
     order = np.argsort(~used, axis=1, kind="stable")[:, : corners + 1]
     last = np.maximum(used.sum(1) - 1, 0)
-    order = np.where(np.arange(corners + 1) <= last[:, None], order, np.take_along_axis(order, last[:, None].clip(max=corners), 1))
+    order = np.where(
+        np.arange(corners + 1) <= last[:, None], order, np.take_along_axis(order, last[:, None].clip(max=corners), 1)
+    )
     result = np.take_along_axis(slots, order[..., None], 1)
     result[~used.any(1)] = np.nan
     return result

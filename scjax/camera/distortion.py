@@ -17,9 +17,7 @@ _HALVINGS = 60
 _LARGEST = 1e3  # distance from the axis at depth 1 of what is almost beside the camera
 
 
-def distort(
-    points: Float64[np.ndarray, "*b 2"], distortion: Float64[np.ndarray, " 5"]
-) -> Float64[np.ndarray, "*b 2"]:
+def distort(points: Float64[np.ndarray, "*b 2"], distortion: Float64[np.ndarray, " 5"]) -> Float64[np.ndarray, "*b 2"]:
     """Where a lens shows the ideal points x / z, y / z; both at depth 1."""
     k1, k2, p1, p2, k3 = distortion.tolist()
     x, y = points[..., 0], points[..., 1]
@@ -67,7 +65,7 @@ def undistort(
 def undistorted_radius(
     radius: Float64[np.ndarray, "*b"], distortion: Float64[np.ndarray, " 5"]
 ) -> Float64[np.ndarray, "*b"]:
-    """The ideal distance from the axis that the radial part shows at ``radius``; at most ``max_radius``. By bisection."""
+    """The ideal distance from the axis that the radial part shows at ``radius``; at most ``max_radius``."""
     k1, k2, _, _, k3 = distortion.tolist()
     low, high = np.zeros_like(radius), np.full_like(radius, min(max_radius(distortion), _LARGEST))
     for _ in range(_HALVINGS):

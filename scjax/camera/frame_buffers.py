@@ -36,8 +36,8 @@ class FrameBuffers(NamedTuple):
 def buffers_of(camera: Camera, elements: BufferElements, *, fills_faces: bool) -> FrameBuffers:
     """The buffers of a picture.
 
-    Every pixel keeps the number of what was drawn over it last, in the order of the picture. From it follow the depth on
-    the line or face at that pixel, its id and its kind.
+    Every pixel keeps the number of what was drawn over it last, in the order of the picture. From it follow the depth
+    on the line or face at that pixel, its id and its kind.
 
     Args:
       fills_faces: faces of boxes cover what is behind them.
@@ -53,38 +53,48 @@ def buffers_of(camera: Camera, elements: BufferElements, *, fills_faces: bool) -
             for face in np.flatnonzero(boxes.face_boxes == k).tolist():
                 fill_index(numbers, boxes.faces[face], base + face)
         part = slice(boxes.starts[k], boxes.starts[k + 1])
-        draw_indices(numbers, boxes.lines.ends[part], count + np.arange(part.start, part.stop), boxes.lines.widths[part])
+        draw_indices(
+            numbers, boxes.lines.ends[part], count + np.arange(part.start, part.stop), boxes.lines.widths[part]
+        )
     face_owners = boxes.owners[boxes.face_boxes]
     world_lines, world_boxes = elements.world_lines, elements.world_boxes
     owners = np.concatenate([boxes.lines.owners, face_owners])
     ids = np.concatenate([world_lines.ids[lines.owners], world_boxes.ids[owners], [-1]])
     kinds = np.concatenate([world_lines.kinds[lines.owners], world_boxes.kinds[owners], [ElementKind.NOTHING]])
-    depth = np.full(numbers.shape, np.inf, np.float32)
-    rows, columns = np.nonzero(numbers >= 0)
-    number = numbers[rows, columns]
-    pixels = np.stack([columns, rows], -1).astype(np.float64)
-    values = np.empty(len(number))
-    on_line = number < base
-    values[on_line] = _line_depths(pixels[on_line], ends[number[on_line]], inverse[number[on_line]])
-    rays = pixel_rays(camera, pixels[~on_line])
-    values[~on_line] = _face_depths(rays, boxes.face_corners[number[~on_line] - base])
-    depth[rows, columns] = values
+    inverse_depth = np.zeros(numbers.size)
+    flat = numbers.ravel()
+    on_line = np.flatnonzero((flat >= 0) & (flat < base))
+    inverse_depth[on_line] = _on_lines(_pixels_at(on_line, camera.width), flat[on_line], ends, inverse)
+    on_face = np.flatnonzero(flat >= base)
+    rays = pixel_rays(camera, _pixels_at(on_face, camera.width))
+    inverse_depth[on_face] = _on_faces(rays, flat[on_face] - base, boxes.face_corners)
+    with np.errstate(divide="ignore"):
+        depth = (1 / inverse_depth).astype(np.float32).reshape(numbers.shape)
     return FrameBuffers(depth, ids.astype(np.int32)[numbers], kinds.astype(np.uint8)[numbers])
 
 
-def _line_depths(pixels: np.ndarray, ends: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Depths on lines at the points that are nearest to pixels."""
+def _pixels_at(flat: np.ndarray, width: int) -> np.ndarray:
+    """Column and row of pixels that are counted row by row [n, 2]."""
+    rows, columns = np.divmod(flat, width)
+    return np.stack([columns, rows], -1).astype(np.float64)
+
+
+def _on_lines(pixels: np.ndarray, lines: np.ndarray, ends: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Inverse depths on lines at the points that are nearest to pixels; ``lines`` is the index of the line of each."""
     along = ends[:, 1] - ends[:, 0]
-    square = np.maximum((along * along).sum(-1), 1e-12)
-    share = (((pixels - ends[:, 0]) * along).sum(-1) / square).clip(0, 1)
-    return 1 / (inverse[:, 0] + share * (inverse[:, 1] - inverse[:, 0]))
+    rate = along / np.maximum((along * along).sum(-1, keepdims=True), 1e-12)
+    start = (ends[:, 0] * rate).sum(-1)
+    share = ((pixels * rate[lines]).sum(-1) - start[lines]).clip(0, 1)
+    return inverse[lines, 0] + share * (inverse[:, 1] - inverse[:, 0])[lines]
 
 
-def _face_depths(rays: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Depths at which rays meet the planes of faces, kept between the depths of their corners."""
+def _on_faces(rays: np.ndarray, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Inverse depths where rays meet the planes of faces, kept between those of their corners."""
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    distance = (normals * corners[:, 0]).sum(-1)
-    slope = (normals[:, :2] * rays).sum(-1) + normals[:, 2]
-    depth = distance / np.where(np.abs(slope) < 1e-12, 1e-12, slope)
-    low, high = corners[:, :, 2].min(-1), corners[:, :, 2].max(-1)
-    return np.where(np.isfinite(depth), depth, high).clip(np.maximum(low, 1e-3), high)
+    distance = (normals * corners[:, 0]).sum(-1, keepdims=True)
+    planes = normals / np.where(np.abs(distance) < 1e-12, 1e-12, distance)  # a visible face has a distance
+    depths = corners[:, :, 2].clip(1e-3, None)
+    low, high = 1 / depths.max(-1), 1 / depths.min(-1)
+    plane = planes[faces]
+    inverse = plane[:, 0] * rays[:, 0] + plane[:, 1] * rays[:, 1] + plane[:, 2]
+    return np.where(np.isfinite(inverse), inverse, low[faces]).clip(low[faces], high[faces])

@@ -66,9 +66,7 @@ def camera_parameters(
 
 
 @jax.jit
-def project_points_jax(
-    camera: CameraParameters, points: Float[AnyArray, "*b 3"], near: float = NEAR
-) -> JaxImagePoints:
+def project_points_jax(camera: CameraParameters, points: Float[AnyArray, "*b 3"], near: float = NEAR) -> JaxImagePoints:
     """Pixels of points [m]; those that are not visible have a harmless place and no gradient."""
     local = _in_camera(camera, points)
     depth = local[..., 2]

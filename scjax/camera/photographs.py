@@ -24,7 +24,9 @@ def read_photograph(
     """
     if isinstance(photograph, np.ndarray):
         if photograph.ndim != 3 or photograph.shape[2] not in (1, 3, 4) or not photograph.size:
-            raise ValueError(f"a picture is of shape {photograph.shape}: give [height, width, 1, 3 or 4 channels] uint8")
+            raise ValueError(
+                f"a picture is of shape {photograph.shape}: give [height, width, 1, 3 or 4 channels] uint8"
+            )
         channels = photograph.shape[2]
         if channels == 3:
             return photograph

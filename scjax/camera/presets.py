@@ -70,7 +70,7 @@ _SEVEN = {
     "camera_rear_right_70fov": (70.0, 2.1, -1.0, 0.95, -150.0),
     "camera_rear_tele_30fov": (30.0, -0.4, 0.0, 1.4, 180.0),
 }
-"""Names that photoreal renderers (Cosmos-Transfer) expect. Their lenses are fisheyes; these are pinholes of the angle."""
+"""Names that photoreal renderers (Cosmos-Transfer) expect. Their lenses are fisheyes, these are pinholes."""
 
 _SIX = {
     "CAM_FRONT": (65.0, 1.7, 0.0, 1.5, 0.0),

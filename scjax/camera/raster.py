@@ -1,4 +1,4 @@
-"""Lines and convex areas in pictures: antialiased and at fractions of a pixel, by OpenCV, which is imported here only."""
+"""Lines and convex areas in pictures: antialiased and at fractions of a pixel, by OpenCV, imported here only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def require_opencv() -> ModuleType:
     try:
         import cv2
     except ImportError as error:
-        raise ValueError("pictures of cameras need OpenCV, which is not installed: pip install 'scjax[camera]'") from error
+        raise ValueError(
+            "pictures of cameras need OpenCV, which is not installed: pip install 'scjax[camera]'"
+        ) from error
     return cv2
 
 
@@ -57,7 +59,9 @@ def draw_indices(
         cv2.line(indices, first, second, number, width, cv2.LINE_8, _SHIFT)
 
 
-def fill_index(indices: Int32[np.ndarray, "height width"], polygon: Float64[np.ndarray, "corners 2"], number: int) -> None:
+def fill_index(
+    indices: Int32[np.ndarray, "height width"], polygon: Float64[np.ndarray, "corners 2"], number: int
+) -> None:
     """Writes a number into the pixels of a convex area."""
     cv2 = require_opencv()
     cv2.fillConvexPoly(indices, np.round(polygon * _UNIT).astype(np.int32), number, cv2.LINE_8, _SHIFT)

@@ -2,25 +2,52 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import UInt8
 
+from scjax.camera.camera import Camera
 from scjax.camera.palettes import palette_of
 from scjax.camera.photographs import read_photograph
 from scjax.camera.presets import preset_rig
 from scjax.camera.rig import CameraPoses, Rig, carried_poses, mounted_poses
-from scjax.camera.source_log import camera_log, carrier_index, ground_of, known_sizes
+from scjax.camera.source_log import Ground, camera_log, carrier_index, ground_of, known_sizes
 from scjax.camera.wireframe import WireframeFrame, WireframeStyle, draw_wireframe
 from scjax.camera.wireframe_scene import WireframeScene
-from scjax.scene import NO_EGO, Log, Map, Scene
+from scjax.scene import Log, Map, Scene
 
 MAX_FRAMES_AT_ONCE = 2_000_000_000
 """Bytes of pictures that ``render_wireframe`` returns at once."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class _Carrier:
+    """What carries a rig: given poses of its frame, or an upright object."""
+
+    poses: CameraPoses | None = None
+    feet: np.ndarray | None = None
+    headings: np.ndarray | None = None
+    size: np.ndarray | None = None
+
+    def camera_poses(self, rig: Rig, camera: Camera) -> CameraPoses:
+        if self.poses is not None:
+            return carried_poses(camera, self.poses)
+        assert self.feet is not None and self.headings is not None and self.size is not None
+        return mounted_poses(rig, camera, self.feet, self.headings, self.size)
+
+
+def _feet(log: Log, index: int, ground: Ground, steps: np.ndarray) -> np.ndarray:
+    """Middle of an object's box on the ground at each step [T, 3] m."""
+    feet = log.positions[index].copy()
+    feet[:, 2] = ground.level
+    for step in steps[~np.isfinite(log.positions[index, steps, 2])].tolist():
+        feet[step, 2] = ground.heights(feet[step : step + 1, :2], step)[0]
+    return feet
 
 
 class WireframeRenderer:
@@ -52,34 +79,36 @@ class WireframeRenderer:
         poses: CameraPoses | None = None,
         style: WireframeStyle | None = None,
     ):
-        rig = preset_rig(rig) if isinstance(rig, str) else rig
+        self._rig = preset_rig(rig) if isinstance(rig, str) else rig
         self.style = style or WireframeStyle()
-        self.log, self.camera = camera_log(source), rig.camera(camera)
-        if poses is not None and actor is None:
-            index = self.log.ego_index
-        else:
-            index = carrier_index(self.log, actor)
-        ground = ground_of(self.log, index)
+        self.log, self.camera = camera_log(source), self._rig.camera(camera)
+        log = self.log
+        index = log.ego_index if poses is not None and actor is None else carrier_index(log, actor)
+        ground = ground_of(log, index)
         if poses is not None:
-            _check_poses(poses, self.log.num_steps)
-            self.poses = carried_poses(self.camera, poses)
-            self.steps = np.arange(self.log.num_steps)
+            _check_poses(poses, log.num_steps)
+            self.steps = np.arange(log.num_steps)
+            self._carrier = _Carrier(poses=poses)
         else:
-            self.steps = np.flatnonzero(self.log.valid[index])
-            headings, size = self.log.headings[index], known_sizes(self.log)[index]
-            feet = self.log.positions[index].copy()
-            feet[:, 2] = ground.level
-            if not np.isfinite(self.log.positions[index, self.steps, 2]).all():
-                feet[self.steps, 2] = [ground.heights(feet[step : step + 1, :2], step)[0] for step in self.steps]
-            self.poses = mounted_poses(rig, self.camera, feet, headings, size)
+            self.steps = np.flatnonzero(log.valid[index])
+            feet = _feet(log, index, ground, self.steps)
+            self._carrier = _Carrier(feet=feet, headings=log.headings[index], size=known_sizes(log)[index])
+        self.poses = self._carrier.camera_poses(self._rig, self.camera)
         self._scene = WireframeScene(
-            self.log,
+            log,
             ground,
             palette_of(self.style.palette),
             borders=self.style.borders,
             left_out=index,
             snap_to_ground=self.style.snap_to_ground,
         )
+
+    def through(self, camera: str) -> WireframeRenderer:
+        """The renderer of another camera of the rig, which shares what took time to prepare."""
+        other = copy.copy(self)
+        other.camera = self._rig.camera(camera)
+        other.poses = self._carrier.camera_poses(self._rig, other.camera)
+        return other
 
     def frame(
         self, step: int = 0, *, background: UInt8[np.ndarray, "height width 3"] | None = None, buffers: bool = False
@@ -137,7 +166,9 @@ def render_wireframe(
     chosen = renderer.steps if steps is None else np.asarray(steps, int)
     size = len(chosen) * renderer.camera.height * renderer.camera.width * 3
     if not len(chosen) or size > MAX_FRAMES_AT_ONCE:
-        raise ValueError(f"{len(chosen)} pictures of {size / 1e9:.1f} GB: choose steps, or use WireframeRenderer.frames")
+        raise ValueError(
+            f"{len(chosen)} pictures of {size / 1e9:.1f} GB: choose steps, or use WireframeRenderer.frames"
+        )
     return np.stack(list(renderer.frames(chosen)))
 
 

@@ -105,6 +105,4 @@ def mounted_poses(
 
 def carried_poses(camera: Camera, frames: CameraPoses) -> CameraPoses:
     """Poses of a camera whose rig has these poses, as data sets record them."""
-    return CameraPoses(
-        frames.rotations @ camera.rotation, frames.translations + frames.rotations @ camera.translation
-    )
+    return CameraPoses(frames.rotations @ camera.rotation, frames.translations + frames.rotations @ camera.translation)

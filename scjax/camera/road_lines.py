@@ -43,16 +43,18 @@ def lane_segments(lanes: Sequence[MapLane]) -> RoadSegments:
 def border_segments(lanes: Sequence[MapLane], width: float = LANE_WIDTH) -> RoadSegments:
     """Borders of the road: sides of lanes for cars beside which no other lane lies."""
     drawn = [
-        (row, lane.points) for row, lane in enumerate(lanes) if lane.lane_type not in NO_CAR_LANE_TYPES and len(lane.points) > 1
+        (row, lane.points)
+        for row, lane in enumerate(lanes)
+        if lane.lane_type not in NO_CAR_LANE_TYPES and len(lane.points) > 1
     ]
     spread = [(row, spread_points(points, _BORDER_SPACING)) for row, points in drawn]
     spread = [(row, line) for row, line in spread if len(line) > 1]
     if not spread:
         return _segments([])
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     owners = np.concatenate([np.full(len(line), row) for row, line in spread])
-    tree = cKDTree(np.concatenate([line[:, :2] for _, line in spread]))
+    tree = KDTree(np.concatenate([line[:, :2] for _, line in spread]))
     heights = np.nan_to_num(np.concatenate([line[:, 2] for _, line in spread]))
     lines = []
     for row, line in spread:

@@ -37,7 +37,7 @@ def carrier_index(log: Log, actor: int | None) -> int:
     index = log.ego_index if actor is None else actor
     if actor is None and index == NO_EGO:
         raise ValueError(
-            f"there is no ego to carry the camera: choose one of the {log.num_objects} objects with actor, or give poses"
+            f"there is no ego to carry the camera: choose one of the {log.num_objects} objects (actor), or give poses"
         )
     if not 0 <= index < log.num_objects:
         raise ValueError(f"actor is {index}: give one of the {log.num_objects} objects, counted from 0")
@@ -75,9 +75,9 @@ class Ground:
         if self._points is None:
             return np.full(len(places), self.level[step])
         if self._tree is None:
-            from scipy.spatial import cKDTree
+            from scipy.spatial import KDTree
 
-            self._tree = cKDTree(self._points[:, :2])
+            self._tree = KDTree(self._points[:, :2])
         return self._points[self._tree.query(places)[1], 2]
 
 

@@ -162,7 +162,9 @@ def project_boxes(
     """Boxes that reach between the near and the far plane."""
     corners = (world.corners - position) @ rotation
     depths = corners[..., 2]
-    chosen = np.flatnonzero((depths.max(-1, initial=-np.inf) > style.near) & (depths.min(-1, initial=np.inf) < style.far))
+    chosen = np.flatnonzero(
+        (depths.max(-1, initial=-np.inf) > style.near) & (depths.min(-1, initial=np.inf) < style.far)
+    )
     chosen = chosen[np.argsort(-depths[chosen].max(-1, initial=-np.inf), kind="stable")]
     corners = corners[chosen]
     facing = visible_faces(corners)

@@ -203,6 +203,4 @@ def _signals_of(log: Log) -> _Signals:
         distances[k] = (points[-1, :2] - middles[k]) @ ahead[k]
     heads = middles + distances.clip(*_HEAD_AHEAD)[:, None] * ahead
     lines = np.concatenate([flat, np.repeat(heights, 2).reshape(-1, 2, 1)], -1)
-    return _Signals(
-        rows, lines, np.concatenate([heads, heights[:, None]], -1), np.arctan2(ahead[:, 1], ahead[:, 0])
-    )
+    return _Signals(rows, lines, np.concatenate([heads, heights[:, None]], -1), np.arctan2(ahead[:, 1], ahead[:, 0]))
