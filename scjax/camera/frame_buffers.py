@@ -52,10 +52,9 @@ def buffers_of(camera: Camera, elements: BufferElements, *, fills_faces: bool) -
         if fills_faces:
             for face in np.flatnonzero(boxes.face_boxes == k).tolist():
                 fill_index(numbers, boxes.faces[face], base + face)
-        part = slice(boxes.starts[k], boxes.starts[k + 1])
-        draw_indices(
-            numbers, boxes.lines.ends[part], count + np.arange(part.start, part.stop), boxes.lines.widths[part]
-        )
+        part = np.arange(boxes.starts[k], boxes.starts[k + 1])
+        part = part[boxes.in_front[part]]  # the others are behind faces
+        draw_indices(numbers, boxes.lines.ends[part], count + part, boxes.lines.widths[part])
     face_owners = boxes.owners[boxes.face_boxes]
     world_lines, world_boxes = elements.world_lines, elements.world_boxes
     owners = np.concatenate([boxes.lines.owners, face_owners])

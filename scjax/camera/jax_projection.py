@@ -93,6 +93,12 @@ def project_segments_jax(
     start, stop = jnp.zeros(first.shape[:-1]), jnp.ones(first.shape[:-1])
     start, stop = _cut(start, stop, first[..., 2] - near, second[..., 2] - near)
     start, stop = _cut(start, stop, far - first[..., 2], far - second[..., 2])
+    # Borders of the picture are planes in space unless a lens bends them. Cutting there keeps the digits that ends far
+    # beside the picture would cost.
+    is_bent = (jnp.asarray(camera.distortion) != 0).any()
+    for plane in _border_planes(camera):
+        height, next_height = first @ plane, second @ plane
+        start, stop = _cut(start, stop, jnp.where(is_bent, 1.0, height), jnp.where(is_bent, 1.0, next_height))
     visible = start <= stop
     change = second - first
     ends = jnp.stack([first + start[..., None] * change, second - (1 - stop)[..., None] * change], -2)
@@ -111,6 +117,16 @@ def project_segments_jax(
     return JaxImageSegments(
         jnp.stack([one + start[..., None] * change, other - (1 - stop)[..., None] * change], -2), visible
     )
+
+
+def _border_planes(camera: CameraParameters) -> list[Array]:
+    """Normals of the planes through the camera and the borders of the picture with its margin; they point inwards."""
+    intrinsic, size = jnp.asarray(camera.intrinsic), jnp.asarray(camera.size)
+    planes = []
+    for axis in (0, 1):
+        low = intrinsic[axis].at[2].add(MARGIN)
+        planes += [low, -intrinsic[axis].at[2].add(1 - MARGIN - size[axis])]
+    return planes
 
 
 def _in_camera(camera: CameraParameters, points: AnyArray) -> Array:

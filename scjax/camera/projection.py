@@ -14,7 +14,7 @@ from scjax.camera.distortion import distort, max_radius, undistort, undistorted_
 
 NEAR, FAR = 0.2, 80.0  # m
 MARGIN = 8.0  # pixels beyond the border, so that ends of thick lines stay out of sight
-_PIECE = 50.0  # pixels; longer segments are cut before a lens bends them
+_PIECE = 20.0  # pixels; longer segments are cut before a lens bends them
 
 
 class ImagePoints(NamedTuple):

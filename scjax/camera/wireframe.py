@@ -6,7 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int, Int32, UInt8
+from jaxtyping import Bool, Float32, Float64, Int, Int32, UInt8
 
 from scjax.camera.agent_boxes import EDGES, FACES, FRONT, FRONT_CROSS, REAR_EDGES, visible_edges, visible_faces
 from scjax.camera.camera import Camera
@@ -15,7 +15,7 @@ from scjax.camera.palettes import PALETTES
 from scjax.camera.projection import FAR, NEAR, project_faces, project_segments
 from scjax.camera.raster import convex_hull, darken, draw_segments
 from scjax.camera.wireframe_scene import ElementKind, WireframeScene, WorldBoxes, WorldLines
-from scjax.scene.arguments import finite_number, listed_choice, truth_value
+from scjax.scene.arguments import finite_number, listed_choice, truth_value, whole_number
 
 _ROWS_PER_PIXEL = 400  # rows of a picture for each pixel of the width of its lines
 _LINES = np.concatenate([EDGES, FRONT_CROSS])  # of a box
@@ -56,7 +56,7 @@ class WireframeStyle:
         finite_number(self.near, "near", 1e-3, 100.0)
         finite_number(self.far, "far", self.near, 1e5)
         if self.width is not None:
-            finite_number(self.width, "width", 1, 100)
+            whole_number(self.width, "width", 1, 100)
 
 
 class WireframeFrame(NamedTuple):
@@ -92,6 +92,7 @@ class ProjectedBoxes(NamedTuple):
       lines: edges and marks of all boxes, those of one box together.
       owners: index of the box in the world, for each box in the picture.
       starts: of the lines of each box, and the end of all.
+      in_front: lines that belong to a face that looks at the camera.
       faces: visible faces: corners in the picture and in the frame of the camera, and the box in the picture that each
         belongs to.
     """
@@ -99,6 +100,7 @@ class ProjectedBoxes(NamedTuple):
     lines: ProjectedLines
     owners: Int[np.ndarray, " boxes"]
     starts: Int[np.ndarray, " starts"]
+    in_front: Bool[np.ndarray, " n"]
     faces: Float64[np.ndarray, "m 9 2"]
     face_corners: Float64[np.ndarray, "m 4 3"]
     face_boxes: Int[np.ndarray, " m"]
@@ -191,7 +193,7 @@ def project_boxes(
     faces = project_faces(camera, face_corners, style.near)
     seen = np.isfinite(faces).all((1, 2))
     starts = np.searchsorted(box, np.arange(len(chosen) + 1))
-    return ProjectedBoxes(lines, chosen, starts, faces[seen], face_corners[seen], owner[seen])
+    return ProjectedBoxes(lines, chosen, starts, front, faces[seen], face_corners[seen], owner[seen])
 
 
 def _shaded(colors: np.ndarray, inverse_depths: np.ndarray, style: WireframeStyle, factor: np.ndarray | float = 1.0):
