@@ -3,7 +3,7 @@
 Pictures need the extra ``camera``: ``pip install 'scjax[camera]'``.
 """
 
-from scjax.camera.calibrations import Calibration, read_calibration, read_nuscenes_calibration
+from scjax.camera.calibrations import CameraCalibration, read_calibration, read_nuscenes_calibration
 from scjax.camera.camera import Camera, camera_rotation, pinhole
 from scjax.camera.palettes import PALETTES, Palette
 from scjax.camera.pose_file import write_camera_poses
@@ -18,8 +18,8 @@ from scjax.camera.wireframe_scene import ElementKind
 __all__ = [
     "CAMERA_PRESETS",
     "PALETTES",
-    "Calibration",
     "Camera",
+    "CameraCalibration",
     "CameraPoses",
     "ElementKind",
     "Palette",

@@ -27,7 +27,7 @@ _WAYMO_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  #
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Calibration:
+class CameraCalibration:
     """The cameras of one moment.
 
     Attributes:
@@ -108,7 +108,7 @@ class SampleDataRow(Struct):
     height: int = 0
 
 
-def read_calibration(path: str | Path) -> Calibration:
+def read_calibration(path: str | Path) -> CameraCalibration:
     """The cameras in a JSON file: a rig of scjax, or a sample of nuScenes or Waymo with its ``sensors``.
 
     Raises:
@@ -117,7 +117,7 @@ def read_calibration(path: str | Path) -> Calibration:
     """
     data = read_limited(path)
     if parse_document(data, RigHeader, path, _CURE).format == RIG_FORMAT:
-        return Calibration(parse_rig(data, path))
+        return CameraCalibration(parse_rig(data, path))
     sample = parse_document(data, SampleDocument, path, _CURE)
     cameras, poses, pictures = [], {}, {}
     for name, sensor in sample.sensors.items():
@@ -139,10 +139,10 @@ def read_calibration(path: str | Path) -> Calibration:
         pictures[name] = sensor.file
     if not cameras:
         raise ValueError(f"{path}: none of its sensors is a camera with an intrinsic matrix: {_CURE}")
-    return Calibration(Rig(name=sample.scene_id or "sample", cameras=tuple(cameras)), poses, pictures)
+    return CameraCalibration(Rig(name=sample.scene_id or "sample", cameras=tuple(cameras)), poses, pictures)
 
 
-def read_nuscenes_calibration(folder: str | Path, sample_token: str) -> Calibration:
+def read_nuscenes_calibration(folder: str | Path, sample_token: str) -> CameraCalibration:
     """The cameras of a sample, from the tables of nuScenes that a user has.
 
     Args:
@@ -187,7 +187,7 @@ def read_nuscenes_calibration(folder: str | Path, sample_token: str) -> Calibrat
         pictures[name] = row.filename
     if not cameras:
         raise ValueError(f"{folder}: the sample {sample_token!r} has no pictures: give another")
-    return Calibration(Rig(name=sample_token, cameras=tuple(cameras)), poses, pictures)
+    return CameraCalibration(Rig(name=sample_token, cameras=tuple(cameras)), poses, pictures)
 
 
 def rotation_of_quaternion(quaternion: Quaternion | list[float]) -> Float64[np.ndarray, "3 3"]:

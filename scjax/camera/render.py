@@ -16,7 +16,7 @@ from scjax.camera.palettes import palette_of
 from scjax.camera.photographs import read_photograph
 from scjax.camera.presets import preset_rig
 from scjax.camera.rig import CameraPoses, Rig, carried_poses, mounted_poses
-from scjax.camera.source_log import Ground, camera_log, carrier_index, ground_of, known_sizes
+from scjax.camera.source_log import LogGround, camera_log, carrier_index, ground_of, known_sizes
 from scjax.camera.wireframe import WireframeFrame, WireframeStyle, draw_wireframe
 from scjax.camera.wireframe_scene import WireframeScene
 from scjax.scene import Log, Map, Scene
@@ -41,7 +41,7 @@ class _Carrier:
         return mounted_poses(rig, camera, self.feet, self.headings, self.size)
 
 
-def _feet(log: Log, index: int, ground: Ground, steps: np.ndarray) -> np.ndarray:
+def _feet(log: Log, index: int, ground: LogGround, steps: np.ndarray) -> np.ndarray:
     """Middle of an object's box on the ground at each step [T, 3] m."""
     feet = log.positions[index].copy()
     feet[:, 2] = ground.level

@@ -34,7 +34,7 @@ class RoadSegments:
     lanes: Int[np.ndarray, " n"]
 
 
-def lane_segments(lanes: Sequence[MapLane]) -> RoadSegments:
+def center_line_segments(lanes: Sequence[MapLane]) -> RoadSegments:
     """Centers of all lanes, with no more points than needed to show their shape."""
     lines = [(row, simplified(lane.points)) for row, lane in enumerate(lanes) if len(lane.points) > 1]
     return _segments(lines)

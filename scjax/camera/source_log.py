@@ -54,7 +54,7 @@ def known_sizes(log: Log) -> Float64[np.ndarray, "N 3"]:
     return np.where(np.isfinite(log.sizes), log.sizes, np.array(usual, np.float64).reshape(-1, 3))
 
 
-class Ground:
+class LogGround:
     """Height of the ground of a log.
 
     Lanes say how high it is around them. Where they have no z, it is level at the height of the carrier at each step.
@@ -81,7 +81,7 @@ class Ground:
         return self._points[self._tree.query(places)[1], 2]
 
 
-def ground_of(log: Log, index: int = NO_EGO) -> Ground:
+def ground_of(log: Log, index: int = NO_EGO) -> LogGround:
     """The ground of a log around the object ``index``, which stands on it where its z is known."""
     heights = np.full(log.num_steps, np.nan)
     if index != NO_EGO:
@@ -91,6 +91,6 @@ def ground_of(log: Log, index: int = NO_EGO) -> Ground:
     if not known.any():
         bottoms = log.positions[..., 2] - known_sizes(log)[:, 2:] / 2
         bottoms = bottoms[log.valid & np.isfinite(bottoms)]
-        return Ground(log, np.full(log.num_steps, np.median(bottoms) if len(bottoms) else 0.0))
+        return LogGround(log, np.full(log.num_steps, np.median(bottoms) if len(bottoms) else 0.0))
     steps = np.arange(log.num_steps)
-    return Ground(log, np.interp(steps, steps[known], heights[known]))
+    return LogGround(log, np.interp(steps, steps[known], heights[known]))

@@ -11,8 +11,8 @@ from jaxtyping import Float64, Int, UInt8
 
 from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.palettes import Palette
-from scjax.camera.road_lines import border_segments, lane_segments
-from scjax.camera.source_log import SNAP_DISTANCE, Ground, known_sizes
+from scjax.camera.road_lines import border_segments, center_line_segments
+from scjax.camera.source_log import SNAP_DISTANCE, LogGround, known_sizes
 from scjax.scene import NO_EGO, Log, Signal
 from scjax.scene.stop_lines import stop_lines
 
@@ -90,7 +90,7 @@ class WireframeScene:
     def __init__(
         self,
         log: Log,
-        ground: Ground,
+        ground: LogGround,
         palette: Palette,
         *,
         borders: bool = True,
@@ -100,7 +100,7 @@ class WireframeScene:
         self._log, self._ground, self._palette = log, ground, palette
         self._left_out, self._snap = left_out, snap_to_ground
         self._sizes = known_sizes(log)
-        lanes, sides = lane_segments(log.lanes), border_segments(log.lanes if borders else ())
+        lanes, sides = center_line_segments(log.lanes), border_segments(log.lanes if borders else ())
         self._signals = _signals_of(log)
         line_count = len(self._signals.rows)
         # Lanes last: they are drawn over the borders that they cross.

@@ -14,7 +14,7 @@ from scjax.cli.plot import Place
 from scjax.cli.scene_files import read_content
 
 if TYPE_CHECKING:
-    from scjax.camera import Calibration, CameraPoses, Rig, WireframeRenderer, WireframeStyle
+    from scjax.camera import CameraCalibration, CameraPoses, Rig, WireframeRenderer, WireframeStyle
     from scjax.scene import Log, Map, Scene
 
 _PICTURES, _VIDEOS = (".png",), (".gif", ".mp4")
@@ -137,11 +137,11 @@ def _actor_log(content: Scene | Log | Map, file: str, number: int | None) -> Log
     return dataclasses.replace(log, ego_index=0) if isinstance(content, Scene) and log.num_objects else log
 
 
-def _calibration(camera: str) -> Calibration:
-    from scjax.camera import CAMERA_PRESETS, Calibration, preset_rig, read_calibration
+def _calibration(camera: str) -> CameraCalibration:
+    from scjax.camera import CAMERA_PRESETS, CameraCalibration, preset_rig, read_calibration
 
     if camera in CAMERA_PRESETS:
-        return Calibration(preset_rig(camera))
+        return CameraCalibration(preset_rig(camera))
     if not Path(camera).is_file():
         raise ValueError(
             f"--camera is {camera!r}: there is no such file, and no preset of that name: choose from "
@@ -150,7 +150,7 @@ def _calibration(camera: str) -> Calibration:
     return read_calibration(camera)
 
 
-def _chosen_rig(calibration: Calibration, only: tuple[str, ...], size: Any, photo: str | None) -> Rig:
+def _chosen_rig(calibration: CameraCalibration, only: tuple[str, ...], size: Any, photo: str | None) -> Rig:
     rig = calibration.rig.select(*only) if only else calibration.rig
     if photo is not None and len(rig.cameras) > 1:
         pictures = {Path(picture).name: name for name, picture in calibration.pictures.items() if picture}
@@ -185,7 +185,7 @@ def _place_poses(at: tuple[float, ...], log: Log) -> CameraPoses:
 def _write_overlay(
     photo: str,
     log: Log,
-    calibration: Calibration,
+    calibration: CameraCalibration,
     rig: Rig,
     step: int,
     actor: int | None,

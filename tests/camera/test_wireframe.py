@@ -107,7 +107,9 @@ def test_buffers_agree_with_the_picture(poses):
     log = box_log((0, 0, 0), *poses)
     for style in (PLAIN, COVERING):
         picture = frame(log, style=style)
-        assert spread(picture.kinds > 0)[(picture.rgb > 100).any(-1)].all()
+        bright = (picture.rgb > 100).any(-1)
+        bright[:2] = bright[-2:] = bright[:, :2] = bright[:, -2:] = False  # lines beside the picture shine into it
+        assert spread(picture.kinds > 0)[bright].all()
         depth = picture.depth[picture.kinds > 0]
         assert (depth >= 0.19).all() and (depth < 90).all()
 
