@@ -60,16 +60,18 @@ class WireframeStyle:
 
 
 class WireframeFrame(NamedTuple):
-    """A picture and what its pixels belong to; the last three are None where they were not requested.
+    """A picture and what its pixels belong to; depth, ids and kinds are None where they were not requested.
 
     Attributes:
       rgb: the picture.
+      num_lines: that were drawn.
       depth: along the axis of the camera [m], inf where nothing is.
       ids: index of the object, lane or signal; -1 where nothing is.
       kinds: ``ElementKind``.
     """
 
     rgb: UInt8[np.ndarray, "height width 3"]
+    num_lines: int
     depth: Float32[np.ndarray, "height width"] | None = None
     ids: Int32[np.ndarray, "height width"] | None = None
     kinds: UInt8[np.ndarray, "height width"] | None = None
@@ -136,10 +138,11 @@ def draw_wireframe(
                 darken(image, convex_hull(outline), _BOX_OPACITY)
         _draw(image, boxes.lines, slice(boxes.starts[k], boxes.starts[k + 1]))
     rgb = image if background is None else _over(image, background)
+    count = len(lines.ends) + len(boxes.lines.ends)
     if not buffers:
-        return WireframeFrame(rgb)
+        return WireframeFrame(rgb, count)
     elements = BufferElements(lines, boxes, world_lines, world_boxes)
-    return WireframeFrame(rgb, *buffers_of(camera, elements, fills_faces=style.occlusion))
+    return WireframeFrame(rgb, count, *buffers_of(camera, elements, fills_faces=style.occlusion))
 
 
 def project_lines(
