@@ -40,7 +40,7 @@ def visible_faces(corners: Float64[np.ndarray, "n 8 3"]) -> Bool[np.ndarray, "n 
     """Which faces look at the origin, of corners in the frame of a camera. Faces without area do not."""
     faces = corners[:, FACES]
     normals = np.cross(faces[:, :, 2] - faces[:, :, 0], faces[:, :, 3] - faces[:, :, 1])
-    return np.less((normals * faces.mean(2)).sum(axis=-1), 0.0)
+    return np.einsum("nfx,nfx->nf", normals, faces.mean(2)) < 0
 
 
 def visible_edges(faces: Bool[np.ndarray, "n 6"]) -> Bool[np.ndarray, "n 12"]:
