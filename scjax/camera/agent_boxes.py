@@ -45,4 +45,4 @@ def visible_faces(corners: Float64[np.ndarray, "n 8 3"]) -> Bool[np.ndarray, "n 
 
 def visible_edges(faces: Bool[np.ndarray, "n 6"]) -> Bool[np.ndarray, "n 12"]:
     """Which edges belong to a face that looks at the camera."""
-    return (faces[:, None] & EDGE_FACES).any(-1)
+    return np.asarray((faces[:, None] & EDGE_FACES).any(-1))
