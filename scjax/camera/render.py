@@ -11,43 +11,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from scjax.camera.camera import Camera
+from scjax.camera.carried_rig import CarriedRig
 from scjax.camera.palettes import palette_of
 from scjax.camera.photographs import read_photograph
 from scjax.camera.presets import preset_rig
-from scjax.camera.rig import CameraPoses, Rig, carried_poses, mounted_poses
-from scjax.camera.source_log import LogGround, camera_log, carrier_index, ground_of, known_sizes
+from scjax.camera.rig import CameraPoses, Rig
 from scjax.camera.wireframe import WireframeFrame, WireframeStyle, draw_wireframe
 from scjax.camera.wireframe_scene import WireframeScene
 from scjax.scene import Log, Map, Scene
 
 MAX_FRAMES_AT_ONCE = 2_000_000_000
 """Bytes of pictures that ``render_wireframe`` returns at once."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class _Carrier:
-    """What carries a rig: given poses of its frame, or an upright object."""
-
-    poses: CameraPoses | None = None
-    feet: np.ndarray | None = None
-    headings: np.ndarray | None = None
-    size: np.ndarray | None = None
-
-    def camera_poses(self, rig: Rig, camera: Camera) -> CameraPoses:
-        if self.poses is not None:
-            return carried_poses(camera, self.poses)
-        assert self.feet is not None and self.headings is not None and self.size is not None
-        return mounted_poses(rig, camera, self.feet, self.headings, self.size)
-
-
-def _feet(log: Log, index: int, ground: LogGround, steps: np.ndarray) -> np.ndarray:
-    """Middle of an object's box on the ground at each step [T, 3] m."""
-    feet = log.positions[index].copy()
-    feet[:, 2] = ground.level
-    for step in steps[~np.isfinite(log.positions[index, steps, 2])].tolist():
-        feet[step, 2] = ground.heights(feet[step : step + 1, :2], step)[0]
-    return feet
 
 
 class WireframeRenderer:
@@ -79,35 +53,25 @@ class WireframeRenderer:
         poses: CameraPoses | None = None,
         style: WireframeStyle | None = None,
     ):
-        self._rig = preset_rig(rig) if isinstance(rig, str) else rig
         self.style = style or WireframeStyle()
-        self.log, self.camera = camera_log(source), self._rig.camera(camera)
-        log = self.log
-        index = log.ego_index if poses is not None and actor is None else carrier_index(log, actor)
-        ground = ground_of(log, index)
-        if poses is not None:
-            _check_poses(poses, log.num_steps)
-            self.steps = np.arange(log.num_steps)
-            self._carrier = _Carrier(poses=poses)
-        else:
-            self.steps = np.flatnonzero(log.valid[index])
-            feet = _feet(log, index, ground, self.steps)
-            self._carrier = _Carrier(feet=feet, headings=log.headings[index], size=known_sizes(log)[index])
-        self.poses = self._carrier.camera_poses(self._rig, self.camera)
+        self._mount = CarriedRig(source, rig, actor=actor, poses=poses)
+        self.log, self.steps = self._mount.log, self._mount.steps
+        self.camera = self._mount.rig.camera(camera)
+        self.poses = self._mount.camera_poses(self.camera)
         self._scene = WireframeScene(
-            log,
-            ground,
+            self.log,
+            self._mount.ground,
             palette_of(self.style.palette),
             borders=self.style.borders,
-            left_out=index,
+            left_out=self._mount.index,
             snap_to_ground=self.style.snap_to_ground,
         )
 
     def through(self, camera: str) -> WireframeRenderer:
         """The renderer of another camera of the rig, which shares what took time to prepare."""
         other = copy.copy(self)
-        other.camera = self._rig.camera(camera)
-        other.poses = self._carrier.camera_poses(self._rig, other.camera)
+        other.camera = self._mount.rig.camera(camera)
+        other.poses = self._mount.camera_poses(other.camera)
         return other
 
     def frame(
@@ -122,11 +86,7 @@ class WireframeRenderer:
         Raises:
           ValueError: the log has no such step, or the carrier is not there; or the background is of another size.
         """
-        if not 0 <= step < self.log.num_steps:
-            raise ValueError(f"step is {step}: give one of the {self.log.num_steps} steps, counted from 0")
-        if step not in self.steps:
-            first, last = self.steps[[0, -1]]
-            raise ValueError(f"step is {step}, but the carrier of the camera is there from step {first} to {last} only")
+        self._mount.check_step(step)
         camera = self.camera
         if background is not None and background.shape != (camera.height, camera.width, 3):
             raise ValueError(
@@ -207,14 +167,3 @@ def overlay(
     style = style or WireframeStyle(occlusion=False, depth_cue=0.3)
     renderer = WireframeRenderer(source, rig, actor=actor, poses=poses, style=style)
     return renderer.frame(step, background=picture).rgb
-
-
-def _check_poses(poses: CameraPoses, steps: int) -> None:
-    rotations, translations = poses
-    if rotations.shape != (steps, 3, 3) or translations.shape != (steps, 3):
-        raise ValueError(
-            f"poses have rotations {rotations.shape} and translations {translations.shape}: give one of each for "
-            f"{steps} steps"
-        )
-    if not (np.isfinite(rotations).all() and np.isfinite(translations).all()):
-        raise ValueError("poses hold NaN or infinity: give a pose for each step")

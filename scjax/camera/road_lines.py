@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -17,6 +18,7 @@ _TOLERANCE = 0.02  # m between a line and its simplified form
 _LONGEST = 8.0  # m; the brightness of a line changes with its depth segment by segment
 _BORDER_SPACING = 1.0  # m between points of borders
 _PROBE = 2.5  # m from the center of a lane; other lanes there make its side no border of the road
+_HITS = 6  # nearest points of lanes that are looked at
 _STOREY = 2.5  # m; lanes farther apart in height are on different roads
 
 
@@ -40,39 +42,69 @@ def center_line_segments(lanes: Sequence[MapLane]) -> RoadSegments:
     return _segments(lines)
 
 
-def border_segments(lanes: Sequence[MapLane], width: float = LANE_WIDTH) -> RoadSegments:
+def border_segments(lanes: Sequence[MapLane]) -> RoadSegments:
     """Borders of the road: sides of lanes for cars beside which no other lane lies."""
-    drawn = [
-        (row, lane.points)
-        for row, lane in enumerate(lanes)
-        if lane.lane_type not in NO_CAR_LANE_TYPES and len(lane.points) > 1
+    lines = [
+        (side.lane, simplified(run)) for side in lane_sides(lanes) for run in _runs(side.points, side.beside == OUTSIDE)
     ]
-    spread = [(row, spread_points(points, _BORDER_SPACING)) for row, points in drawn]
+    return _segments(lines)
+
+
+OUTSIDE, SAME_WAY, OTHER_WAY, CROSSING = range(4)
+"""What lies beside a lane: no lane, one that goes the same way, the other way, or that crosses."""
+
+_CROSSING = 0.7  # cosine of the angle between lanes, below which they cross
+
+
+class LaneSide(NamedTuple):
+    """One side of a lane.
+
+    Attributes:
+      lane: index of the lane.
+      is_left: whether it is the left side.
+      points: along the side [m]; z is NaN where the map has none.
+      beside: what lies beyond it at each point.
+    """
+
+    lane: int
+    is_left: bool
+    points: Float64[np.ndarray, "points 3"]
+    beside: Int[np.ndarray, " points"]
+
+
+def lane_sides(lanes: Sequence[MapLane], width: float = LANE_WIDTH) -> list[LaneSide]:
+    """Both sides of all lanes for cars, and what lies beside them.
+
+    A place half a lane beyond a side belongs to another lane whose center is less than half a width away from it.
+    """
+    lines = [(row, lane.points) for row, lane in enumerate(lanes) if lane.lane_type not in NO_CAR_LANE_TYPES]
+    spread = [(row, spread_points(points, _BORDER_SPACING)) for row, points in lines if len(points) > 1]
     spread = [(row, line) for row, line in spread if len(line) > 1]
     if not spread:
-        return _segments([])
+        return []
     from scipy.spatial import KDTree
 
-    owners = np.concatenate([np.full(len(line), row) for row, line in spread])
-    tree = KDTree(np.concatenate([line[:, :2] for _, line in spread]))
-    heights = np.nan_to_num(np.concatenate([line[:, 2] for _, line in spread]))
-    lines = []
-    for row, line in spread:
-        left = _left(line)
-        for side in (1.0, -1.0):
-            probes = line[:, :2] + side * _PROBE * left
-            near = tree.query_ball_point(probes, width / 2)
-            level = np.nan_to_num(line[:, 2])
-            covered = np.array(
-                [
-                    bool(((owners[hits] != row) & (np.abs(heights[hits] - z) < _STOREY)).any()) if hits else False
-                    for hits, z in zip(near, level, strict=True)
-                ]
-            )
-            border = line.copy()
-            border[:, :2] += side * width / 2 * left
-            lines += [(row, simplified(run)) for run in _runs(border, ~covered)]
-    return _segments(lines)
+    rows = np.concatenate([np.full(len(line), row) for row, line in spread])
+    points = np.concatenate([line for _, line in spread])
+    left = np.concatenate([_left(line) for _, line in spread])
+    tree, heights = KDTree(points[:, :2]), np.nan_to_num(points[:, 2])
+    ends = np.cumsum([len(line) for _, line in spread])[:-1]
+    sides = []
+    for sign in (1.0, -1.0):
+        distance, hits = tree.query(points[:, :2] + sign * _PROBE * left, k=_HITS, distance_upper_bound=width / 2)
+        found = np.isfinite(distance)
+        hits = np.where(found, hits, 0)
+        found &= (rows[hits] != rows[:, None]) & (np.abs(heights[hits] - heights[:, None]) < _STOREY)
+        first = found.argmax(1)
+        along = (left * left[hits[np.arange(len(hits)), first]]).sum(-1)  # lefts are as far apart as the ways
+        beside = np.select(
+            [~found.any(1), along > _CROSSING, along < -_CROSSING], [OUTSIDE, SAME_WAY, OTHER_WAY], CROSSING
+        )
+        edges = points.copy()
+        edges[:, :2] += sign * width / 2 * left
+        parts = zip(spread, np.split(edges, ends), np.split(beside, ends), strict=True)
+        sides += [LaneSide(row, sign > 0, edge, kinds) for (row, _), edge, kinds in parts]
+    return sides
 
 
 def simplified(line: Float64[np.ndarray, "points 3"], tolerance: float = _TOLERANCE) -> Float64[np.ndarray, "fewer 3"]:
