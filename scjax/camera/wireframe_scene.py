@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 from typing import NamedTuple
 
@@ -12,12 +11,10 @@ from jaxtyping import Float64, Int, UInt8
 from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.palettes import Palette
 from scjax.camera.road_lines import border_segments, center_line_segments
+from scjax.camera.signal_places import HEAD_HEIGHT, HEAD_SIZE, signal_places
 from scjax.camera.source_log import SNAP_DISTANCE, LogGround, known_sizes
 from scjax.scene import NO_EGO, Log, Signal
-from scjax.scene.stop_lines import stop_lines
 
-_HEAD_SIZE, _HEAD_HEIGHT = (0.35, 0.35, 1.0), 5.0  # m; maps hold no heads of signals
-_HEAD_AHEAD = (12.0, 25.0)  # m from the stop line, where the end of the lane does not say
 _SLACK = 30.0  # m beyond the far plane, within which boxes and lines are looked at
 
 
@@ -65,16 +62,6 @@ class WorldBoxes(NamedTuple):
     ids: Int[np.ndarray, " n"]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Signals:
-    """Stop lines [n, 2 ends, 3] and middles of heads [n, 3] of signals; z above the ground is not added yet."""
-
-    rows: np.ndarray
-    lines: np.ndarray
-    heads: np.ndarray
-    headings: np.ndarray
-
-
 class WireframeScene:
     """Lines and boxes of a log.
 
@@ -101,7 +88,7 @@ class WireframeScene:
         self._left_out, self._snap = left_out, snap_to_ground
         self._sizes = known_sizes(log)
         lanes, sides = center_line_segments(log.lanes), border_segments(log.lanes if borders else ())
-        self._signals = _signals_of(log)
+        self._signals = signal_places(log)
         line_count = len(self._signals.rows)
         # Lanes last: they are drawn over the borders that they cross.
         self._first = np.concatenate([sides.first, lanes.first, self._signals.lines[:, 0]])
@@ -176,31 +163,13 @@ class WireframeScene:
         near = np.abs(signals.heads[:, :2] - position[:2]).max(-1, initial=0.0) < reach
         rows = np.flatnonzero(near & (states != Signal.UNKNOWN))
         centers = signals.heads[rows]
-        centers[:, 2] += _HEAD_HEIGHT
+        centers[:, 2] += HEAD_HEIGHT
         unknown = np.isnan(centers[:, 2])
-        centers[unknown, 2] = _HEAD_HEIGHT + self._ground.heights(centers[unknown, :2], step)
-        sizes = np.tile(_HEAD_SIZE, (len(rows), 1))
+        centers[unknown, 2] = HEAD_HEIGHT + self._ground.heights(centers[unknown, :2], step)
+        sizes = np.tile(HEAD_SIZE, (len(rows), 1))
         return WorldBoxes(
             box_corners_3d(centers, signals.headings[rows], sizes),
             self._palette.signal_colors(states[rows]),
             np.full(len(rows), ElementKind.SIGNAL),
             signals.rows[rows],
         )
-
-
-def _signals_of(log: Log) -> _Signals:
-    """Stop lines as in pictures from above, and a head above the way ahead of each."""
-    rows, flat = stop_lines(log)
-    middles = flat.mean(1).reshape(-1, 2)
-    across = flat[:, 1] - flat[:, 0]
-    ahead = np.stack([-across[:, 1], across[:, 0]], -1)  # ends go from left to right
-    ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
-    lanes = {lane.id: lane.points for lane in log.lanes}
-    heights, distances = np.full(len(rows), np.nan), np.zeros(len(rows))
-    for k, row in enumerate(rows.tolist()):
-        points = lanes[log.signal_lane_ids[row]]
-        heights[k] = points[np.linalg.norm(points[:, :2] - middles[k], axis=-1).argmin(), 2]
-        distances[k] = (points[-1, :2] - middles[k]) @ ahead[k]
-    heads = middles + distances.clip(*_HEAD_AHEAD)[:, None] * ahead
-    lines = np.concatenate([flat, np.repeat(heights, 2).reshape(-1, 2, 1)], -1)
-    return _Signals(rows, lines, np.concatenate([heads, heights[:, None]], -1), np.arctan2(ahead[:, 1], ahead[:, 0]))
