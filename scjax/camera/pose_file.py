@@ -5,19 +5,28 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from scjax.camera.render import WireframeRenderer
+from scjax.camera.camera import Camera
+from scjax.camera.rig import CameraPoses
 from scjax.camera.rig_file import camera_document
+from scjax.scene import Log
 from scjax.scene.files import write_text
 
 POSES_FORMAT, POSES_VERSION = "scjax-camera-poses", 1
 
 
-def write_camera_poses(
-    renderers: Sequence[WireframeRenderer], steps: Sequence[int] | np.ndarray, path: str | Path
-) -> None:
+class PosedCamera(Protocol):
+    """A renderer of a log, or anything else with a camera that has a pose at each step."""
+
+    log: Log
+    camera: Camera
+    poses: CameraPoses
+
+
+def write_camera_poses(renderers: Sequence[PosedCamera], steps: Sequence[int] | np.ndarray, path: str | Path) -> None:
     """Writes intrinsics, and the pose at each step in the frame of the log, of cameras that look at one log.
 
     ``rotations`` are lists of rows; their columns are the axes of the camera (x right, y down, z ahead).

@@ -90,12 +90,12 @@ def project_segments(
 
 
 def project_faces(
-    camera: Camera, faces: Float64[np.ndarray, "n 4 3"], near: float = NEAR
-) -> Float64[np.ndarray, "n 9 2"]:
+    camera: Camera, faces: Float64[np.ndarray, "n corners 3"], near: float = NEAR
+) -> Float64[np.ndarray, "n more 2"]:
     """Pixels of the corners of flat convex faces, cut at the near plane and ``MARGIN`` beside the picture.
 
-    The last corner is repeated where there are fewer than nine; faces out of sight are NaN. Sides stay straight: a lens
-    moves corners only.
+    There are five corners more; the last one is repeated where there are fewer. Faces out of sight are NaN. Sides stay
+    straight: a lens moves corners only.
     """
     visible = clip_polygons(faces, np.array([0.0, 0.0, 1.0]), near)
     ideal = visible[..., :2] / visible[..., 2:]

@@ -67,6 +67,14 @@ def fill_index(
     cv2.fillConvexPoly(indices, np.round(polygon * _UNIT).astype(np.int32), number, cv2.LINE_8, _SHIFT)
 
 
+def fill_smooth(
+    image: UInt8[np.ndarray, "height width"], polygon: Float64[np.ndarray, "corners 2"], value: int
+) -> None:
+    """Fills a convex area with an antialiased border."""
+    cv2 = require_opencv()
+    cv2.fillConvexPoly(image, np.round(polygon * _UNIT).astype(np.int32), value, cv2.LINE_AA, _SHIFT)
+
+
 def convex_hull(points: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "corners 2"]:
     """The corners of the smallest convex area around points."""
     hull = require_opencv().convexHull(points.astype(np.float32))

@@ -15,6 +15,7 @@ from scjax.cli.scene_files import read_content
 
 if TYPE_CHECKING:
     from scjax.camera import CameraCalibration, CameraPoses, Rig, WireframeRenderer, WireframeStyle
+    from scjax.camera.dashcam import DashcamRenderer
     from scjax.scene import Log, Map, Scene
 
 _PICTURES, _VIDEOS = (".png",), (".gif", ".mp4")
@@ -58,12 +59,16 @@ class PictureSize(click.ParamType):
 @click.option(
     "--occlusion/--no-occlusion", default=None, help="Boxes cover what is behind them. [default: not on --photo]"
 )
+@click.option(
+    "--dashcam", "weather", metavar="WEATHER", help="Rendered pictures: clear, overcast, fog, rain, dusk, night or any."
+)
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of the look of --dashcam.")
 @click.option("--buffers", is_flag=True, help="Write depth, ids and kinds of the pixels of a picture too, as .npz.")
 @click.option("--out", default="view.png", show_default=True, metavar="FILE", help="Picture (.png) or video to write.")
 def render_command(
-    file, camera, only, actor, at, step, video, number, photo, size, palette, occlusion, buffers, out
+    file, camera, only, actor, at, step, video, number, photo, size, palette, occlusion, weather, seed, buffers, out
 ) -> None:
-    """Draws what cameras on the ego, or on any other object, see of FILE, as wireframes.
+    """Draws what cameras on the ego, or on any other object, see of FILE: as wireframes, or rendered with --dashcam.
 
     FILE is anything that scjax plot draws. Lines are lanes, borders of the road, stop lines with the state of their
     signals, and boxes with a cross on their front. The names of all files go to stdout; FILE.cameras.json beside the
@@ -80,9 +85,12 @@ def render_command(
     scjax render log.npz --camera surround-7 --video --out drive.mp4
     scjax render log.npz --actor 3 --frame 20 --camera rig.json --buffers
     scjax render log.npz --camera sample.json --only CAM_FRONT --photo front.jpg
+    scjax render log.npz --dashcam dusk --seed 3 --size 448x448
 
     Needs pip install 'scjax[camera]', and 'scjax[video]' for MP4 files.
     """
+    if weather is not None and (photo is not None or occlusion is not None or palette != "scjax"):
+        raise click.UsageError("--photo, --palette and --occlusion are for wireframes: leave --dashcam out")
     path = _checked_path(out, video, step, photo, buffers, actor, at)
     content = read_content(file)
     log = _actor_log(content, file, number)
@@ -94,8 +102,9 @@ def render_command(
         if photo is not None:
             written = _write_overlay(photo, log, calibration, rig, step or 0, actor, style, path)
         else:
-            poses = None if at is None else _place_poses(at, log)
-            written = _write_views(log, rig, actor, poses, style, path, video=video, step=step, buffers=buffers)
+            carrier = {"actor": actor, "poses": None if at is None else _place_poses(at, log)}
+            first = _renderer(log, rig, carrier, style, weather, seed)
+            written = _write_views(first, rig, path, video=video, step=step, buffers=buffers)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
     click.echo("\n".join(written))
@@ -202,22 +211,26 @@ def _write_overlay(
     return [str(path)]
 
 
+def _renderer(
+    log: Log, rig: Rig, carrier: dict[str, Any], style: WireframeStyle, weather: str | None, seed: int
+) -> WireframeRenderer | DashcamRenderer:
+    """The renderer of the first camera of a rig."""
+    from scjax.camera import WireframeRenderer
+    from scjax.camera.dashcam import DashcamRenderer, random_look
+
+    name = rig.cameras[0].name
+    if weather is None:
+        return WireframeRenderer(log, rig, name, style=style, **carrier)
+    look = random_look(seed, None if weather == "any" else weather)
+    return DashcamRenderer(log, rig, name, look=look, supersampling=2, **carrier)
+
+
 def _write_views(
-    log: Log,
-    rig: Rig,
-    actor: int | None,
-    poses: CameraPoses | None,
-    style: WireframeStyle,
-    path: Path,
-    *,
-    video: bool,
-    step: int | None,
-    buffers: bool,
+    first: WireframeRenderer | DashcamRenderer, rig: Rig, path: Path, *, video: bool, step: int | None, buffers: bool
 ) -> list[str]:
     """Writes a picture or a video of every camera, then the poses."""
-    from scjax.camera import WireframeRenderer, write_camera_poses
+    from scjax.camera import write_camera_poses
 
-    first = WireframeRenderer(log, rig, rig.cameras[0].name, actor=actor, poses=poses, style=style)
     renderers = [first, *(first.through(camera.name) for camera in rig.cameras[1:])]
     steps = renderers[0].steps if video else [int(renderers[0].steps[0]) if step is None else step]
     written = []
@@ -233,25 +246,27 @@ def _write_views(
     return [*written, str(sidecar)]
 
 
-def _write_picture(renderer: WireframeRenderer, step: int, path: Path, buffers: bool) -> list[str]:
+def _write_picture(renderer: WireframeRenderer | DashcamRenderer, step: int, path: Path, buffers: bool) -> list[str]:
     import numpy as np
 
+    from scjax.camera import WireframeRenderer
     from scjax.scene.files import write_file
 
-    frame = renderer.frame(step, buffers=buffers)
+    is_wireframe = isinstance(renderer, WireframeRenderer)
+    frame = renderer.frame(step, buffers=buffers) if is_wireframe else renderer.frame(step)
     _save_png(frame.rgb, path)
-    depth, ids, kinds = frame.depth, frame.ids, frame.kinds
-    if depth is None or ids is None or kinds is None:
+    if not buffers:
         return [str(path)]
+    arrays = {name: value for name, value in frame._asdict().items() if name in ("depth", "ids", "kinds", "classes")}
     beside = path.with_suffix(".npz")
-    write_file(beside, lambda file: np.savez_compressed(file, depth=depth, ids=ids, kinds=kinds))
+    write_file(beside, lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
     return [str(path), str(beside)]
 
 
-def _write_frames(renderer: WireframeRenderer, path: Path) -> None:
+def _write_frames(renderer: WireframeRenderer | DashcamRenderer, path: Path) -> None:
     from tqdm import tqdm
 
-    from scjax.camera import PALETTES
+    from scjax.camera import PALETTES, WireframeRenderer
     from scjax.viz.animation import MAX_FRAMES, MAX_GIF_FRAMES
     from scjax.viz.video_file import write_video
 
@@ -262,8 +277,10 @@ def _write_frames(renderer: WireframeRenderer, path: Path) -> None:
         )
     times = renderer.log.timestamps[steps]
     rate = float((len(steps) - 1) / (times[-1] - times[0]))
-    palette = PALETTES[renderer.style.palette]
-    colors = {*palette.agents.values(), *palette.signals.values(), palette.lane, palette.border}
+    colors = set()
+    if isinstance(renderer, WireframeRenderer):
+        palette = PALETTES[renderer.style.palette]
+        colors = {*palette.agents.values(), *palette.signals.values(), palette.lane, palette.border}
     names = ["#{:02x}{:02x}{:02x}".format(*color) for color in sorted(colors)]
     try:
         with tqdm(total=len(steps), desc=path.name, unit="frame", delay=1.0, disable=None) as bar:

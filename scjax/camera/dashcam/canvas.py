@@ -25,11 +25,12 @@ class Canvas:
 
     Attributes:
       camera: of the canvas, without distortion.
+      supersampling: as given.
       rays: directions at depth 1 of the pixels of the canvas, in its frame, row by row.
     """
 
     def __init__(self, camera: Camera, supersampling: int = 1):
-        self._scale = whole_number(supersampling, "supersampling", 1, 4)
+        self.supersampling = whole_number(supersampling, "supersampling", 1, 4)
         self._camera = camera
         columns, rows = np.meshgrid(
             np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64)
@@ -43,17 +44,18 @@ class Canvas:
             left, top = np.floor(places.min(0)).astype(int) - 1
             right, bottom = np.ceil(places.max(0)).astype(int) + 2
             straight = straight.cropped(int(left), int(top), int(right - left), int(bottom - top))
-            places = (places - (left, top) + 0.5) * self._scale - 0.5
+            places = (places - (left, top) + 0.5) * self.supersampling - 0.5
             self._maps = places.astype(np.float32).reshape(camera.height, camera.width, 2)
-        self.camera = straight.resized(self._scale * straight.width, self._scale * straight.height)
-        columns, rows = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
-        flat = pixel_rays(self.camera, np.stack([columns, rows], -1).reshape(-1, 2).astype(np.float64))
-        self.rays: Float64[np.ndarray, "n 3"] = np.column_stack([flat, np.ones(len(flat))])
+        self.camera = straight.resized(self.supersampling * straight.width, self.supersampling * straight.height)
+        flat = pixel_rays(self.camera, _all_pixels(self.camera))
+        self.rays = np.column_stack([flat, np.ones(len(flat))]).astype(np.float32)
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """Values of the canvas [height, width] next to the pixels of the camera."""
         if self._maps is None:
-            return values[self._scale // 2 :: self._scale, self._scale // 2 :: self._scale].copy()
+            return values[
+                self.supersampling // 2 :: self.supersampling, self.supersampling // 2 :: self.supersampling
+            ].copy()
         columns, rows = np.round(self._maps).astype(int).reshape(-1, 2).T
         height, width = values.shape
         return values[rows.clip(0, height - 1), columns.clip(0, width - 1)].reshape(self._maps.shape[:2])
@@ -62,9 +64,9 @@ class Canvas:
         """Colors of the pixels of the camera."""
         cv2, size = require_opencv(), (self._camera.width, self._camera.height)
         if self._maps is None:
-            return picture if self._scale == 1 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        if self._scale > 1:
-            picture = cv2.blur(picture, (self._scale, self._scale))
+            return picture if self.supersampling == 1 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        if self.supersampling > 1:
+            picture = cv2.blur(picture, (self.supersampling, self.supersampling))
         return cv2.remap(picture, self._maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def depths(
@@ -91,3 +93,9 @@ class Canvas:
         inverse[on_face] = value.clip(limits[chosen, 0], limits[chosen, 1])
         with np.errstate(divide="ignore"):
             return np.where(inverse > 1e-4, 1 / inverse, np.inf).astype(np.float32).reshape(faces.shape)
+
+
+def _all_pixels(camera: Camera) -> Float64[np.ndarray, "n 2"]:
+    """Column and row of all pixels, row by row."""
+    columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64))
+    return np.stack([columns, rows], -1).reshape(-1, 2)

@@ -22,6 +22,7 @@ class Look:
       sun_color, ambient: light of the sun and of the sky, 0 is none.
       zenith, horizon: colors of the sky, 0..1.
       shadows: how dark shadows are, 0..1.
+      headlights: light of the carrier on what is near, compared with ``ambient``.
       visibility: depth at which haze of the color of the horizon hides 63 % [m].
       road, sidewalk, terrain, marking: colors of the ground.
       exposure, contrast, saturation: of the picture; 1 changes nothing.
@@ -38,6 +39,7 @@ class Look:
     zenith: Rgb = (0.35, 0.55, 0.85)
     horizon: Rgb = (0.80, 0.87, 0.93)
     shadows: float = 0.45
+    headlights: float = 0.0
     visibility: float = 400.0
     road: Rgb = (0.34, 0.34, 0.35)
     sidewalk: Rgb = (0.58, 0.56, 0.53)
@@ -67,7 +69,7 @@ class Look:
         return dataclasses.replace(
             camera,
             rotation=camera.rotation @ level.T @ turn,
-            translation=camera.translation + [0.0, 0.0, self.raise_by],
+            translation=camera.translation + np.array([0.0, 0.0, self.raise_by]),
             distortion=np.array([self.lens, 0.0, 0.0, 0.0, 0.0]) if self.lens else camera.distortion,
         )
 
@@ -109,16 +111,18 @@ WEATHER: dict[str, Look] = {
         zenith=(0.22, 0.27, 0.48),
         horizon=(0.92, 0.60, 0.38),
         shadows=0.35,
+        headlights=0.15,
         visibility=300.0,
     ),
     "night": Look(
         sun_color=(0.0, 0.0, 0.0),
-        ambient=(0.13, 0.14, 0.18),
+        ambient=(0.26, 0.27, 0.33),
         zenith=(0.01, 0.01, 0.03),
         horizon=(0.05, 0.05, 0.08),
         shadows=0.0,
+        headlights=2.5,
         visibility=120.0,
-        noise=0.02,
+        noise=0.01,
     ),
 }
 """Looks from which ``random_look`` starts."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -14,16 +15,16 @@ from scjax.camera.dashcam.canvas import Canvas
 from scjax.camera.dashcam.look import Look
 from scjax.camera.dashcam.materials import Material
 from scjax.camera.dashcam.road_surface import RoadSurface
-from scjax.camera.dashcam.shading import add_windows, face_colors, finish, grain, ground_light, sky_colors
+from scjax.camera.dashcam.shading import face_colors, finish, grain, ground_light, sky_colors, with_windows
 from scjax.camera.dashcam.world_solids import WorldSolids
 from scjax.camera.dashcam.zbuffer import ZBuffer, picture_faces
-from scjax.camera.projection import NEAR
-from scjax.camera.raster import require_opencv
+from scjax.camera.projection import NEAR, project_faces
+from scjax.camera.raster import convex_hull, fill_smooth, require_opencv
 from scjax.camera.rig import CameraPoses, Rig
 from scjax.scene import Log, Map, Scene
 
-_GROUND_GRAIN, _LEAF_GRAIN = 0.10, 0.22  # shares of the brightness
-_GRAIN_DEPTH = 15.0  # m; grain fades with depth
+_LEAF_GRAIN = 0.22  # share of the brightness
+_BEAM = 18.0  # m; depth at which headlights have lost 63 % of their light
 
 
 class DashcamFrame(NamedTuple):
@@ -40,6 +41,14 @@ class DashcamFrame(NamedTuple):
     depth: Float32[np.ndarray, "height width"]
     classes: UInt8[np.ndarray, "height width"]
     ids: Int32[np.ndarray, "height width"]
+
+
+class _Surfaces(NamedTuple):
+    """Lit colors, normals and materials of faces in the picture."""
+
+    colors: np.ndarray
+    normals: np.ndarray
+    materials: np.ndarray
 
 
 class DashcamRenderer:
@@ -78,6 +87,14 @@ class DashcamRenderer:
         self._solids = WorldSolids(self.log, self._mount.ground, self.look.seed, self._mount.index)
         self._surface = RoadSurface(self.log, self.look)
 
+    def through(self, camera: str) -> DashcamRenderer:
+        """The renderer of another camera of the rig, which shares what took time to prepare."""
+        other = copy.copy(self)
+        other.camera = self.look.varied_camera(self._mount.rig.camera(camera))
+        other.poses = self._mount.camera_poses(other.camera)
+        other._canvas = Canvas(other.camera, self._canvas.supersampling)
+        return other
+
     def frame(self, step: int = 0) -> DashcamFrame:
         """The picture at a step.
 
@@ -90,19 +107,20 @@ class DashcamRenderer:
         position = self.poses.translations[step].copy()
         position[2] = max(position[2] - float(self._mount.ground.heights(position[None, :2], step)[0]), 0.1)
         canvas = self._canvas
-        shadows = self._solids.shadows(step, position, self.look.to_sun)
-        ground, classes, background = self._surface.view(canvas.camera, rotation, position, shadows)
+        ground = self._surface.view(canvas.camera, rotation, position)
         ahead = rotation[:2, 2] / max(float(np.hypot(*rotation[:2, 2])), 1e-6)
         solids = self._solids.at(step, position, ahead)
         local = (solids.corners - position) @ rotation
         solid, face, polygons, planes, limits = picture_faces(canvas.camera, local, NEAR)
-        buffer = ZBuffer(canvas.camera, background)
+        buffer = ZBuffer(canvas.camera, ground.inverse_depth)
         buffer.draw(polygons, planes, limits)
         colors, normals = face_colors(solids, solid, face, self.look)
-        picture = self._composed(buffer, ground, colors, normals, solids.materials[solid, face], rotation, position)
+        shade = self._shade(step, rotation, position)
+        surfaces = _Surfaces(colors, normals, solids.materials[solid, face])
+        picture = self._composed(buffer, ground.colors, shade, surfaces, rotation, position)
         faces = canvas.nearest(buffer.faces)
         on_face = faces >= 0
-        classes = canvas.nearest(classes)
+        classes = canvas.nearest(ground.classes)
         classes[on_face] = solids.classes[solid[faces[on_face]]]
         ids = np.full(faces.shape, -1, np.int32)
         ids[on_face] = solids.ids[solid[faces[on_face]]]
@@ -115,46 +133,64 @@ class DashcamRenderer:
         """Pictures one after the other, by default at all steps at which the carrier is there."""
         return (self.frame(int(step)).rgb for step in (self.steps if steps is None else steps))
 
+    def _shade(self, step: int, rotation: np.ndarray, position: np.ndarray) -> UInt8[np.ndarray, "height width"] | None:
+        """How dark shadows make the ground in the canvas; None without any."""
+        outlines = self._solids.shadows(step, position, self.look.to_sun)
+        if not len(outlines) or self.look.shadows < 0.02:
+            return None
+        camera = self._canvas.camera
+        flat = np.concatenate([outlines - position[:2], np.full((*outlines.shape[:2], 1), -position[2])], -1)
+        hulls = np.stack([_padded(convex_hull(outline[:, :2]), 8) for outline in flat])
+        corners = np.concatenate([hulls, flat[..., 2:]], -1) @ rotation
+        polygons = project_faces(camera, corners, NEAR)
+        shade = np.zeros((camera.height, camera.width), np.uint8)
+        for polygon in polygons[np.isfinite(polygons).all((1, 2))]:
+            fill_smooth(shade, polygon, round(255 * self.look.shadows))
+        return shade
+
     def _composed(
         self,
         buffer: ZBuffer,
         ground: np.ndarray,
-        colors: np.ndarray,
-        normals: np.ndarray,
-        materials: np.ndarray,
+        shade: np.ndarray | None,
+        surfaces: _Surfaces,
         rotation: np.ndarray,
         position: np.ndarray,
     ) -> Float32[np.ndarray, "height width 3"]:
         """Colors of the canvas, with haze."""
-        look, rays = self.look, self._canvas.rays @ rotation.T  # of the world, at depth 1
-        inverse = buffer.inverse_depth.ravel()
-        faces = buffer.faces.ravel()
-        picture = np.empty((len(inverse), 3), np.float32)
-        sky = inverse <= 0
-        on_face = faces >= 0
-        depth = 1 / np.where(sky, 1.0, inverse)
-        below = np.flatnonzero(~sky & ~on_face)
-        shine = ground_light(look).astype(np.float32)
-        near = depth[below] < 3 * _GRAIN_DEPTH
-        places = below[near]
-        points = position[:2] + rays[places, :2] * depth[places, None]
-        fade = np.float32(_GROUND_GRAIN) * np.exp(-depth[places] / _GRAIN_DEPTH)
-        picture[below] = ground.reshape(-1, 3)[below] * shine
-        picture[places] *= (1 + fade * (grain(points, 0.06) + grain(points, 0.5)))[:, None]
-        shown = np.flatnonzero(on_face)
-        picture[shown] = colors[faces[shown]]
-        material = materials[faces[shown]] if len(materials) else np.zeros(0, int)
-        walls, leaves = shown[material == Material.WALL], shown[material == Material.LEAVES]
-        wall_colors = picture[walls]
-        add_windows(wall_colors, position + rays[walls] * depth[walls, None], normals[faces[walls]], look)
-        picture[walls] = wall_colors
-        points = position + rays[leaves] * depth[leaves, None]
-        picture[leaves] *= (1 + _LEAF_GRAIN * grain(points, 0.35))[:, None]
-        haze = np.exp(-depth / look.visibility).astype(np.float32)[:, None]
+        look = self.look
+        inverse, faces = buffer.inverse_depth.ravel(), buffer.faces.ravel()
+        picture = (ground * ground_light(look).astype(np.float32)).reshape(-1, 3)
+        if shade is not None:
+            picture *= 1 - shade.reshape(-1, 1) * np.float32(1 / 255)
+        shown = np.flatnonzero(faces >= 0)
+        chosen = faces[shown]
+        colors = surfaces.colors[chosen]
+        material = surfaces.materials[chosen]
+        for part in (Material.WALL, Material.LEAVES):
+            places = np.flatnonzero(material == part)
+            pixels = shown[places]
+            points = position + (self._canvas.rays[pixels] @ rotation.T) / inverse[pixels, None]
+            if part == Material.WALL:
+                colors[places] = with_windows(colors[places], points, surfaces.normals[chosen[places]], look)
+            else:
+                colors[places] *= (1 + _LEAF_GRAIN * grain(points, 0.35))[:, None]
+        picture[shown] = colors
+        depth = 1 / np.maximum(inverse, np.float32(1e-4))
+        if look.headlights:
+            picture *= (1 + np.float32(look.headlights) * np.exp(depth / np.float32(-_BEAM)))[:, None]
+        haze = np.exp(depth / np.float32(-look.visibility))[:, None]
+        picture -= 255 * np.array(look.horizon, np.float32)
         picture *= haze
-        picture += (1 - haze) * (255 * np.array(look.horizon, np.float32))
-        picture[sky] = sky_colors(rays[sky, 2] / np.linalg.norm(rays[sky], axis=-1), look)
+        picture += 255 * np.array(look.horizon, np.float32)
+        sky = np.flatnonzero(inverse <= 0)
+        picture[sky] = sky_colors(self._canvas.rays[sky] @ rotation[2].astype(np.float32), look)
         return picture.reshape(*buffer.faces.shape, 3)
+
+
+def _padded(points: np.ndarray, count: int) -> np.ndarray:
+    """Points with the last one repeated."""
+    return points[np.minimum(np.arange(count), len(points) - 1)]
 
 
 def render_dashcam(

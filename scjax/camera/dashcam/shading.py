@@ -16,6 +16,7 @@ from scjax.camera.raster import require_opencv
 
 _GRAIN = 256  # cells of the table of grain, which repeats
 _FLOOR, _WINDOW_LOW, _WINDOW_HIGH = 3.2, 1.0, 2.4  # m, of facades
+_SKY_STEPS, _SKY_TOP = 256, 0.7  # colors between the horizon and the top of the sky, which has this slope
 _BAY, _BAY_LOW, _BAY_HIGH = 2.6, 0.6, 2.0  # m
 
 
@@ -42,18 +43,18 @@ def ground_light(look: Look) -> np.ndarray:
     return np.array(look.ambient) + np.array(look.sun_color) * max(look.to_sun[2], 0.0)
 
 
-def add_windows(
+def with_windows(
     colors: Float32[np.ndarray, "n 3"],
     points: Float64[np.ndarray, "n 3"],
     normals: Float64[np.ndarray, "n 3"],
     look: Look,
-) -> None:
-    """Puts windows into the pixels of walls, at these points of the world."""
+) -> Float32[np.ndarray, "n 3"]:
+    """Colors of walls at these points of the world, where some of them are windows."""
     along = points[:, 1] * normals[:, 0] - points[:, 0] * normals[:, 1]
     floor, bay = points[:, 2] % _FLOOR, along % _BAY
     window = (floor > _WINDOW_LOW) & (floor < _WINDOW_HIGH) & (bay > _BAY_LOW) & (bay < _BAY_HIGH)
-    glass = 255 * (0.10 + 0.30 * np.array(look.horizon))
-    colors[window] = glass.astype(np.float32)
+    glass = (255 * (0.10 + 0.30 * np.array(look.horizon))).astype(np.float32)
+    return np.where(window[:, None], glass, colors)
 
 
 def grain(points: Float64[np.ndarray, "n dims"], cell: float) -> Float32[np.ndarray, " n"]:
@@ -68,10 +69,12 @@ def _grain_table() -> Float32[np.ndarray, "256 256"]:
     return np.random.default_rng(0).uniform(-1, 1, (_GRAIN, _GRAIN)).astype(np.float32)
 
 
-def sky_colors(elevation: Float64[np.ndarray, " n"], look: Look) -> Float32[np.ndarray, "n 3"]:
-    """Colors of the sky at sines of the elevation, 0..255."""
-    share = (elevation / 0.6).clip(0, 1)[:, None] ** 0.7
-    return (255 * ((1 - share) * np.array(look.horizon) + share * np.array(look.zenith))).astype(np.float32)
+def sky_colors(slope: Float32[np.ndarray, " n"], look: Look) -> Float32[np.ndarray, "n 3"]:
+    """Colors of the sky at vertical directions, meters up per meter along the axis of the camera; 0..255."""
+    share = (np.arange(_SKY_STEPS) / (_SKY_STEPS - 1))[:, None] ** 0.7
+    table = 255 * ((1 - share) * np.array(look.horizon) + share * np.array(look.zenith))
+    index = (slope * np.float32((_SKY_STEPS - 1) / _SKY_TOP)).clip(0, _SKY_STEPS - 1).astype(np.intp)
+    return table.astype(np.float32)[index]
 
 
 def finish(
@@ -82,8 +85,7 @@ def finish(
     if look.saturation != 1.0:
         gray = cv2.transform(picture, np.array([[0.30, 0.59, 0.11]], np.float32))
         picture = cv2.addWeighted(picture, look.saturation, cv2.merge([gray] * 3), 1 - look.saturation, 0.0)
-    gain = look.exposure * look.contrast
-    picture = cv2.convertScaleAbs(picture, alpha=1.0, beta=0.0) if False else picture * np.float32(gain)
+    picture = picture * np.float32(look.exposure * look.contrast)
     if look.contrast != 1.0:
         picture += np.float32(110 * (1 - look.contrast))
     if look.vignette:
@@ -100,4 +102,12 @@ def _vignette(height: int, width: int, share: float) -> np.ndarray:
 
 
 def _noise(seed: int, step: int, shape: tuple[int, ...]) -> np.ndarray:
-    return np.random.default_rng([seed, step]).standard_normal(shape, np.float32)
+    """Normal numbers for a picture: a stretch of a long table at a place that depends on seed and step."""
+    count, table = int(np.prod(shape)), _noise_table()
+    start = int(np.random.default_rng([seed, step]).integers(len(table)))
+    return np.resize(np.roll(table, -start) if start + count > len(table) else table[start:], count).reshape(shape)
+
+
+@functools.cache
+def _noise_table() -> np.ndarray:
+    return np.random.default_rng(1).standard_normal(1 << 21, np.float32)

@@ -13,6 +13,7 @@ from scjax.camera.dashcam.solids import FRONT, LEFT, REAR, RIGHT, TOP, Part, par
 from scjax.scene import AgentType
 from scjax.scene.scene import LARGE_LENGTH
 
+_HIGH = 2.0  # m; higher cars are vans
 _LONG = 1.2  # m; longer obstacles are barriers, shorter ones cones
 
 
@@ -21,11 +22,12 @@ class Shape(enum.IntEnum):
 
     CAR = 0
     LARGE = 1
-    PERSON = 2
-    CYCLIST = 3
-    CONE = 4
-    BARRIER = 5
-    BLOCK = 6
+    VAN = 2
+    PERSON = 3
+    CYCLIST = 4
+    CONE = 5
+    BARRIER = 6
+    BLOCK = 7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +43,8 @@ class ShapeParts:
 def shape_of(types: Int[np.ndarray, " n"], sizes: Float64[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     """The shape of objects of these types and sizes [m]."""
     length = np.maximum(sizes[:, 0], sizes[:, 1])
-    vehicle = np.where(sizes[:, 0] > LARGE_LENGTH, Shape.LARGE, Shape.CAR)
+    small = np.where(sizes[:, 2] > _HIGH, Shape.VAN, Shape.CAR)
+    vehicle = np.where(sizes[:, 0] > LARGE_LENGTH, Shape.LARGE, small)
     static = np.where(length > _LONG, Shape.BARRIER, Shape.CONE)
     cases = [types == kind for kind in AgentType]
     return np.select(cases, [vehicle, Shape.PERSON, Shape.CYCLIST, static], Shape.BLOCK)
@@ -81,6 +84,13 @@ _LARGE = [
     *_lights(0.20, 0.07),
     Part((-0.504, -0.5, 0.13), (-0.49, 0.5, 0.17), Material.METAL),
 ]
+_VAN = [
+    Part((-0.5, -0.5, 0.14), (0.5, 0.5, 0.52), Material.PAINT, taper=(0.0, 0.05, 0.01)),
+    Part((-0.5, -0.49, 0.52), (0.40, 0.49, 1.0), Material.PAINT, taper=(0.01, 0.13, 0.05)),
+    Part((0.05, -0.495, 0.56), (0.40, 0.495, 0.88), Material.GLASS, taper=(0.0, 0.085, 0.034)),
+    *_wheels(0.33, 0.06, 0.32, 0.07),
+    *_lights(0.36, 0.09),
+]
 _PERSON = [
     Part((-0.17, -0.28, 0.0), (0.17, 0.28, 0.48), Material.TROUSERS, taper=(-0.05, -0.05, -0.04)),
     Part((-0.25, -0.40, 0.47), (0.25, 0.40, 0.84), Material.CLOTH, taper=(0.06, 0.06, 0.06)),
@@ -115,6 +125,7 @@ def _shape(parts: list[Part], coarse: int) -> ShapeParts:
 SHAPES: dict[Shape, ShapeParts] = {
     Shape.CAR: _shape(_CAR, 2),
     Shape.LARGE: _shape(_LARGE, 3),
+    Shape.VAN: _shape(_VAN, 3),
     Shape.PERSON: _shape(_PERSON, 3),
     Shape.CYCLIST: _shape(_CYCLIST, 4),
     Shape.CONE: _shape(_CONE, 3),

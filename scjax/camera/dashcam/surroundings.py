@@ -17,6 +17,7 @@ from scjax.camera.dashcam.solids import (
     place_parts,
 )
 from scjax.scene import Log
+from scjax.scene.polyline import spread_points
 
 _CELL = 14.0  # m; each cell of the ground has at most one thing
 _AROUND = 45.0  # m beyond the lanes
@@ -32,7 +33,7 @@ _TREE_PARTS = [
 
 def surrounding_solids(log: Log, seed: int) -> Solids:
     """Buildings and trees around the lanes of a log, on level ground at z = 0."""
-    lines = [lane.points[:, :2] for lane in log.lanes if len(lane.points) > 1]
+    lines = [spread_points(lane.points, 2.0)[:, :2] for lane in log.lanes if len(lane.points) > 1]
     if not lines:
         return no_solids()
     from scipy.spatial import KDTree

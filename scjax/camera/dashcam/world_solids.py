@@ -18,6 +18,7 @@ from scjax.scene import NO_EGO, AgentType, Log, Signal
 
 DETAIL = 25.0  # m; objects farther away are drawn with their coarse parts only
 REACH = 130.0  # m
+_SHADOWS = 60.0  # m; shadows farther away are not drawn
 _LAMPS = {
     Signal.GO: (Material.LAMP_GO, -0.33),
     Signal.CAUTION: (Material.LAMP_CAUTION, 0.0),
@@ -126,20 +127,20 @@ class WorldSolids:
             np.full(2 * count, -1),
         )
 
-    def shadows(self, step: int, position: np.ndarray, to_sun: Float64[np.ndarray, " 3"]) -> list[np.ndarray]:
-        """Outlines of the shadows of objects on the ground [n, 2] m."""
-        from scjax.camera.raster import convex_hull
+    def shadows(
+        self, step: int, position: Float64[np.ndarray, " 3"], to_sun: Float64[np.ndarray, " 3"]
+    ) -> Float64[np.ndarray, "n 8 2"]:
+        """Corners of near boxes and of their shadows' far ends, on the ground [m]; none without sun.
 
-        if to_sun[2] < 0.05:
-            return []
+        A shadow is the convex hull of its eight corners.
+        """
         rows, places = self.feet(step)
-        near = np.abs(places[:, :2] - position[:2]).max(-1, initial=0.0) < 60.0
-        rows, places = rows[near], places[near]
+        near = np.abs(places[:, :2] - position[:2]).max(-1, initial=0.0) < _SHADOWS
+        rows, places = rows[near & (to_sun[2] > 0.05)], places[near & (to_sun[2] > 0.05)]
         sizes = self._sizes[rows]
         bottom = box_corners_3d(places, self._log.headings[rows, step], sizes * [1.0, 1.0, 0.0])[:, :4, :2]
-        shift = -to_sun[:2] / to_sun[2] * (0.9 * sizes[:, 2:])
-        outlines = np.concatenate([bottom, bottom + shift[:, None]], 1)
-        return [convex_hull(outline - position[:2]) + position[:2] for outline in outlines]
+        shift = -to_sun[:2] / max(to_sun[2], 0.05) * (0.9 * sizes[:, 2:])
+        return np.concatenate([bottom, bottom + shift[:, None]], 1)
 
 
 def _own_colors(name: str, seed: int) -> np.ndarray:

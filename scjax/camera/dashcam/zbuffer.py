@@ -65,14 +65,15 @@ class ZBuffer:
             if right <= left or bottom <= top:
                 continue
             depth = self.inverse_depth[top:bottom, left:right]
-            if right - left < 3 and bottom - top < 3 and tops[face] < depth.min():
+            if tops[face] < depth.min():
                 continue
             mask = mask_buffer[: bottom - top, : right - left]
             mask[...] = 0
             cv2.fillConvexPoly(mask, corners[face], 1, cv2.LINE_8, _SHIFT)
             across, down, constant = slopes[face]
             plane = across * columns[left:right] + (down * rows[top:bottom] + constant)
-            np.clip(plane, floors[face], tops[face], out=plane)
+            np.minimum(plane, tops[face], out=plane)
+            np.maximum(plane, floors[face], out=plane)
             nearer = (plane > depth) & mask.view(bool)
             np.copyto(depth, plane, where=nearer)
             np.copyto(self.faces[top:bottom, left:right], face, where=nearer)
