@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from scjax.scene.files import write_text
 POSES_FORMAT, POSES_VERSION = "scjax-camera-poses", 1
 
 
+@runtime_checkable
 class PosedCamera(Protocol):
     """A renderer of a log, or anything else with a camera that has a pose at each step."""
 

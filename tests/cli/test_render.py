@@ -129,3 +129,15 @@ def test_render_without_opencv_names_the_cure(run, monkeypatch, tmp_path):
 
 def test_help_lists_the_presets():
     assert all(name.removesuffix("-raw") in (render_command.help or "") for name in CAMERA_PRESETS)
+
+
+def test_render_makes_dashcam_pictures(run, tmp_path):
+    arguments = ("render", "log.npz", "--camera", "rig.json", "--dashcam", "dusk", "--seed", "3", "--buffers")
+    code, out, err = run(*arguments, "--frame", "5")
+    assert (code, out.split()) == (0, ["view.png", "view.npz", "view.cameras.json"]), err
+    with np.load(tmp_path / "view.npz") as arrays:
+        assert set(arrays) == {"depth", "ids", "classes"}
+    assert pixels(tmp_path / "view.png").std() > 5
+    assert run("render", "log.npz", "--camera", "rig.json", "--dashcam", "any", "--video", "--out", "v.mp4")[0] == 0
+    assert "choose from clear" in run("render", "log.npz", "--dashcam", "snow")[2]
+    assert run("render", "log.npz", "--dashcam", "fog", "--palette", "sc")[0] == 2
