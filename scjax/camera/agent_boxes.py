@@ -39,8 +39,15 @@ def box_corners_3d(
 def visible_faces(corners: Float64[np.ndarray, "n 8 3"]) -> Bool[np.ndarray, "n 6"]:
     """Which faces look at the origin, of corners in the frame of a camera. Faces without area do not."""
     faces = corners[:, FACES]
-    normals = np.cross(faces[:, :, 2] - faces[:, :, 0], faces[:, :, 3] - faces[:, :, 1])
-    return np.einsum("nfx,nfx->nf", normals, faces.mean(2)) < 0
+    return np.asarray(np.einsum("nfx,nfx->nf", face_normals(faces), faces[:, :, 0]) < 0)
+
+
+def face_normals(quads: Float64[np.ndarray, "*n 4 3"]) -> Float64[np.ndarray, "*n 3"]:
+    """Normals of flat faces, outwards; twice their area long."""
+    (ax, ay, az), (bx, by, bz) = (
+        np.moveaxis(quads[..., end, :] - quads[..., start, :], -1, 0) for start, end in ((0, 2), (1, 3))
+    )
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 
 
 def visible_edges(faces: Bool[np.ndarray, "n 6"]) -> Bool[np.ndarray, "n 12"]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
+from scjax.camera.agent_boxes import face_normals
 from scjax.camera.camera import Camera
 from scjax.camera.projection import pixel_rays
 from scjax.camera.raster import draw_indices, fill_index
@@ -89,7 +90,7 @@ def _on_lines(pixels: np.ndarray, lines: np.ndarray, ends: np.ndarray, inverse: 
 
 def _on_faces(rays: np.ndarray, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Inverse depths where rays meet the planes of faces, kept between those of their corners."""
-    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normals = face_normals(corners)
     distance = (normals * corners[:, 0]).sum(-1, keepdims=True)
     planes = normals / np.where(np.abs(distance) < 1e-12, 1e-12, distance)  # a visible face has a distance
     depths = corners[:, :, 2].clip(1e-3, None)

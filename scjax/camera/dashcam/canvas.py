@@ -13,6 +13,7 @@ from scjax.camera.projection import pixel_rays
 from scjax.camera.raster import require_opencv
 from scjax.scene.arguments import whole_number
 
+_LEAST = 1e-4  # 1/m; ground farther away is sky
 _WIDEST = 4.0  # x or y at depth 1; what a lens shows farther beside is cut
 
 
@@ -71,6 +72,7 @@ class Canvas:
 
     def depths(
         self,
+        drawn: Float32[np.ndarray, "rows columns"],
         faces: Int32[np.ndarray, "height width"],
         planes: Float64[np.ndarray, "n 3"],
         limits: Float64[np.ndarray, "n 2"],
@@ -79,9 +81,13 @@ class Canvas:
         """Depth of the camera's own pixels on these faces, or on the ground where there is none [m]; inf in the sky.
 
         Args:
+          drawn: inverse depth of the pixels of the canvas, which may be those of the camera.
           planes, limits: of ``ZBuffer.draw``.
           ground: inverse depth of the ground is ground . (x, y, 1) of a ray at depth 1.
         """
+        if self._maps is None and self.supersampling == 1:
+            with np.errstate(divide="ignore"):
+                return np.where(drawn > _LEAST, 1 / drawn, np.float32(np.inf))
         x, y = self._rays[:, 0], self._rays[:, 1]
         inverse = (ground[0] * x + ground[1] * y + ground[2]).clip(0, None)
         flat = faces.ravel()
@@ -92,7 +98,7 @@ class Canvas:
         value = plane[:, 0] * x[on_face] + plane[:, 1] * y[on_face] + plane[:, 2]
         inverse[on_face] = value.clip(limits[chosen, 0], limits[chosen, 1])
         with np.errstate(divide="ignore"):
-            return np.where(inverse > 1e-4, 1 / inverse, np.inf).astype(np.float32).reshape(faces.shape)
+            return np.where(inverse > _LEAST, 1 / inverse, np.inf).astype(np.float32).reshape(faces.shape)
 
 
 def _all_pixels(camera: Camera) -> Float64[np.ndarray, "n 2"]:

@@ -124,7 +124,7 @@ class DashcamRenderer:
         classes[on_face] = solids.classes[solid[faces[on_face]]]
         ids = np.full(faces.shape, -1, np.int32)
         ids[on_face] = solids.ids[solid[faces[on_face]]]
-        depth = canvas.depths(faces, planes, limits, rotation[2] / -position[2])
+        depth = canvas.depths(buffer.inverse_depth, faces, planes, limits, rotation[2] / -position[2])
         classes[np.isinf(depth)] = 0
         rgb = finish(canvas.smooth(picture), self.camera, self.look, step)
         return DashcamFrame(rgb, depth, classes, ids)

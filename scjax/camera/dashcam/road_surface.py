@@ -14,7 +14,7 @@ from scjax.camera.camera import Camera
 from scjax.camera.dashcam.look import Look
 from scjax.camera.dashcam.materials import SemanticClass
 from scjax.camera.raster import require_opencv
-from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, lane_sides, simplified
+from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, lane_sides
 from scjax.scene import Log
 from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import cumulative_length
@@ -41,8 +41,9 @@ class GroundLayer(NamedTuple):
         return self.side / 2 - self.reach
 
 
-LAYERS = (GroundLayer(80.0, 0.0625, 28.0), GroundLayer(320.0, 0.25, 130.0))
-"""The near one is finer; the far one covers the rest of the view."""
+_NEAR = GroundLayer(64.0, 0.0625, 24.0)
+_FAR, _COARSE = GroundLayer(320.0, 0.25, 130.0), GroundLayer(320.0, 0.5, 130.0)
+_SMALL_FOCAL = 400.0  # pixels; cameras with less see no details of the far ground
 
 _TERRAIN, _WALK, _ROAD, _WHITE, _YELLOW_LINE, _STOP_LINE = range(6)
 _CLASSES = np.zeros(256, np.uint8)
@@ -112,13 +113,14 @@ class RoadSurface:
         cv2 = require_opencv()
         inverse = np.linalg.inv(camera.intrinsic)
         plane = (rotation[2] / -position[2]) @ inverse  # inverse depth of the ground of (column, row, 1)
-        columns, rows = np.arange(camera.width), np.arange(camera.height)[:, None]
-        depth = (plane[0] * columns + (plane[1] * rows + plane[2])).astype(np.float32)
+        columns, rows = np.arange(camera.width, dtype=np.float32), np.arange(camera.height, dtype=np.float32)[:, None]
+        depth = _of_pixels(plane, columns, rows)
         below = depth > _LEAST
         size = (camera.width, camera.height)
         smooth, exact = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         colors, codes = np.zeros(0, np.uint8), np.zeros(0, np.uint8)
-        for layer in reversed(LAYERS):
+        layers = (_COARSE if camera.intrinsic[0, 0] < _SMALL_FOCAL else _FAR, _NEAR)
+        for layer in layers:
             drawn = self._layer(layer, position[:2])
             # (column, row, 1) of the picture -> (column, row, 1) of the layer, times inverse depth.
             offset = position[:2] - drawn.middle
@@ -128,15 +130,15 @@ class RoadSurface:
             matrix[:2] -= 0.5 * plane
             near_colors = cv2.warpPerspective(drawn.colors, matrix, size, flags=smooth)
             near_codes = cv2.warpPerspective(drawn.codes, matrix, size, flags=exact)
-            if layer is LAYERS[-1]:
+            if layer is not _NEAR:
                 colors, codes = near_colors, near_codes
                 continue
             # Within reach along the axis of the camera, and inside the window to both sides.
-            east, north = (np.abs(m[0] * columns + (m[1] * rows + m[2])) for m in ground)
-            inside = (np.maximum(east, north) < (half - 1) * depth) & (depth > 1 / layer.reach)
-            np.copyto(colors, near_colors, where=inside[..., None])
-            np.copyto(codes, near_codes, where=inside)
-        classes = _CLASSES[codes]
+            east, north = (np.abs(_of_pixels(row, columns, rows)) for row in ground)
+            inside = (np.maximum(east, north) < np.float32(half - 1) * depth) & (depth > np.float32(1 / layer.reach))
+            mask = inside.view(np.uint8)
+            colors, codes = cv2.copyTo(near_colors, mask, colors), cv2.copyTo(near_codes, mask, codes)
+        classes = cv2.LUT(codes, _CLASSES)
         classes[~below] = SemanticClass.SKY
         return GroundView(colors, classes, np.where(below, depth, np.float32(0)))
 
@@ -174,10 +176,18 @@ class RoadSurface:
             palette[code, 0] = _bytes(share * np.array(color) + (1 - share) * np.array(look.road))
             cv2.polylines(codes, list(fixed(chosen)), False, code, cells, cv2.LINE_8, _SHIFT)
         colors = cv2.applyColorMap(codes, np.ascontiguousarray(palette))
+        if layer is not _NEAR:
+            return _Drawn(middle, colors, codes)
         tile = _grain_tile()
         repeats = -(-count // tile.shape[0])
         shade = np.tile(tile, (repeats, repeats, 1))[:count, :count]
         return _Drawn(middle, cv2.multiply(colors, shade, scale=1 / 128), codes)
+
+
+def _of_pixels(row: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """row . (column, row, 1) of all pixels."""
+    across, down, constant = row.astype(np.float32)
+    return across * columns + (down * rows + constant)
 
 
 @functools.cache
@@ -196,9 +206,7 @@ def _bytes(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
 
 def _lines_of(log: Log) -> _Lines:
     polylines = [
-        simplified(lane.points)[:, :2]
-        for lane in log.lanes
-        if len(lane.points) > 1 and lane.lane_type not in NO_CAR_LANE_TYPES
+        lane.points[:, :2] for lane in log.lanes if len(lane.points) > 1 and lane.lane_type not in NO_CAR_LANE_TYPES
     ]
     low = np.array([line.min(0) for line in polylines]).reshape(-1, 2)
     high = np.array([line.max(0) for line in polylines]).reshape(-1, 2)

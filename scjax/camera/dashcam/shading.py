@@ -7,7 +7,7 @@ import functools
 import numpy as np
 from jaxtyping import Float32, Float64, Int, UInt8
 
-from scjax.camera.agent_boxes import FACES
+from scjax.camera.agent_boxes import FACES, face_normals
 from scjax.camera.camera import Camera
 from scjax.camera.dashcam.look import Look
 from scjax.camera.dashcam.materials import GLOWING, Material
@@ -25,7 +25,7 @@ def face_colors(
 ) -> tuple[Float32[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
     """Lit colors of faces, 0..255, and their normals."""
     quads = solids.corners[solid[:, None], FACES[face]]
-    normals = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
+    normals = face_normals(quads)
     normals = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
     base, material = solids.colors[solid, face], solids.materials[solid, face]
     sky = 0.75 + 0.25 * normals[:, 2:]  # faces that look up see more of the sky

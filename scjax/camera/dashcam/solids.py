@@ -32,7 +32,7 @@ class Solids(NamedTuple):
     ids: Int[np.ndarray, " n"]
 
 
-class Part(NamedTuple):
+class SolidPart(NamedTuple):
     """A solid of a shape, in shares of the length, width and height of its box, from the middle of its bottom.
 
     Attributes:
@@ -49,7 +49,7 @@ class Part(NamedTuple):
     faces: tuple[tuple[int, Material], ...] = ()
 
 
-def part_corners(parts: Sequence[Part]) -> Float64[np.ndarray, "parts 8 3"]:
+def part_corners(parts: Sequence[SolidPart]) -> Float64[np.ndarray, "parts 8 3"]:
     """Corners of parts, in shares of their box."""
     corners = np.empty((len(parts), 8, 3))
     for row, part in enumerate(parts):
@@ -60,7 +60,7 @@ def part_corners(parts: Sequence[Part]) -> Float64[np.ndarray, "parts 8 3"]:
     return corners
 
 
-def part_materials(parts: Sequence[Part]) -> Int[np.ndarray, "parts 6"]:
+def part_materials(parts: Sequence[SolidPart]) -> Int[np.ndarray, "parts 6"]:
     """Material of each face of parts."""
     materials = np.repeat(np.array([part.material for part in parts])[:, None], 6, 1)
     for row, part in enumerate(parts):

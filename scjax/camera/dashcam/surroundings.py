@@ -8,7 +8,7 @@ from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.dashcam.materials import COLORS, LEAVES, WALLS, Material, SemanticClass
 from scjax.camera.dashcam.solids import (
     TOP,
-    Part,
+    SolidPart,
     Solids,
     join_solids,
     no_solids,
@@ -25,9 +25,9 @@ _MAX_CELLS = 6000
 _BUILDING, _TREE = 0.45, 0.35  # shares of the cells
 _CLEAR = 4.5  # m between a lane's center and what stands beside it
 _TREE_PARTS = [
-    Part((-0.06, -0.06, 0.0), (0.06, 0.06, 0.45), Material.TRUNK),
-    Part((-0.5, -0.5, 0.35), (0.5, 0.5, 0.75), Material.LEAVES, taper=(-0.02, -0.02, -0.02)),
-    Part((-0.42, -0.42, 0.75), (0.42, 0.42, 1.0), Material.LEAVES, taper=(0.22, 0.22, 0.22)),
+    SolidPart((-0.06, -0.06, 0.0), (0.06, 0.06, 0.45), Material.TRUNK),
+    SolidPart((-0.5, -0.5, 0.35), (0.5, 0.5, 0.75), Material.LEAVES, taper=(-0.02, -0.02, -0.02)),
+    SolidPart((-0.42, -0.42, 0.75), (0.42, 0.42, 1.0), Material.LEAVES, taper=(0.22, 0.22, 0.22)),
 ]
 
 

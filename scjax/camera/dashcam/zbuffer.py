@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int32
 
-from scjax.camera.agent_boxes import FACES, visible_faces
+from scjax.camera.agent_boxes import FACES, face_normals, visible_faces
 from scjax.camera.camera import Camera
 from scjax.camera.projection import project_faces
 from scjax.camera.raster import require_opencv
@@ -93,18 +93,17 @@ def picture_faces(
     Returns:
       Index of the solid, face, corners in the picture, plane and limits of inverse depth as of ``ZBuffer.draw``.
     """
-    solid, face = np.nonzero(visible_faces(corners))
-    quads = corners[:, FACES][solid, face]
-    depth = quads[..., 2]
-    ahead = depth.max(1, initial=-np.inf) > near
+    inside = np.flatnonzero((corners[..., 2].max(1, initial=-np.inf) > near) & ~_outside(camera, corners))
+    solid, face = np.nonzero(visible_faces(corners[inside]))
+    solid = inside[solid]
+    quads = corners[solid[:, None], FACES[face]]
+    ahead = quads[..., 2].max(1, initial=-np.inf) > near
     solid, face, quads = solid[ahead], face[ahead], quads[ahead]
-    outside = _outside(camera, quads)
-    solid, face, quads = solid[~outside], face[~outside], quads[~outside]
-    polygons = project_faces(camera, quads, near)
+    polygons = _polygons(camera, quads, near)
     extent = np.ptp(polygons, axis=1).max(1, initial=0.0)
     seen = np.isfinite(polygons).all((1, 2)) & (extent > _SMALLEST)
     solid, face, quads, polygons = solid[seen], face[seen], quads[seen], polygons[seen]
-    normals = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
+    normals = face_normals(quads)
     distance = (normals * quads[:, 0]).sum(-1)
     plane = normals / np.where(np.abs(distance) < 1e-12, -1e-12, distance)[:, None]
     depths = quads[..., 2].clip(near, None)
@@ -112,15 +111,27 @@ def picture_faces(
     return solid, face, polygons, pixel_planes(camera, plane), limits
 
 
+def _polygons(camera: Camera, quads: np.ndarray, near: float) -> np.ndarray:
+    """Corners of faces in the picture; only those that reach over its border or the near plane are cut."""
+    depth = quads[..., 2:]
+    pixels = quads[..., :2] / np.maximum(depth, near) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
+    within = (pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1)) & (depth >= near)
+    whole = within.all((1, 2))
+    polygons = np.empty((len(quads), 9, 2))
+    polygons[whole] = pixels[whole][:, [0, 1, 2, 3, 3, 3, 3, 3, 3]]
+    polygons[~whole] = project_faces(camera, quads[~whole], near)
+    return polygons
+
+
 def pixel_planes(camera: Camera, planes: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
     """Functions planes . (x, y, 1) of a ray at depth 1 as functions of (column, row, 1)."""
     return planes @ np.linalg.inv(camera.intrinsic)
 
 
-def _outside(camera: Camera, quads: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Faces that lie wholly beyond one border of the picture."""
+def _outside(camera: Camera, corners: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Solids that lie wholly beyond one border of the picture."""
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsic.tolist()
-    x, y, z = quads[..., 0], quads[..., 1], quads[..., 2]
+    x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
     borders = (
         fx * x + (cx + 1) * z,
         (camera.width - cx) * z - fx * x,
