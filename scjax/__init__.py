@@ -17,7 +17,7 @@ Exports:    export_log
 Maps grow:  outpaint, extend_map, complete_rear
 Traffic:    simulate, drive, RouteFollower, ConstantVelocity, Action, Observation
 Editing:    insert_agent, move_agent, remove_agents
-Pictures:   viz
+Pictures:   viz, camera
 
 Each name is imported when it is first used.
 """
@@ -28,7 +28,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scjax import viz
+    from scjax import camera, viz
     from scjax.data.imports import import_log, import_map
     from scjax.data.log_crop import crop_log
     from scjax.data.map_crop import crop_map
@@ -92,6 +92,7 @@ __all__ = [
     "Scene",
     "Signal",
     "Stream",
+    "camera",
     "complete_rear",
     "crop_log",
     "crop_map",
@@ -170,11 +171,13 @@ _PLACES = {
 """Module -> the public names in it, and what they are called there. Each is imported when it is first used: the command
 line prints its help without JAX."""
 
+_MODULES = {"camera": "scjax.camera", "samplers": "scjax.diffusion.samplers", "viz": "scjax.viz"}
+
 
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used."""
-    if name in ("samplers", "viz"):
-        return importlib.import_module({"samplers": "scjax.diffusion.samplers", "viz": "scjax.viz"}[name])
+    if name in _MODULES:
+        return importlib.import_module(_MODULES[name])
     for module, places in _PLACES.items():
         for public, _, inner in (place.partition("=") for place in places):
             if public == name:

@@ -23,6 +23,7 @@ from scjax.cli.outpaint import outpaint_command
 from scjax.cli.place import place_command
 from scjax.cli.plot import plot_command
 from scjax.cli.read import read_command
+from scjax.cli.render import render_command
 from scjax.cli.simulate import simulate_command
 from scjax.cli.train import train_command
 
@@ -48,7 +49,7 @@ DEBUG = "--debug"
 
 for command in (
     *(demo, generate, simulate_command, outpaint_command, place_command, edit_command, read_command),
-    *(evaluate, caption, attributes_command, plot_command, export_command),
+    *(evaluate, caption, attributes_command, plot_command, render_command, export_command),
     *(data, train_command, info, schema),
 ):
     cli.add_command(command)

@@ -78,16 +78,18 @@ def info(model_folder, as_json) -> None:
 
 
 @click.command()
-@click.argument("form", type=click.Choice(["scene", "recording", "map"]))
+@click.argument("form", type=click.Choice(["scene", "recording", "map", "rig"]))
 def schema(form) -> None:
-    """Prints the JSON Schema of a form of files: a scene (.json), a recording (.json.gz) or a map (.json).
+    """Prints the JSON Schema of a form of files: a scene, map or rig of cameras (.json), or a recording (.json.gz).
 
-    docs/scene-json.md and docs/maps.md explain them.
+    docs/scene-json.md, docs/maps.md and docs/camera.md explain them.
     """
+    from scjax.camera.rig_file import RigDocument
     from scjax.data.readers.scene_json import recording_schema
     from scjax.scene.document import json_schema
     from scjax.scene.map_io import MapFile
     from scjax.scene.scene_document import SceneFile
 
-    content = recording_schema() if form == "recording" else json_schema(SceneFile if form == "scene" else MapFile)
+    documents = {"scene": SceneFile, "map": MapFile, "rig": RigDocument}
+    content = recording_schema() if form == "recording" else json_schema(documents[form])
     click.echo(json.dumps(content, indent=1))

@@ -13,10 +13,10 @@ from matplotlib.path import Path as Outline
 from matplotlib.transforms import Affine2D
 
 from scjax.scene import NO_EGO, AgentType, Log, Signal
+from scjax.scene.stop_lines import stop_lines
 from scjax.viz.agent_shapes import GLASS, GLASS_OPACITY, agent_shape, rounded_box
 from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS
 from scjax.viz.road_backdrop import RoadBackdrop, draw_lines
-from scjax.viz.stop_lines import stop_lines
 
 _TRAIL_SECONDS, _TRAIL_OPACITY = 1.2, 0.28
 _SHADOW = (0.25, 0.13)  # offset [m] to the lower right, opacity

@@ -287,7 +287,7 @@ def test_debug_shows_the_trace_of_a_training(run, monkeypatch, tmp_path):
         run("--debug", "train", *arguments)
 
 
-@pytest.mark.parametrize("form", ["scene", "recording", "map"])
+@pytest.mark.parametrize("form", ["scene", "recording", "map", "rig"])
 def test_schema_is_the_published_one(run, form):
     """docs/ has what ``scjax schema`` prints: write it again with the command if this fails."""
     published = Path(__file__).resolve().parents[2] / "docs" / f"{form}.schema.json"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int
 
-from scjax.scene import Log
+from scjax.scene.log import Log
 from scjax.scene.stop_points import stop_points
 
 _WIDTH = 3.2  # m

@@ -1,0 +1,222 @@
+"""The ground around a camera: terrain, sidewalks, roads and markings, drawn from above and seen in perspective."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8
+
+from scjax.camera.camera import Camera
+from scjax.camera.dashcam.look import Look
+from scjax.camera.dashcam.materials import SemanticClass
+from scjax.camera.raster import require_opencv
+from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, lane_sides
+from scjax.scene import Log
+from scjax.scene.map_lane import NO_CAR_LANE_TYPES
+from scjax.scene.polyline import cumulative_length
+from scjax.scene.stop_lines import stop_lines
+
+_DASH, _GAP = 3.0, 6.0  # m
+_LINE_WIDTH, _STOP_WIDTH, _SIDEWALK = 0.14, 0.45, 2.0  # m
+_YELLOW = (0.85, 0.65, 0.15)
+_GRAIN = 0.08  # standard deviation of the brightness of a cell
+_SHIFT, _UNIT = 4, 16.0
+_LEAST = 1e-4  # 1/m; ground farther away is sky
+
+
+class GroundLayer(NamedTuple):
+    """A square window of the ground: ``side`` m in cells of ``cell`` m, seen up to ``reach`` m from the camera."""
+
+    side: float
+    cell: float
+    reach: float
+
+    @property
+    def slack(self) -> float:
+        """Distance of the camera from the middle up to which all within reach is in the window [m]."""
+        return self.side / 2 - self.reach
+
+
+_NEAR = GroundLayer(64.0, 0.0625, 24.0)
+_FAR, _COARSE = GroundLayer(320.0, 0.25, 130.0), GroundLayer(320.0, 0.5, 130.0)
+_SMALL_FOCAL = 400.0  # pixels; cameras with less see no details of the far ground
+
+_TERRAIN, _WALK, _ROAD, _WHITE, _YELLOW_LINE, _STOP_LINE = range(6)
+_CLASSES = np.zeros(256, np.uint8)
+_CLASSES[:6] = (
+    *(SemanticClass.TERRAIN, SemanticClass.SIDEWALK, SemanticClass.ROAD),
+    *(SemanticClass.MARKING, SemanticClass.MARKING, SemanticClass.MARKING),
+)
+
+
+class GroundView(NamedTuple):
+    """The ground in a picture.
+
+    Attributes:
+      colors: without light.
+      classes: ``SemanticClass``; SKY above the horizon.
+      inverse_depth: 0 above the horizon [1/m].
+    """
+
+    colors: UInt8[np.ndarray, "height width 3"]
+    classes: UInt8[np.ndarray, "height width"]
+    inverse_depth: Float32[np.ndarray, "height width"]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drawn:
+    """A drawn layer: place of its middle, colors and codes."""
+
+    middle: np.ndarray
+    colors: np.ndarray
+    codes: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class _Lines:
+    """Polylines of the road [n, 2] m with boxes around them, and markings as segments."""
+
+    polylines: list[np.ndarray]
+    low: np.ndarray
+    high: np.ndarray
+    white: np.ndarray
+    yellow: np.ndarray
+    stop: np.ndarray
+
+
+class RoadSurface:
+    """Draws the ground of a log around a camera. The ground is level; heights of lanes do not matter.
+
+    Windows are aligned with the map and kept until the camera leaves their middle.
+
+    Args:
+      log: whose lanes are roads.
+      look: of the picture.
+    """
+
+    def __init__(self, log: Log, look: Look):
+        self._lines, self._look = _lines_of(log), look
+        self._drawn: dict[GroundLayer, _Drawn] = {}
+
+    def view(
+        self, camera: Camera, rotation: Float64[np.ndarray, "3 3"], position: Float64[np.ndarray, " 3"]
+    ) -> GroundView:
+        """The ground in a picture.
+
+        Args:
+          rotation, position: of a pinhole camera in the frame of the log, its z above the ground.
+        """
+        cv2 = require_opencv()
+        inverse = np.linalg.inv(camera.intrinsic)
+        plane = (rotation[2] / -position[2]) @ inverse  # inverse depth of the ground of (column, row, 1)
+        columns, rows = np.arange(camera.width, dtype=np.float32), np.arange(camera.height, dtype=np.float32)[:, None]
+        depth = _of_pixels(plane, columns, rows)
+        below = depth > _LEAST
+        size = (camera.width, camera.height)
+        smooth, exact = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        colors, codes = np.zeros(0, np.uint8), np.zeros(0, np.uint8)
+        layers = (_COARSE if camera.intrinsic[0, 0] < _SMALL_FOCAL else _FAR, _NEAR)
+        for layer in layers:
+            drawn = self._layer(layer, position[:2])
+            # (column, row, 1) of the picture -> (column, row, 1) of the layer, times inverse depth.
+            offset = position[:2] - drawn.middle
+            ground = rotation[:2] @ inverse + offset[:, None] * plane
+            half = layer.side / 2
+            matrix = np.stack([ground[0] + half * plane, half * plane - ground[1], layer.cell * plane]) / layer.cell
+            matrix[:2] -= 0.5 * plane
+            near_colors = cv2.warpPerspective(drawn.colors, matrix, size, flags=smooth)
+            near_codes = cv2.warpPerspective(drawn.codes, matrix, size, flags=exact)
+            if layer is not _NEAR:
+                colors, codes = near_colors, near_codes
+                continue
+            # Within reach along the axis of the camera, and inside the window to both sides.
+            east, north = (np.abs(_of_pixels(row, columns, rows)) for row in ground)
+            inside = (np.maximum(east, north) < np.float32(half - 1) * depth) & (depth > np.float32(1 / layer.reach))
+            mask = inside.view(np.uint8)
+            colors, codes = cv2.copyTo(near_colors, mask, colors), cv2.copyTo(near_codes, mask, codes)
+        classes = cv2.LUT(codes, _CLASSES)
+        classes[~below] = SemanticClass.SKY
+        return GroundView(colors, classes, np.where(below, depth, np.float32(0)))
+
+    def _layer(self, layer: GroundLayer, place: np.ndarray) -> _Drawn:
+        """The window around a place."""
+        drawn = self._drawn.get(layer)
+        if drawn is None or np.abs(place - drawn.middle).max() > layer.slack:
+            drawn = self._drawn[layer] = self._draw(layer, np.floor(place / layer.cell) * layer.cell)
+        return drawn
+
+    def _draw(self, layer: GroundLayer, middle: np.ndarray) -> _Drawn:
+        cv2 = require_opencv()
+        look, lines, half = self._look, self._lines, layer.side / 2
+        count = round(layer.side / layer.cell)
+        codes = np.full((count, count), _TERRAIN, np.uint8)
+
+        def fixed(points: np.ndarray) -> np.ndarray:
+            cells = (points - middle) * [1.0, -1.0] + half
+            return np.round((cells / layer.cell - 0.5) * _UNIT).astype(np.int32)
+
+        near = ((lines.high > middle - half - 4) & (lines.low < middle + half + 4)).all(-1)
+        roads = [fixed(lines.polylines[row]) for row in np.flatnonzero(near).tolist()]
+        for width, code in ((LANE_WIDTH + 2 * _SIDEWALK, _WALK), (LANE_WIDTH + 0.3, _ROAD)):
+            cv2.polylines(codes, roads, False, code, max(1, round(width / layer.cell)), cv2.LINE_8, _SHIFT)
+        palette = np.zeros((256, 1, 3), np.uint8)
+        palette[:3, 0] = [_bytes(color) for color in (look.terrain, look.sidewalk, look.road)]
+        for segments, width, color, code in (
+            (lines.white, _LINE_WIDTH, look.marking, _WHITE),
+            (lines.yellow, _LINE_WIDTH, _YELLOW, _YELLOW_LINE),
+            (lines.stop, _STOP_WIDTH, look.marking, _STOP_LINE),
+        ):
+            chosen = segments[(np.abs(segments - middle) < half + 4).all((1, 2))]
+            cells = max(1, round(width / layer.cell))
+            share = min(1.0, width / (cells * layer.cell))  # lines thinner than a cell are fainter
+            palette[code, 0] = _bytes(share * np.array(color) + (1 - share) * np.array(look.road))
+            cv2.polylines(codes, list(fixed(chosen)), False, code, cells, cv2.LINE_8, _SHIFT)
+        colors = cv2.applyColorMap(codes, np.ascontiguousarray(palette))
+        if layer is not _NEAR:
+            return _Drawn(middle, colors, codes)
+        tile = _grain_tile()
+        repeats = -(-count // tile.shape[0])
+        shade = np.tile(tile, (repeats, repeats, 1))[:count, :count]
+        return _Drawn(middle, cv2.multiply(colors, shade, scale=1 / 128), codes)
+
+
+def _of_pixels(row: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """row . (column, row, 1) of all pixels."""
+    across, down, constant = row.astype(np.float32)
+    return across * columns + (down * rows + constant)
+
+
+@functools.cache
+def _grain_tile() -> UInt8[np.ndarray, "256 256 3"]:
+    """Brightness of cells around 128, fine and coarse, which repeats."""
+    rng = np.random.default_rng(0)
+    coarse = np.kron(rng.normal(0, 1, (32, 32)), np.ones((8, 8)))
+    values = 128 * (1 + _GRAIN * (0.7 * rng.normal(0, 1, (256, 256)) + 0.5 * coarse))
+    return np.repeat(values.clip(64, 192).round().astype(np.uint8)[..., None], 3, 2)
+
+
+def _bytes(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * min(max(float(value), 0.0), 1.0)) for value in color)
+    return red, green, blue
+
+
+def _lines_of(log: Log) -> _Lines:
+    polylines = [
+        lane.points[:, :2] for lane in log.lanes if len(lane.points) > 1 and lane.lane_type not in NO_CAR_LANE_TYPES
+    ]
+    low = np.array([line.min(0) for line in polylines]).reshape(-1, 2)
+    high = np.array([line.max(0) for line in polylines]).reshape(-1, 2)
+    white, yellow = [np.zeros((0, 2, 2))], [np.zeros((0, 2, 2))]
+    for side in lane_sides(log.lanes):
+        steps = np.stack([side.points[:-1, :2], side.points[1:, :2]], 1)
+        if not len(steps):
+            continue
+        beside, arc = side.beside[:-1], cumulative_length(side.points)[:-1]
+        dashed = (arc % (_DASH + _GAP)) < _DASH
+        white += [steps[beside == OUTSIDE], steps[(beside == SAME_WAY) & dashed & side.is_left]]
+        yellow.append(steps[beside == OTHER_WAY])
+    return _Lines(polylines, low, high, np.concatenate(white), np.concatenate(yellow), stop_lines(log).ends)
