@@ -35,7 +35,7 @@ def token_features(encoder: FrozenTextEncoder, ids: Sequence[np.ndarray]) -> Ite
     order = sorted(range(len(ids)), key=lambda row: len(ids[row]))
     for start in range(0, len(order), _GROUP):
         part = order[start : start + _GROUP]
-        length = -(-len(ids[part[-1]]) // _STEP) * _STEP
+        length = min(-(-len(ids[part[-1]]) // _STEP) * _STEP, encoder.config.max_tokens)
         padded, mask = np.zeros((_GROUP, length), np.int32), np.zeros((_GROUP, length), bool)
         for place, row in enumerate(part):
             padded[place, : len(ids[row])], mask[place, : len(ids[row])] = ids[row], True

@@ -4,7 +4,8 @@
 
 Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. Some tokens of a
 text are hidden. The same command continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is
-the reader of the last evaluation: a running mean of the weights, calibrated on prompts that were held back.
+the reader of the last evaluation: a running mean of the weights, and of those of --start (Wortsman et al. 2022),
+calibrated on prompts that were held back.
 """
 
 from __future__ import annotations
@@ -71,9 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--copies is {args.copies}: give 1 or more")
     if not 0 <= args.prompt_share < 1:
         parser.error(f"--prompt-share is {args.prompt_share}: give a share from 0 to below 1")
-    for name in ("hide", "mean"):
+    for name in ("hide", "mean", "keep_start"):
         if not 0 <= getattr(args, name) < 1:
-            parser.error(f"--{name} is {getattr(args, name)}: give a share from 0 to below 1")
+            option = name.replace("_", "-")
+            parser.error(f"--{option} is {getattr(args, name)}: give a share from 0 to below 1")
     if args.batch < 2:
         parser.error(f"--batch is {args.batch}: give 2 or more")
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
@@ -86,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             held_back=args.held_back,
             seed=args.seed,
         )
-        run = {name: value for name, value in vars(args).items() if name not in ("folder", "start")}
+        run = {name: value for name, value in vars(args).items() if name not in ("folder", "start", "keep_start")}
         check_resume(args.folder / "checkpoints", run, {"texts": digest})
         with stop_signals() as stop, Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
             _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
@@ -101,12 +103,14 @@ def _train(
     state, first = (params, params, optimizer.init(params)), checkpoints.latest or 0
     if first:
         state, _ = checkpoints.restore(state)
+    kept = args.keep_start if args.start else 0.0
 
     def save(number: int) -> dict[str, Any]:
         """Writes the reader and returns how well it reads."""
-        outputs = {kind: _outputs(config, state[1], texts, rows) for kind, rows in texts.held_back.items()}
+        mean = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, params, state[1])
+        outputs = {kind: _outputs(config, mean, texts, rows) for kind, rows in texts.held_back.items()}
         values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
-        mean = calibrate(state[1], outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
+        mean = calibrate(mean, outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
         notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
         save_reader(PromptReader(config, mean, encoder.name), folder, {**notes, "validation": values})
         return values

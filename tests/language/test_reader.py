@@ -44,6 +44,8 @@ def _requests():
 @given(_requests())
 def test_reading_is_the_inverse_of_targets(request):
     request = {name: value for name, value in request.items() if value != (1, None) or name != "ego_lane_index"}
+    if request.get("one_way") and "lanes_same" not in request:
+        request.pop("lanes_total", None)
     reading = _read(request)
     assert reading.request == request and reading.shares.keys() == request.keys()
     assert all(0.9 < share <= 1 for share in reading.shares.values())
@@ -127,3 +129,10 @@ def test_scores_allow_every_pair_in_order_and_no_other():
     assert (np.isfinite(scores) == in_order).all()
     assert scores[3, 4] == scores[3, 0] == scores[0, 0] == 0 > scores[5, 6]
     assert pair_scores([20], "m", LEVELS)[15, 26] == 0
+
+
+def test_all_lanes_of_a_one_way_road_run_with_the_ego():
+    assert _read({"one_way": True, "lanes_total": (3, 3)}).request == {"one_way": True, "lanes_same": (3, 3)}
+    both = {"one_way": True, "lanes_same": (2, 2), "lanes_total": (2, 3)}
+    assert _read(both).request == both
+    assert _read({"one_way": False, "lanes_total": (3, 3)}).request == {"one_way": False, "lanes_total": (3, 3)}

@@ -122,6 +122,9 @@ def read_outputs(
         least = min(max(least, smallest), largest)
         request[attribute.name] = (least, None if most < 0 else min(max(most, least), largest))
         shares[attribute.name] = float(low[stated[0]] * high[stated[1]])
+    if request.get("one_way") and "lanes_total" in request and "lanes_same" not in request:
+        for part in (request, shares):  # all lanes of a one-way road run with the ego
+            part["lanes_same"] = part.pop("lanes_total")
     return Reading({name: request[name] for name in ATTRIBUTES if name in request}, shares)
 
 
