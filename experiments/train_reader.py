@@ -61,6 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--batch", type=int, default=32, help="texts in a step, fewer of long ones")
     parser.add_argument("--hide", type=float, default=0.05, help="share of tokens that are hidden, numbers never")
     parser.add_argument("--mean", type=float, default=0.998, help="share of the running mean that stays in a step")
+    parser.add_argument(
+        "--keep-start", type=float, default=0.2, help="share of the weights of --start in the reader that is saved"
+    )
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--held-back", type=int, default=1000, help="composed texts that are only evaluated")
     parser.add_argument("--steps", type=int, default=12_000)
