@@ -236,7 +236,7 @@ def _outputs(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarra
 
 def _evaluate(outputs: ReaderOutputs, texts: Texts, rows: np.ndarray) -> dict[str, float]:
     """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
-    numbers = [np.unique(texts.numbers[row][texts.numbers[row] > 0]) - 1 for row in rows]
+    numbers = [sorted({int(number) - 1 for number in texts.numbers[row] if number}) for row in rows]
     readings = [read_outputs(*one) for one in zip(outputs.named, outputs.ends, numbers, strict=True)]
     values = summarize(compare_readings([texts.requests[row] for row in rows], readings), len(rows))
     return {name: values[name] for name in ("precision", "recall", "full")}
