@@ -32,13 +32,12 @@ def reader_losses(outputs: ReaderOutputs, named: jax.Array, ends: jax.Array) -> 
     return ReaderOutputs(named=one.sum(1) + some.sum((1, 2)), ends=bounds.sum((1, 2)))
 
 
-def calibrate(params: Params, outputs: Sequence[ReaderOutputs], targets: Sequence[Targets]) -> Params:
+def calibrate(params: Params, logits: ReaderOutputs, targets: Sequence[Targets]) -> Params:
     """The parameters whose outputs are calibrated.
 
     Args:
-      outputs, targets: of texts that were not trained on, [1, ...] each.
+      logits, targets: of texts that were not trained on.
     """
-    logits = ReaderOutputs(*(np.concatenate([np.asarray(one[part]) for one in outputs]) for part in range(2)))
     named, ends = (np.stack([one[part] for one in targets]) for part in range(2))
 
     @jax.jit

@@ -2,14 +2,15 @@
 
     nice -n 15 python -m experiments.train_reader runs/reader
 
-Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. The same
-command continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is the reader of the last
-evaluation: a mean of the weights of --start and of the trained ones (Wortsman et al. 2022), calibrated on prompts that
-were held back.
+Composes texts, encodes them once with the frozen multilingual encoder, and trains the network on them. Some tokens of a
+text are hidden. The same command continues where it was stopped (Ctrl-C and SIGTERM save first). runs/reader/model is
+the reader of the last evaluation: a running mean of the weights, and of those of --start (Wortsman et al. 2022),
+calibrated on prompts that were held back.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import sys
@@ -22,10 +23,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from flax import nnx
 from tqdm import tqdm
 
 from experiments.reader_calibration import calibrate, reader_losses
-from experiments.reader_texts import Texts, reader_texts
+from experiments.reader_texts import LENGTHS, Texts, reader_texts
 from experiments.studies.page import script_parser
 from experiments.studies.reading import compare_readings, summarize
 from scjax.encoders.e5 import E5
@@ -33,14 +35,16 @@ from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
 from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, load_reader, reader_config, save_reader
 from scjax.language.grammar.prompts import written_prompts
 from scjax.language.reader.targets import read_outputs
-from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
-from scjax.nn.functional import Params
+from scjax.models.reader import Reader, ReaderConfig, ReaderOutputs, reader_network
+from scjax.nn.functional import Functional, Params, flatten, functional, unflatten
+from scjax.nn.init import ParamInit
+from scjax.nn.layers import Linear
 from scjax.scene.files import locked_folder
 from scjax.train.checkpoint import Checkpoints, check_resume
 from scjax.train.loop import stop_signals
 from scjax.train.optimizer import adamw
 
-_BATCH = 32
+_EVALUATED = 32  # texts at once
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -51,7 +55,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--prompt-share", type=float, default=0.5, help="share of a batch that is written prompts")
     parser.add_argument("--start", type=Path, help="folder of a reader to begin with (default: fresh weights)")
     parser.add_argument(
-        "--keep-start", type=float, default=0.3, help="share of the weights of --start in the reader that is saved"
+        "--blocks", type=int, default=2, help="blocks of the network; those beyond --start's begin at 0"
+    )
+    parser.add_argument("--rate", type=float, default=1e-3, help="learning rate after the warm-up, falls to 0")
+    parser.add_argument("--batch", type=int, default=32, help="texts in a step, fewer of long ones")
+    parser.add_argument("--hide", type=float, default=0.05, help="share of tokens that are hidden, numbers never")
+    parser.add_argument("--mean", type=float, default=0.998, help="share of the running mean that stays in a step")
+    parser.add_argument(
+        "--keep-start", type=float, default=0.2, help="share of the weights of --start in the reader that is saved"
     )
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--held-back", type=int, default=1000, help="composed texts that are only evaluated")
@@ -64,10 +75,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--copies is {args.copies}: give 1 or more")
     if not 0 <= args.prompt_share < 1:
         parser.error(f"--prompt-share is {args.prompt_share}: give a share from 0 to below 1")
-    if not 0 <= args.keep_start < 1:
-        parser.error(f"--keep-start is {args.keep_start}: give a share from 0 to below 1")
+    for name in ("hide", "mean", "keep_start"):
+        if not 0 <= getattr(args, name) < 1:
+            option = name.replace("_", "-")
+            parser.error(f"--{option} is {getattr(args, name)}: give a share from 0 to below 1")
+    if args.batch < 2:
+        parser.error(f"--batch is {args.batch}: give 2 or more")
     encoder = load_text_encoder(E5, layers=ENCODER_LAYERS)
-    with locked_folder(args.folder), stop_signals() as stop:
+    with locked_folder(args.folder):
         texts, digest = reader_texts(
             args.folder / "features",
             encoder,
@@ -75,35 +90,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
             copies=args.copies,
             held_back=args.held_back,
             seed=args.seed,
-            stop=stop,
         )
-        if not stop:
-            run = {name: value for name, value in vars(args).items() if name not in ("folder", "start", "keep_start")}
-            check_resume(args.folder / "checkpoints", run, {"texts": digest})
-            with Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
-                _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
+        run = {name: value for name, value in vars(args).items() if name not in ("folder", "start", "keep_start")}
+        check_resume(args.folder / "checkpoints", run, {"texts": digest})
+        with stop_signals() as stop, Checkpoints(args.folder / "checkpoints", run, {"texts": digest}) as checkpoints:
+            _train(args.folder / "model", encoder, texts, args, checkpoints, stop)
 
 
 def _train(
     folder: Path, encoder: FrozenTextEncoder, texts: Texts, args: Any, checkpoints: Checkpoints, stop: list[int]
 ) -> None:
-    config = reader_config(encoder.width)
-    optimizer, step = _optimizer_and_step(config, args.steps)
-    first_params = _first_params(config, args.start, args.seed)
-    state, first = (first_params, optimizer.init(first_params)), checkpoints.latest or 0
+    config = reader_config(encoder.width, blocks=args.blocks)
+    optimizer, step = _optimizer_and_step(config, args.steps, args.rate, args.mean)
+    params = _first_params(config, args.start, args.seed)
+    state, first = (params, params, optimizer.init(params)), checkpoints.latest or 0
     if first:
         state, _ = checkpoints.restore(state)
     kept = args.keep_start if args.start else 0.0
 
     def save(number: int) -> dict[str, Any]:
         """Writes the reader and returns how well it reads."""
-        weights = jax.device_get((first_params, state[0]))  # on the host: a device compiles a program for every shape
-        params = jax.device_put(jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, *weights))
-        outputs = {kind: _outputs(config, params, texts, rows) for kind, rows in texts.held_back.items()}
+        mean = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, params, state[1])
+        outputs = {kind: _outputs(config, mean, texts, rows) for kind, rows in texts.held_back.items()}
         values = {kind: _evaluate(some, texts, texts.held_back[kind]) for kind, some in outputs.items()}
-        params = calibrate(params, outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
+        mean = calibrate(mean, outputs["prompts"], [texts.targets[row] for row in texts.held_back["prompts"]])
         notes = {"texts": args.texts, "prompts": len(written_prompts()), "seed": args.seed, "steps": number}
-        save_reader(PromptReader(config, params, encoder.name), folder, {**notes, "validation": values})
+        save_reader(PromptReader(config, mean, encoder.name), folder, {**notes, "validation": values})
         return values
 
     if first >= args.steps and not folder.is_dir():
@@ -112,7 +124,7 @@ def _train(
     with tqdm(total=args.steps, initial=first, desc="steps") as bar:
         while number < args.steps and not stop:
             number += 1
-            state, loss = step(state, *_batch(texts, args.prompt_share, args.seed, number))
+            state, loss = step(state, number, *_batch(texts, args, number))
             losses.append(loss)
             bar.update()
             if number % args.evaluate_every == 0 or number == args.steps:
@@ -126,71 +138,106 @@ def _train(
 
 
 def _first_params(config: ReaderConfig, start: Path | None, seed: int) -> Params:
-    """The weights of the reader in ``start``, or fresh ones.
+    """The weights of the reader in ``start``, with more blocks that change nothing yet; or fresh ones.
 
     Raises:
       ValueError: that reader has another size.
     """
+    fresh = reader_network(config).init(jax.random.key(seed))
     if start is None:
-        return reader_network(config).init(jax.random.key(seed))
+        return fresh
     reader = load_reader(start)
-    if reader.config != config:
+    if dataclasses.replace(reader.config, blocks=config.blocks) != config or reader.config.blocks > config.blocks:
         raise ValueError(f"--start {start} is a reader of another size: begin with another")
-    return jax.tree.map(lambda array: array.astype(jnp.float32), reader.params)
+    known, params = flatten(reader.params), flatten(fresh)
+    ends = ("near_out", "out", "down")  # of a block
+    for path, array in params.items():
+        params[path] = known[path].astype(jnp.float32) if path in known else array * (path[-2] not in ends)
+    return unflatten(params)
 
 
 @functools.lru_cache(maxsize=1)
-def _optimizer_and_step(config: ReaderConfig, steps: int) -> tuple[optax.GradientTransformation, Callable[..., Any]]:
+def _optimizer_and_step(
+    config: ReaderConfig, steps: int, rate: float, mean: float
+) -> tuple[optax.GradientTransformation, Callable[..., Any]]:
     """The optimizer of a run of so many steps, and ``_step`` with it, compiled."""
     optimizer = adamw(
-        learning_rate=1.5e-3,
+        learning_rate=rate,
         steps=steps,
         warmup=min(200, steps // 10),
         schedule="linear",
         weight_decay=1e-2,
         clip=1.0,
     )
-    return optimizer, jax.jit(functools.partial(_step, config, optimizer))
+    return optimizer, jax.jit(functools.partial(_step, config, optimizer, mean))
 
 
-def _step(config: ReaderConfig, optimizer: Any, state: Any, *batch: Any) -> Any:
-    params, optimizer_state = state
+def _step(config: ReaderConfig, optimizer: Any, kept: float, state: Any, number: Any, *batch: Any) -> Any:
+    params, mean, optimizer_state = state
     loss, gradients = jax.value_and_grad(lambda params: reader_loss(config, params, *batch))(params)
     updates, optimizer_state = optimizer.update(gradients, optimizer_state, params)
-    return (optax.apply_updates(params, updates), optimizer_state), loss
+    params = optax.apply_updates(params, updates)
+    share = jnp.minimum(kept, number / (number + 10.0))  # a shorter mean at first
+    return (params, jax.tree.map(lambda old, new: share * old + (1 - share) * new, mean, params), optimizer_state), loss
 
 
 def reader_loss(config: ReaderConfig, params: Params, features, numbers, mask, named, ends) -> jax.Array:
     """Sum over the attributes of the cross-entropies, mean over the texts."""
-    losses = reader_losses(reader_network(config).apply(params, features, numbers, mask), named, ends)
+    losses = reader_losses(_training_network(config).apply(params, features, numbers, mask), named, ends)
     return losses.named.mean() + losses.ends.mean()
 
 
-def _batch(texts: Texts, prompt_share: float, seed: int, number: int) -> tuple[np.ndarray, ...]:
-    """Texts of similar length, drawn by the number of the step."""
-    rng = np.random.default_rng((seed, number))
-    number_of_prompts = round(4 * _BATCH * prompt_share)
-    drawn = [("composed", 4 * _BATCH - number_of_prompts), ("prompts", number_of_prompts)]
-    rows = np.concatenate([rng.choice(texts.trained[kind], size) for kind, size in drawn if size])
-    rows = rows[np.argsort(np.diff(texts.starts)[rows])][rng.integers(4) * _BATCH :][:_BATCH]
-    inputs = [texts.inputs(row) for row in rows]
-    length = max(mask.shape[1] for _, _, mask in inputs)
-    padded = [
-        np.concatenate([np.pad(one, [(0, 0), (0, length - one.shape[1]), (0, 0)][: one.ndim]) for one in part])
-        for part in zip(*inputs, strict=True)
-    ]
+@functools.lru_cache(maxsize=1)
+def _training_network(config: ReaderConfig) -> Functional:
+    """The network with products of the operands that the processor multiplies fastest."""
+
+    def build(init: ParamInit) -> Reader:
+        reader = Reader(config, init=init)
+        for _, module in nnx.iter_modules(reader):
+            if isinstance(module, Linear):
+                module.compute = "auto"
+        return reader
+
+    return functional(build)
+
+
+def _batch(texts: Texts, args: Any, number: int) -> tuple[np.ndarray, ...]:
+    """Texts of one length, drawn by the number of the step; every text is as likely as the others of its kind."""
+    rng = np.random.default_rng((args.seed, number))
+    share = {"composed": 1 - args.prompt_share, "prompts": args.prompt_share}
+    parts = {kind: np.array([len(rows) for rows in groups], float) for kind, groups in texts.trained.items()}
+    weights = {kind: share[kind] * part / max(part.sum(), 1) for kind, part in parts.items()}
+    sizes = [max(1, args.batch * LENGTHS[0] // length) for length in LENGTHS]
+    of_length = sum(weights.values())
+    chances = of_length / sizes / (of_length / sizes).sum()
+    group = int(rng.choice(len(LENGTHS), p=chances))
+    of_prompts = rng.binomial(sizes[group], weights["prompts"][group] / of_length[group])
+    drawn = {"prompts": of_prompts, "composed": sizes[group] - of_prompts}
+    rows = np.concatenate([rng.choice(texts.trained[kind][group], size) for kind, size in drawn.items() if size])
+    features, numbers, mask = texts.inputs(rows, LENGTHS[group])
+    features[(rng.random(mask.shape) < args.hide) & (numbers == 0)] = 0
     named, ends = (np.stack(part) for part in zip(*(texts.targets[row] for row in rows), strict=True))
-    return *padded, named, ends
+    return features, numbers, mask, named, ends
 
 
-def _outputs(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> list[ReaderOutputs]:
+def _outputs(config: ReaderConfig, params: Params, texts: Texts, rows: np.ndarray) -> ReaderOutputs:
+    """Of all rows, in their order."""
     apply = jax.jit(reader_network(config).apply)
-    return [jax.device_get(apply(params, *texts.inputs(row))) for row in rows]
+    order = np.array(sorted(rows, key=lambda row: len(texts.numbers[row])))
+    parts = []
+    for start in range(0, len(order), _EVALUATED):
+        part = order[start : start + _EVALUATED]
+        full = np.resize(part, _EVALUATED)  # one compiled program for every length
+        outputs = jax.device_get(apply(params, *texts.inputs(full)))
+        parts.append(ReaderOutputs(*(np.asarray(one)[: len(part)] for one in outputs)))
+    place = np.argsort(np.argsort([len(texts.numbers[row]) for row in rows], kind="stable"), kind="stable")
+    return ReaderOutputs(*(np.concatenate(some)[place] for some in zip(*parts, strict=True)))
 
 
-def _evaluate(outputs: Sequence[ReaderOutputs], texts: Texts, rows: np.ndarray) -> dict[str, float]:
+def _evaluate(outputs: ReaderOutputs, texts: Texts, rows: np.ndarray) -> dict[str, float]:
     """On texts that are not trained on: precision and recall of what is read, share of texts read in full."""
-    readings = [read_outputs(one.named[0], one.ends[0]) for one in outputs]
+    numbers = [sorted({int(number) - 1 for number in texts.numbers[row] if number}) for row in rows]
+    readings = [read_outputs(*one) for one in zip(outputs.named, outputs.ends, numbers, strict=True)]
     values = summarize(compare_readings([texts.requests[row] for row in rows], readings), len(rows))
     return {name: values[name] for name in ("precision", "recall", "full")}
 

@@ -18,10 +18,11 @@ from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
 from scjax.generate.model import DEFAULT_MODEL
 from scjax.language.attributes.table import check_attributes
-from scjax.language.reader.numbers import LARGEST, token_numbers
+from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, Reading, read_outputs
 from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
 from scjax.nn.functional import Params, flatten
+from scjax.nn.rounding import restore_arrays, round_arrays
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, write_arrays
 from scjax.scene.document import parse_document
 from scjax.scene.files import whole_folder
@@ -103,7 +104,8 @@ class PromptReader:
                 warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
             inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
             outputs = _program(self.config)(self.params, *inputs)
-            readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0])))
+            stated = [value for _, _, value in find_numbers(text)]
+            readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0]), stated))
         return readings
 
 
@@ -138,7 +140,7 @@ def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> No
         content = {
             "config": dataclasses.asdict(reader.config),
             "encoder": reader.encoder_name,
-            "files": write_arrays(array_names(reader.params), temporary, dtype="float16"),
+            "files": write_arrays(round_arrays(array_names(reader.params)), temporary, dtype="float16"),
             "notes": notes,
             "readings": {text: reading._asdict() for text, reading in reader.readings.items()},
         }
@@ -172,7 +174,7 @@ def _load(folder: Path) -> PromptReader:
     sizes = {name: getattr(config, name) for name in ("width", "blocks", "heads", "kernel")}
     if config != reader_config(config.text_width, **sizes):
         raise ValueError(f"{path} was trained with another table of attributes: train it anew")
-    params = named_arrays(read_arrays(folder, index.files))
+    params = named_arrays(restore_arrays(read_arrays(folder, index.files)))
     expected = flatten(reader_network(config).shapes())
     if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
         raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")

@@ -25,7 +25,7 @@ def test_overconfident_shares_become_lower_and_labels_likelier():
     features, numbers, mask = np.zeros((1, 32, 8), np.float16), np.zeros((1, 32), np.int32), np.ones((1, 32), bool)
     apply = jax.jit(network.apply)
     outputs = [apply(params, features, numbers, mask)] * 4
-    calibrated = calibrate(params, outputs, targets)
+    calibrated = calibrate(params, jax.tree.map(lambda *x: np.concatenate(x), *outputs), targets)
     after = apply(calibrated, features, numbers, mask)
 
     def read(one):

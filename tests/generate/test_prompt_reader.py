@@ -146,14 +146,14 @@ def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     for module in (train_reader, reader_texts):
         monkeypatch.setattr(module, "written_prompts", lambda: prompts)
 
-    def counted(texts, prompt_share, seed, number):
+    def counted(texts, args, number):
         if number == 3 and len(numbers) == 6:
             raise MemoryError
         numbers.append(number)
-        rows = texts.trained["prompts"]
+        rows = np.concatenate(texts.trained["prompts"])
         assert len(rows) == 2 * (len(prompts) - len(texts.held_back["prompts"]))
         assert not set(rows) & {*texts.held_back["prompts"], *texts.held_back["composed"]}
-        return batch(texts, prompt_share, seed, number)
+        return batch(texts, args, number)
 
     monkeypatch.setattr(train_reader, "_batch", counted)
     train_reader.main([str(folders[0]), *words])
@@ -167,8 +167,8 @@ def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     with pytest.raises(ValueError, match=r"another run.*config\.seed is 11 there and 5 here"):
         train_reader.main([str(folders[1]), *words, "--seed", "5"])
     begun = [str(tmp_path / "begun"), *words, "--start", str(folders[0] / "model")]
-    train_reader.main(begun)
-    assert load_reader(tmp_path / "begun" / "model").config == load_reader(folders[0] / "model").config
+    train_reader.main([*begun, "--blocks", "3"])
+    assert load_reader(tmp_path / "begun" / "model").config.blocks == 3
     model = ["--reader", str(folders[0] / "model")]
     code, out, _ = run("read", "a road with two cars", *model, "--json")
     assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "contradictions"}

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
 from scjax.language.grammar.compose import compose_freely
 from scjax.language.grammar.phrasebook import languages
+from scjax.language.reader.bounds import pair_scores
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, read_outputs, request_targets
 
@@ -43,6 +44,8 @@ def _requests():
 @given(_requests())
 def test_reading_is_the_inverse_of_targets(request):
     request = {name: value for name, value in request.items() if value != (1, None) or name != "ego_lane_index"}
+    if request.get("one_way") and "lanes_same" not in request:
+        request.pop("lanes_total", None)
     reading = _read(request)
     assert reading.request == request and reading.shares.keys() == request.keys()
     assert all(0.9 < share <= 1 for share in reading.shares.values())
@@ -102,3 +105,34 @@ def test_ranges_begin_at_their_limits():
         assert _read({attribute.name: (attribute.limits[0], top)}).request == {
             attribute.name: (attribute.limits[0], top)
         }
+
+
+def test_pairs_of_ends_that_no_number_states_are_less_likely():
+    """Both ends are read alone; the numbers of the text decide between pairs that are almost as likely."""
+    logits = np.full((len(RANGES), 2, LEVELS), -9.0)
+    logits[:, :, 0] = 9.0
+    row = next(place for place, one in enumerate(RANGES) if one.name == "vehicles")
+    logits[row] = -9.0
+    logits[row, 0, [18, 19]] = 2.0, 2.5  # "about twenty": 17 to 23, "twenty": 19 to 21
+    logits[row, 1, 24] = 2.0
+    named = np.full((len(NAMED), VALUES), -9.0)
+    named[:, 0] = 9.0
+    assert read_outputs(named, logits).request["vehicles"] == (19, 23)
+    logits[row, 0, [17, 18]] = 2.0, -9.0
+    assert read_outputs(named, logits, [20]).request["vehicles"] == (17, 23)
+
+
+def test_scores_allow_every_pair_in_order_and_no_other():
+    scores = pair_scores([3, 70], "", LEVELS)
+    least, end = np.indices(scores.shape)
+    in_order = (end == 0) | (least < end) | (least + end == 2 * LEVELS - 2)  # the last: numbers beyond the table
+    assert (np.isfinite(scores) == in_order).all()
+    assert scores[3, 4] == scores[3, 0] == scores[0, 0] == 0 > scores[5, 6]
+    assert pair_scores([20], "m", LEVELS)[15, 26] == 0
+
+
+def test_all_lanes_of_a_one_way_road_run_with_the_ego():
+    assert _read({"one_way": True, "lanes_total": (3, 3)}).request == {"one_way": True, "lanes_same": (3, 3)}
+    both = {"one_way": True, "lanes_same": (2, 2), "lanes_total": (2, 3)}
+    assert _read(both).request == both
+    assert _read({"one_way": False, "lanes_total": (3, 3)}).request == {"one_way": False, "lanes_total": (3, 3)}

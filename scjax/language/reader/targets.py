@@ -9,7 +9,7 @@ last.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +17,12 @@ from jaxtyping import Float, Int
 
 from scjax.language.attributes.base import Attribute
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from scjax.language.reader.bounds import pair_scores
 
 LEVELS = 65
 """Numbers of an end of a range: 0 to 64 vehicles or meters, 63 at the upper end."""
+
+_TINY = 1e-30
 
 NAMED: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind != "range")
 RANGES: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind == "range")
@@ -90,8 +93,10 @@ class Reading(NamedTuple):
     shares: dict[str, float]
 
 
-def read_outputs(named: Float[np.ndarray, "named values"], ends: Float[np.ndarray, "ranges 2 levels"]) -> Reading:
-    """The most likely request for the logits of one text."""
+def read_outputs(
+    named: Float[np.ndarray, "named values"], ends: Float[np.ndarray, "ranges 2 levels"], numbers: Sequence[int] = ()
+) -> Reading:
+    """The most likely request for the logits of one text that names ``numbers``."""
     request: dict[str, Any] = {}
     shares: dict[str, float] = {}
     for attribute, logits in zip(NAMED, named, strict=True):
@@ -105,15 +110,21 @@ def read_outputs(named: Float[np.ndarray, "named values"], ends: Float[np.ndarra
         sure = _softmax(logits[: len(names)])
         if best := int(sure.argmax()):
             request[attribute.name], shares[attribute.name] = names[best], float(sure[best])
+    scores = {unit: pair_scores(numbers, unit, LEVELS) for unit in {attribute.unit for attribute in RANGES}}
     for attribute, logits in zip(RANGES, ends, strict=True):
         low, high = (_softmax(row) for row in logits)
-        least, most = int(low.argmax()), int(high.argmax()) - 1
+        joint = np.log(low + _TINY)[:, None] + np.log(high + _TINY)[None] + scores[attribute.unit]
+        stated = np.unravel_index(joint.argmax(), joint.shape)
+        least, most = int(stated[0]), int(stated[1]) - 1
         if least == 0 and most < 0:
             continue
         smallest, largest = attribute.limits
         least = min(max(least, smallest), largest)
         request[attribute.name] = (least, None if most < 0 else min(max(most, least), largest))
-        shares[attribute.name] = float(low.max() * high.max())
+        shares[attribute.name] = float(low[stated[0]] * high[stated[1]])
+    if request.get("one_way") and "lanes_total" in request and "lanes_same" not in request:
+        for part in (request, shares):  # all lanes of a one-way road run with the ego
+            part["lanes_same"] = part.pop("lanes_total")
     return Reading({name: request[name] for name in ATTRIBUTES if name in request}, shares)
 
 
