@@ -2,9 +2,9 @@
 
     python -m experiments.studies.maps --maps 50 --length 500 --out docs/results/maps
 
-Every map begins with a sampled scene and goes on "straight" without a prompt. A tile is complete if every lane that
-reaches it goes on and no new lane begins or ends inside. The page says how often, how well lanes meet at the seams, how
-many candidates that took and how long.
+Every map begins with a sampled scene and goes on "straight" without a prompt. A tile is complete if it has no fault
+and no lane ends dead on its ground. The page says how often, how well lanes meet at the seams, how many candidates that
+took and how long.
 
 Writes OUT.md and OUT.json.
 """
@@ -28,7 +28,7 @@ from experiments.studies.page import command_line, script_parser, table_lines, w
 from scjax.nn.startup import start_jax
 from scjax.outpainting.measures import NEAR_SEAM, measure_map, measure_zones
 from scjax.outpainting.outpaint import outpaint_steps
-from scjax.scene import Map, TileStatus, route_line
+from scjax.scene import Map, route_line
 from scjax.scene.files import write_text
 from scjax.scene.polyline import cumulative_length
 
@@ -81,7 +81,7 @@ def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
     return {
         "route": round(reached, 1),
         "whole": reached >= length,
-        "missing": sum(tile.status == TileStatus.MISSING for tile in map.tiles),
+        "missing": measures.missing,
         "seconds": round(seconds, 1),
         "lane_length": round(measures.length, 1),
         "dead_ends": measures.dead_ends,
@@ -110,7 +110,7 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
         f"routes of {length:g} m": f"{total['whole']} of {len(rows)}",
         "length of the route, median [m]": f"{np.median([row['route'] for row in rows]):.0f}",
         "tiles that are complete": f"{total['complete']} of {total['tiles']}",
-        "tiles that are missing": str(total["missing"]),
+        "tiles that are missing or taken back": str(total["missing"]),
         "maps all of whose tiles are complete": str(sum(row["complete"] == row["tiles"] for row in rows)),
         "candidates for each tile, mean": f"{total['attempts'] / total['tiles']:.1f}",
         "connections at seams": str(len(gaps)),
@@ -129,6 +129,7 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
         "lane ends that are dead": [_rate(total, zone, "dead_ends", "ends", 100) + " %" for zone in ZONES],
         "kinks for each km of lane": [_rate(total, zone, "kinks", "length", 1000) for zone in ZONES],
         "agents that overlap others": [_rate(total, zone, "overlapping", "agents", 100) + " %" for zone in ZONES],
+        "vehicles beside the lanes": [_rate(total, zone, "beside", "vehicles", 100) + " %" for zone in ZONES],
     }
     seams = table_lines(
         ["measure", f"within {NEAR_SEAM:g} m of a seam", "elsewhere"], [[name, *pair] for name, pair in rates.items()]
@@ -143,7 +144,9 @@ def _rate(total: dict[str, Any], zone: str, part: str, whole: str, factor: int) 
 _NOTES = (
     "Connected: lanes that follow each other, or that the model lists as beside each other. Roads that cross without a",
     "connection, such as overpasses, are parts of their own. A lane ends dead where nothing follows it on ground that",
-    "tiles cover. A kink is a change of direction by more than 25 degrees within a meter.",
+    "tiles cover. A tile is complete if it has no fault and no lane ends dead on its ground. A kink is a change of",
+    "direction by more than 25 degrees within a meter. Vehicles are beside the lanes if they are more than 1 m from",
+    "every lane of their direction, such as parked ones. A route that leads nowhere goes back, and takes tiles back.",
     "",
     "Completeness, bends and kinks are measured by the rules that choose among candidates.",
     "[A judge](map_tiles.md) that shares no code with them sees more faults. Each map was sampled by one thread",
