@@ -88,6 +88,8 @@ def measured(map: Map, length: float, seconds: float) -> dict[str, Any]:
         "largest_share": round(measures.largest_share, 3),
         "gaps": np.round(measures.gaps, 4).tolist(),
         "turns": np.round(np.rad2deg(measures.turns), 2).tolist(),
+        "signaled": measures.signaled,
+        "differing": measures.differing,
         "complete": measures.complete,
         "tiles": measures.tiles,
         "attempts": measures.attempts,
@@ -119,6 +121,7 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
             *np.quantile(turns, [0.5, 0.9, 1.0])
         ),
         "bends under 5 degrees": f"{(turns < 5).mean():.1%}",
+        "connections between two signals, of which the states differ": f"{total['differing']} of {total['signaled']}",
         "dead ends for each km of lane": f"{total['dead_ends'] / total['lane_length'] * 1000:.2f}",
         "share of the largest connected part, mean": f"{share:.2f}",
         "agents that overlap others": f"{total['overlapping'] / max(total['agents'], 1):.2%}",

@@ -51,6 +51,7 @@ class MapMeasures(NamedTuple):
       largest_share: share of the length that is in the largest component; lanes that follow each other or lie beside
         each other are connected.
       gaps, turns: of the connections at seams [m, rad].
+      signaled, differing: connections at seams whose lanes both have a signal, and those of them with two states.
       complete, tiles: generated tiles without a fault on whose ground no lane ends dead, and all that are there.
       missing: places of tiles at which none is there, since nothing went on or it was taken back.
       attempts: candidates that were generated, for missing tiles too.
@@ -62,6 +63,8 @@ class MapMeasures(NamedTuple):
     largest_share: float
     gaps: Float64[np.ndarray, " connections"]
     turns: Float64[np.ndarray, " connections"]
+    signaled: int
+    differing: int
     complete: int
     tiles: int
     missing: int
@@ -87,6 +90,8 @@ def measure_map(map: Map) -> MapMeasures:
     _, component = connected_components(graph, directed=False)
     joints = [measure_seam(map, seam) for seam in map.seams]
     generated = [tile for tile in map.tiles if tile.status != TileStatus.KNOWN]
+    states = dict(zip(map.signal_lane_ids, map.signal_states.tolist(), strict=True))
+    met = [(states[a], states[b]) for seam in map.seams for a, b in seam.connections if a in states and b in states]
     dead_ends = _dead_ends(map)
     beyond = np.array([end.place[:2] + AHEAD * _direction(end.outward) for end in dead_ends]).reshape(-1, 2)
     return MapMeasures(
@@ -95,6 +100,8 @@ def measure_map(map: Map) -> MapMeasures:
         largest_share=float(np.bincount(component, lengths).max() / max(lengths.sum(), 1e-9)),
         gaps=np.concatenate([np.zeros(0), *(joint.gaps for joint in joints)]),
         turns=np.concatenate([np.zeros(0), *(joint.turns for joint in joints)]),
+        signaled=len(met),
+        differing=sum(a != b for a, b in met),
         complete=sum(
             tile.status == TileStatus.COMPLETE and not Coverage(Map(lanes=(), tiles=(tile,))).contains(beyond).any()
             for tile in generated

@@ -83,6 +83,11 @@ def test_measures_of_a_map_by_hand():
     assert (measures.length, measures.dead_ends, measures.largest_share) == (256.0, 0, 0.5)
     assert measures.gaps.tolist() == [0.0, 0.0] and measures.turns.max() < 1e-9
     assert (measures.complete, measures.tiles, measures.attempts) == (0, 1, 3)
+    assert (measures.signaled, measures.differing) == (0, 0)
+    signals = {"signal_lane_ids": ("ahead-0", "ahead-1"), "signal_positions": np.zeros((2, 3))}
+    for states, differing in (([1, 1], 0), ([1, 3], 1)):
+        lit = measure_map(two_tile_map(signal_states=np.array(states, np.int32), **signals))
+        assert (lit.signaled, lit.differing) == (1, differing)
     stub = map_lane("stub", (40.0, 10.0), (44.0, 10.0))
     assert measure_map(two_tile_map(lanes=(*two_tile_map().lanes, stub))).dead_ends == 0  # on no covered ground
     stub = map_lane("stub", (70.0, 10.0), (80.0, 10.0))
