@@ -32,8 +32,7 @@ def tile_signals(
       states: ``Signal`` of those lanes of the map that have one.
     """
     signals = np.array([Signal.UNKNOWN if row == NO_ROW else sampled[row] for row in lanes.rows], np.int32)
-    for index, (one, row) in enumerate(zip(lanes.lines, lanes.rows, strict=True)):
-        del one
+    for index, row in enumerate(lanes.rows):
         if row != NO_ROW and row in lanes.rows[:index]:
             signals[index] = Signal.UNKNOWN  # the rest of a lane that was cut
     fixed = _inherit(signals, lanes, states)
