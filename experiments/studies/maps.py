@@ -126,7 +126,8 @@ def page(rows: Sequence[dict[str, Any]], length: float, command: str) -> str:
         "share of the largest connected part, mean": f"{share:.2f}",
         "agents that overlap others": f"{total['overlapping'] / max(total['agents'], 1):.2%}",
     }
-    values["CPU time for 100 m of route, compiling included, mean [s]"] = f"{total['seconds'] / max(total['route'], 1) * 100:.0f}"
+    seconds = total["seconds"] / max(total["route"], 1) * 100
+    values["CPU time for 100 m of route, compiling included, mean [s]"] = f"{seconds:.0f}"
     table = table_lines(["measure", "value"], [[name, value] for name, value in values.items()])
     rates = {
         "lane ends that are dead": [_rate(total, zone, "dead_ends", "ends", 100) + " %" for zone in ZONES],
