@@ -34,8 +34,9 @@ def crop_map(
 ) -> Scene:
     """The unpadded NumPy scene of ``map`` around a place or an agent; quick on large maps too.
 
-    Lanes are clipped, resampled to 20 points and linked as in training records. Values of agents that are not known are
-    filled and flagged.
+    Lanes are clipped, resampled to 20 points and linked as in records of the synthetic world: sharp bends are lanes of
+    their own, since 20 points of a long lane could not show them. Values of agents that are not known are filled and
+    flagged.
 
     Args:
       x, y, yaw: the origin of the scene and the direction of its x axis, in the frame of the map [m, rad].
@@ -92,7 +93,7 @@ def _window(
     log = map_to_log(near_map(map, x, y))
     if not log.lanes:
         raise ValueError(f"no lane is within {NEAR:g} m of x {x:g}, y {y:g}: choose a place of the extent {map.extent}")
-    graph = build_graph(log)
+    graph = build_graph(log, bends_alone=True)
     index = index_segments(graph)
     if row is not None:
         return log, index, pose_of(log, index, 0, row), graph

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.outpainting.coverage import Coverage, OpenEnd
+from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd
 from scjax.outpainting.window import HALF, WindowPose
 from scjax.scene import Map
 from scjax.scene.angles import wrap_to_pi
@@ -135,10 +135,10 @@ def _off_way(pose: WindowPose, way: Float64[np.ndarray, "points 2"]) -> float:
 
 
 def ends_in_window(ends: Sequence[OpenEnd], pose: WindowPose) -> tuple[OpenEnd, ...]:
-    """The open ends at the border of the covered ground that lie in a window."""
+    """The open ends at the border of the covered ground that lie in a window, or lead into it."""
     result = []
     for end in ends:
         x, y, _ = pose.to_window(np.nan_to_num(end.place))
-        if end.at_border and max(abs(x), abs(y)) < HALF:
+        if end.at_border and max(abs(x), abs(y)) < HALF + AHEAD:
             result.append(end)
     return tuple(result)

@@ -122,6 +122,8 @@ def open_condition(condition: Condition | str | None) -> Condition:
 def _known_window(map: Map, pose: WindowPose, ego: bool) -> tuple[KnownWindow, Coverage]:
     trimmed = trim_tails(map, pose)
     scene = cut_window(trimmed, pose, ego=ego)
+    if scene.crop != Crop.PARTITIONED:  # what is known ahead stays whole
+        trimmed, scene = map, cut_window(map, pose, ego=ego)
     opened = (pose.x, pose.y, pose.yaw) if scene.crop == Crop.PARTITIONED else None
     coverage = Coverage(map, opened)
     ends = ends_in_window(coverage.open_ends(trimmed), pose)

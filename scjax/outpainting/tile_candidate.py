@@ -10,10 +10,12 @@ from jaxtyping import Bool, Float64, Int
 
 from scjax.data.map_crop import near_map
 from scjax.outpainting.bends import Bends, Joint
-from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, outward_heading
+from scjax.outpainting.coverage import Coverage, OpenEnd, outward_heading
+from scjax.outpainting.lane_merges import NO_ROW, DeadEnd, NewLanes, merge_beside, reach_border
 from scjax.outpainting.measures import kinks_of
 from scjax.outpainting.seams import SAME_PLACE, find_joints, is_duplicate
 from scjax.outpainting.tile_agents import free_agents, move_beside, sampled_agents
+from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.angles import wrap_to_pi
@@ -26,6 +28,7 @@ _NO_GAP = 1e-3  # m between ends that are one place
 _INNER_GAP = 1.5  # m between new lanes that are listed as connected
 _CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
 _ANGLE = np.deg2rad(5.0)  # between lanes that meet at a seam
+_MERGE = 0.5  # score of a lane that leads into the one beside it
 _VEHICLES = 5  # so many new vehicles are better than fewer
 
 
@@ -53,7 +56,7 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
 
     Args:
       sample: an unpadded scene whose first elements are those of ``window``.
-      coverage: of the map, without the front half of the window.
+      coverage: of the map, without the front half of the window if nothing is known there.
       name: begins the ids of the new lanes and agents.
     """
     count, pose = len(window.scene.lane_mask), window.pose
@@ -68,22 +71,27 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     lines, agents = _bent(lines, met, list(closing.values()), agents, types)
     edges = [*met, *closing]
     lines, agents = _bent(lines, edges, joints, agents, types)
-    edges = [(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP]
-    joints = [
-        one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
-    ]
-    met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in joints}
-    ends = [end for end in window.open_ends if must_continue(end, window.pose)]
-    dead, unmet = window.dead_turns.of([end for end in ends if (end.lane_id, end.is_start) not in met])
-    faults, penalty = _faults(lines, edges, joints, len(unmet), window.pose)
-    new_map = _map_of(sample, rows, lines, edges, free_agents(agents, types, window, coverage), name)
+    new = NewLanes(
+        lines=lines,
+        rows=rows.tolist(),
+        edges=[(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP],
+        joints=[
+            one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
+        ],
+    )
+    merges = len(new.lines)
+    dead_ends = merge_beside(new, reach_border(new, _dead_ends(new, window), window.is_dead))
+    merges = sum(row == NO_ROW for row in new.rows[merges:])
+    dead, unmet = window.dead_turns.of([one.end for one in dead_ends if one.lane is None])
+    faults, penalty = _faults(new, len(unmet), sum(one.lane is not None for one in dead_ends))
+    new_map = _map_of(sample, new, window, free_agents(agents, types, window, coverage), name)
     ids = [lane.id for lane in new_map.lanes]
     pairs = [
         (joint.open_end.lane_id, ids[joint.lane]) if joint.at_start else (ids[joint.lane], joint.open_end.lane_id)
-        for joint in joints
+        for joint in new.joints
     ]
     vehicles = int((new_map.agent_types == AgentType.VEHICLE).sum())
-    score = 0.2 * min(vehicles, _VEHICLES) - penalty - 1.0 * len(dead)
+    score = 0.2 * min(vehicles, _VEHICLES) - penalty - 1.0 * len(dead) - _MERGE * merges
     return TileCandidate(new_map, tuple(pairs), faults, score, tuple(sorted(dead)))
 
 
@@ -142,23 +150,28 @@ def _gap(one: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> fl
     return float(np.hypot(*(one - other)[:2]))
 
 
-def _faults(
-    lines: Sequence[np.ndarray],
-    edges: Sequence[tuple[int, int]],
-    joints: Sequence[Joint],
-    unmet: int,
-    pose: WindowPose,
-) -> tuple[tuple[str, ...], float]:
-    """What is wrong with new lanes, of which so many are missing, and how bad that is: lower is better."""
-    joined = {(joint.lane, joint.at_start) for joint in joints}
-    joined |= {(a, False) for a, _ in edges} | {(b, True) for _, b in edges}
-    inside = sum(
-        (row, start) not in joined and _ends_inside(line, start, pose)
-        for row, line in enumerate(lines)
-        for start in (True, False)
-    )
-    kinked = sum(len(kinks_of(line)) > 0 for line in lines)
-    angled = sum(_turn(lines[joint.lane], joint) > _ANGLE for joint in joints)
+def _dead_ends(new: NewLanes, window: KnownWindow) -> list[DeadEnd]:
+    """Ends of lanes of the map and of the tile that nothing continues on ground that is covered with the tile."""
+    met = {(joint.open_end.lane_id, joint.open_end.is_start) for joint in new.joints}
+    ends = [DeadEnd(end) for end in window.open_ends if (end.lane_id, end.is_start) not in met]
+    joined = {(joint.lane, joint.at_start) for joint in new.joints}
+    joined |= {(a, False) for a, _ in new.edges} | {(b, True) for _, b in new.edges}
+    for lane, line in enumerate(new.lines):
+        for is_start in (True, False):
+            heading = outward_heading(line, is_start)
+            if (lane, is_start) not in joined and heading is not None:
+                ends.append(DeadEnd(OpenEnd("", is_start, line[0 if is_start else -1], heading, False), lane))
+    return [one for one in ends if window.is_dead(one.end.place[:2], one.end.outward)]
+
+
+def _faults(new: NewLanes, unmet: int, inside: int) -> tuple[tuple[str, ...], float]:
+    """What is wrong with new lanes, and how bad that is: lower is better.
+
+    Args:
+      unmet, inside: dead ends of lanes of the map, and of new lanes.
+    """
+    kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
+    angled = sum(_turn(new.lines[joint.lane], joint) > _ANGLE for joint in new.joints)
     faults = []
     if unmet:
         faults.append(f"{unmet} lanes do not go on")
@@ -176,55 +189,45 @@ def _turn(line: np.ndarray, joint: Joint) -> float:
     return np.pi if heading is None else abs(wrap_to_pi(heading + np.pi - joint.open_end.outward))
 
 
-def must_continue(end: OpenEnd, pose: WindowPose) -> bool:
-    """Whether the road beyond an open end lies in the front half of a window."""
-    if not end.at_border:
-        return False
-    step = np.array([np.cos(end.outward), np.sin(end.outward), 0.0])
-    x, y, _ = pose.to_window(np.nan_to_num(end.place) + (AHEAD + 1.0) * step)
-    return bool(0 < x < HALF - 1 and abs(y) < HALF - 1)
-
-
-def _ends_inside(line: np.ndarray, is_start: bool, pose: WindowPose) -> bool:
-    heading = outward_heading(line, is_start)
-    if heading is None:
-        return True
-    step = np.array([np.cos(heading), np.sin(heading), 0.0])
-    x, y, _ = pose.to_window(np.nan_to_num(line[0 if is_start else -1]) + AHEAD * step)
-    return bool(max(abs(x), abs(y)) < HALF)
-
-
 def _map_of(
     sample: Scene,
-    rows: Int[np.ndarray, " lanes"],
-    lines: Sequence[np.ndarray],
-    edges: Sequence[tuple[int, int]],
+    new: NewLanes,
+    window: KnownWindow,
     agents_and_types: tuple[np.ndarray, np.ndarray],
     name: str,
 ) -> Map:
     """New lanes, signals and agents as a map."""
-    ids = [f"{name}.lane-{row}" for row in range(len(rows))]
-    links = np.asarray(sample.links)[np.ix_(rows, rows)]
+    ids = [f"{name}.lane-{row}" for row in range(len(new.lines))]
+    links = np.asarray(sample.links)
+    beside = [
+        [
+            [ids[k] for k, other in enumerate(new.rows) if NO_ROW not in (row, other) and links[other, row] == link]
+            for link in (Link.LEFT, Link.RIGHT)
+        ]
+        for row in new.rows
+    ]
     lanes = tuple(
         MapLane(
             id=ids[row],
             lane_type=None,
             points=line,
-            predecessors=tuple(ids[a] for a, b in edges if b == row),
-            successors=tuple(ids[b] for a, b in edges if a == row),
-            left_neighbors=tuple(LaneNeighbor(ids[other]) for other in np.flatnonzero(links[:, row] == Link.LEFT)),
-            right_neighbors=tuple(LaneNeighbor(ids[other]) for other in np.flatnonzero(links[:, row] == Link.RIGHT)),
+            predecessors=tuple(ids[a] for a, b in new.edges if b == row),
+            successors=tuple(ids[b] for a, b in new.edges if a == row),
+            left_neighbors=tuple(LaneNeighbor(other) for other in beside[row][0]),
+            right_neighbors=tuple(LaneNeighbor(other) for other in beside[row][1]),
         )
-        for row, line in enumerate(lines)
+        for row, line in enumerate(new.lines)
     )
-    signals = np.asarray(sample.signals, np.int32)[rows]
+    states = dict(zip(window.map.signal_lane_ids, window.map.signal_states.tolist(), strict=True))
+    near = near_map(window.map, window.pose.x, window.pose.y, HALF * 1.5).lane_by_id
+    signals = tile_signals(np.asarray(sample.signals, np.int32), new, near, states)
     lit = np.flatnonzero(signals != Signal.UNKNOWN)
     agents, types = agents_and_types
     return Map(
         lanes=lanes,
         signal_lane_ids=tuple(ids[row] for row in lit),
         signal_states=signals[lit],
-        signal_positions=np.array([lines[int(row)][0] for row in lit]).reshape(-1, 3),
+        signal_positions=np.array([new.lines[int(row)][0] for row in lit]).reshape(-1, 3),
         agent_ids=tuple(f"{name}.agent-{row}" for row in range(len(agents))),
         agent_types=types,
         agents=agents,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,9 @@ from jaxtyping import Float, Float64
 
 from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
-from scjax.outpainting.coverage import OpenEnd, connected_ends
+from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, connected_ends
 from scjax.outpainting.dead_turns import DeadTurns
-from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, Scene, permute
+from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, MapTile, Scene, TileStatus, permute
 from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.polyline import cumulative_length, spread_points
 
@@ -63,6 +64,17 @@ class KnownWindow:
     scene: Scene
     open_ends: tuple[OpenEnd, ...]
     dead_turns: DeadTurns
+
+    def is_dead(self, place: Float64[np.ndarray, " 2"], outward: float) -> bool:
+        """Whether an end of a lane that nothing continues is dead once the tile is there, as ``measure_map`` says."""
+        beyond = place + AHEAD * np.array([np.cos(outward), np.sin(outward)])
+        return bool(self._covered.contains(beyond[None])[0])
+
+    @functools.cached_property
+    def _covered(self) -> Coverage:
+        x, y, z, yaw = self.pose
+        tile = MapTile(x=x, y=y, z=z, yaw=yaw, status=TileStatus.COMPLETE)
+        return Coverage(dataclasses.replace(self.map, tiles=(*self.map.tiles, tile)))
 
 
 def cut_window(map: Map, pose: WindowPose, *, speed: float = 8.0, ego: bool = True, domain: int = 0) -> Scene:

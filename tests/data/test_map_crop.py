@@ -88,3 +88,18 @@ def test_crop_of_a_map_of_five_kilometers_works_on_the_lanes_nearby():
     scene = crop_map(map, 2500.0, 2500.0, 0.3)
     np.testing.assert_array_equal(scene.lanes, crop_map(near, 2500.0, 2500.0, 0.3).lanes)
     assert scene.num_lanes == 4 and not (scene.links == Link.PREDECESSOR).any()  # merged through the crossing
+
+
+def test_sharp_bends_of_long_lanes_stay_lanes_that_20_points_can_show():
+    turn = np.linspace(0.0, np.pi / 2, 9)
+    bend = np.stack([6 * np.sin(turn), 6 - 6 * np.cos(turn)], -1)
+    lanes = (
+        map_lane("a", (-60, 0), (0, 0), successors=("b",)),
+        map_lane("b", *map(tuple, bend), successors=("c",)),
+        map_lane("c", (6, 6), (6, 66)),
+    )
+    scene = crop_map(Map(lanes=lanes, has_topology=True), 0.0, 0.0)
+    assert scene.num_lanes == 3 and (scene.links == Link.PREDECESSOR).sum() == 2
+    steps = np.diff(np.asarray(scene.lanes)[..., :2], axis=1)
+    turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]))))
+    assert np.rad2deg(turns.max()) < 12

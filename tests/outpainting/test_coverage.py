@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from scjax.outpainting.coverage import Coverage
-from scjax.outpainting.exits import choose_exit, find_exits, pose_beyond, start_lane
+from scjax.outpainting.coverage import Coverage, OpenEnd
+from scjax.outpainting.dead_turns import DeadTurns
+from scjax.outpainting.exits import choose_exit, ends_in_window, find_exits, pose_beyond, start_lane
 from scjax.outpainting.measures import measure_map
-from scjax.outpainting.window import WindowPose, cut_window, trim_tails
+from scjax.outpainting.window import KnownWindow, WindowPose, cut_window, trim_tails
 from scjax.scene import Crop, TileStatus
 from tests.factories.maps import map_lane, two_tile_map
 
@@ -82,7 +83,54 @@ def test_measures_of_a_map_by_hand():
     assert (measures.length, measures.dead_ends, measures.largest_share) == (256.0, 0, 0.5)
     assert measures.gaps.tolist() == [0.0, 0.0] and measures.turns.max() < 1e-9
     assert (measures.complete, measures.tiles, measures.attempts) == (0, 1, 3)
+    assert (measures.signaled, measures.differing) == (0, 0)
+    signals = {"signal_lane_ids": ("ahead-0", "ahead-1"), "signal_positions": np.zeros((2, 3))}
+    for states, differing in (([1, 1], 0), ([1, 3], 1)):
+        lit = measure_map(two_tile_map(signal_states=np.array(states, np.int32), **signals))
+        assert (lit.signaled, lit.differing) == (1, differing)
     stub = map_lane("stub", (40.0, 10.0), (44.0, 10.0))
     assert measure_map(two_tile_map(lanes=(*two_tile_map().lanes, stub))).dead_ends == 0  # on no covered ground
     stub = map_lane("stub", (70.0, 10.0), (80.0, 10.0))
     assert measure_map(two_tile_map(lanes=(*two_tile_map().lanes, stub))).dead_ends == 2
+
+
+def test_tiles_on_whose_ground_a_lane_ends_dead_are_not_complete():
+    map = two_tile_map()
+    complete = dataclasses.replace(map.tiles[1], status=TileStatus.COMPLETE)
+    missing = dataclasses.replace(complete, status=TileStatus.MISSING, lane_ids=())
+    map = dataclasses.replace(map, tiles=(map.tiles[0], complete, missing))
+    assert (measure_map(map).complete, measure_map(map).tiles, measure_map(map).missing) == (1, 1, 1)
+    stub = map_lane("stub", (40.0, 10.0), (80.0, 10.0))
+    assert measure_map(dataclasses.replace(map, lanes=(*map.lanes, stub))).complete == 0
+
+
+@pytest.mark.parametrize(
+    "end", [(80.0, 0.0, 0.0), (93.9, 0.0, 0.0), (94.1, 0.0, 0.0), (70.0, 29.9, 1.57), (63.0, 9.0, 0.0)]
+)
+def test_ends_are_dead_in_a_window_where_the_measure_of_the_map_says_so(end):
+    """The window of the second tile, before that tile is there and afterwards."""
+    x, y, yaw = end
+    stub = map_lane("stub", (x - 9.0 * np.cos(yaw), y - 9.0 * np.sin(yaw)), (x, y))
+    map = two_tile_map(lanes=(*two_tile_map().lanes, stub))
+    before = dataclasses.replace(map, tiles=map.tiles[:1], seams=())
+    pose = WindowPose(64.0, 0.0, 0.0, 0.0)
+    window = KnownWindow(pose, before, cut_window(before, pose), (), DeadTurns(before, (), 0.0, 0.0))
+    tiled = dataclasses.replace(
+        map, tiles=(map.tiles[0], dataclasses.replace(map.tiles[1], lane_ids=("ahead-1", "stub")))
+    )
+    ends = {(one.lane_id, one.is_start): not one.at_border for one in Coverage(tiled).open_ends(tiled)}
+    assert window.is_dead(np.array([x, y]), yaw) == ends["stub", False]
+
+
+def test_ends_just_beside_a_window_that_lead_into_it_count():
+    pose = WindowPose(64.0, 0.0, 0.0, 0.0)
+    ends = [
+        OpenEnd(name, False, np.array([x, y, 0.0]), 0.0, border)
+        for name, x, y, border in (
+            ("in", 63, 0, True),
+            ("beside", 80, 33, True),
+            ("far", 80, 40, True),
+            ("dead", 63, 0, False),
+        )
+    ]
+    assert [end.lane_id for end in ends_in_window(ends, pose)] == ["in", "beside"]

@@ -47,3 +47,13 @@ def test_what_is_near_a_seam_is_counted_there():
     )
     at_seams, elsewhere = measure_zones(crowded)
     assert (at_seams.agents, at_seams.overlapping, elsewhere.agents, elsewhere.overlapping) == (2, 2, 1, 0)
+
+
+def test_vehicles_more_than_a_meter_from_every_lane_of_their_direction_are_beside():
+    """The lanes are at y = -2 to the east, and y = 2 to the west."""
+    rows = [(0.0, -2.0, 1.0), (0.0, -3.4, 1.0), (0.0, 2.0, 1.0), (0.0, 2.5, -1.0), (34.0, -2.9, 1.0), (34.0, 0.0, 1.0)]
+    agents = np.array([[x, y, 0, 0, cos, 0, 4, 2, 1] for x, y, cos in rows])
+    ids = tuple(str(row) for row in range(len(rows)))
+    map = two_tile_map(agents=agents, agent_ids=ids, agent_types=np.zeros(len(rows), np.int32), tiles=())
+    at_seams, elsewhere = measure_zones(map)
+    assert (at_seams.vehicles, at_seams.beside, elsewhere.vehicles, elsewhere.beside) == (2, 1, 4, 2)

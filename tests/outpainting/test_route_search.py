@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from scjax.data.map_crop import crop_map
 from scjax.outpainting.outpaint import outpaint_steps
 from scjax.outpainting.route_search import RouteSearch
 from scjax.scene import Map, MapTile, TileStatus, join_maps
-from tests.factories.maps import map_lane
+from tests.factories.maps import map_lane, two_tile_map
 
 
 def _fork() -> Map:
@@ -94,3 +95,18 @@ def test_maps_go_on_from_an_earlier_exit_or_stay_partial(lengths, reached, monke
     assert sum(np.hypot(*(lanes[name].points[-1] - lanes[name].points[0])[:2]) for name in map.routes[0].lane_ids) == (
         reached
     )
+
+
+@pytest.mark.parametrize(("leads_out", "drawn"), [((False, True), 2), ((True,), 1), ((False,) * 4, 4)])
+def test_a_sampled_start_is_one_that_its_ego_can_leave(leads_out, drawn, monkeypatch):
+    street = crop_map(two_tile_map(), 0.0, -2.0)
+    blind = crop_map(Map(lanes=(map_lane("blind", (-32, 0), (10, 0)),), has_topology=True), 0.0, 0.0)
+    count = []
+
+    def sample(*arguments, **options):
+        count.append(len(count))
+        return [street if leads_out[count[-1]] else blind]
+
+    monkeypatch.setattr("scjax.outpainting.outpaint.sample_scenes", sample)
+    start = next(outpaint_steps(0))
+    assert len(count) == drawn and start.num_lanes == (street if any(leads_out) else blind).num_lanes
