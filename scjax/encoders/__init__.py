@@ -5,9 +5,9 @@ from scjax.encoders.depth import DepthProvider, ExactDepth, NoDepth, depth_token
 from scjax.encoders.depth_files import FileDepth
 from scjax.encoders.feature_cache import FeatureCache
 from scjax.encoders.photo import Photo, photo_from_array, read_photo
-from scjax.encoders.preprocessing import LETTERBOX, PREPROCESSINGS, SQUASH, WIDE, Preprocessing, prepare
+from scjax.encoders.preprocessing import LETTERBOX, PREPROCESSINGS, SQUASH, WIDE, Preprocessing, prepare_image
 from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
-from scjax.encoders.vision import FrozenImageEncoder, GridTokens, load_image_encoder
+from scjax.encoders.vision import FrozenImageEncoder, GridTokens, ImageEncoder, load_image_encoder
 
 __all__ = [
     "LETTERBOX",
@@ -21,6 +21,7 @@ __all__ = [
     "FrozenImageEncoder",
     "FrozenTextEncoder",
     "GridTokens",
+    "ImageEncoder",
     "NoDepth",
     "Photo",
     "Preprocessing",
@@ -31,6 +32,6 @@ __all__ = [
     "load_image_encoder",
     "load_text_encoder",
     "photo_from_array",
-    "prepare",
+    "prepare_image",
     "read_photo",
 ]

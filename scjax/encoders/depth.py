@@ -1,7 +1,7 @@
 """Where depth comes from, and its tokens: means of cells, scaled to 0..1 by the picture's own least and greatest.
 
-A provider is called with a photo. The sources are files, a network, a renderer's exact depth, and none. Scales and units
-are lost in the tokens (as in the paper), so that all of them serve one model.
+A provider is called with a photo. The sources are files, a network, a renderer's exact depth, and none. Scales and
+units are lost in the tokens (as in the paper), so that all of them serve one model.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import functools
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -76,7 +76,7 @@ class ExactDepth:
       ValueError: it is no such array.
     """
 
-    def __init__(self, depth: DepthMap):
+    def __init__(self, depth: Any):
         self.depth = np.minimum(check_depth(depth, "depth"), MAX_DEPTH)
 
     def key_of(self, photo: Photo) -> str:
@@ -164,9 +164,7 @@ def from_inverse(inverse: Float[np.ndarray, "height width"]) -> Float32[np.ndarr
     return (1 / np.maximum(inverse / largest, 1 / FAR_RATIO)).astype(np.float32)
 
 
-def depth_tokens(
-    provider: DepthProvider, photos: Sequence[Photo], preprocessing: Preprocessing
-) -> list[GridTokens]:
+def depth_tokens(provider: DepthProvider, photos: Sequence[Photo], preprocessing: Preprocessing) -> list[GridTokens]:
     """One number a cell: its mean depth, 0 at the picture's smallest depth and 1 at its largest.
 
     Cells whose depth is not known, and those that show no picture, are 0 and masked.

@@ -41,7 +41,7 @@ class DepthConfig:
 
     backbone: VitConfig
     layers: tuple[int, ...] = (3, 6, 9, 12)
-    reassemble_factors: tuple[Factor, ...] = (4, 2, 1, 0.5)
+    reassemble_factors: tuple[Factor, ...] = (4.0, 2.0, 1.0, 0.5)
     neck_hidden_sizes: tuple[Size, ...] = (48, 96, 192, 384)
     fusion_hidden_size: Size = 64
     head_hidden_size: Size = 32
@@ -145,8 +145,7 @@ class DepthNetwork(nnx.Module):
         features = self.backbone.features(pixels, config.layers)
         grids = [one.reshape(len(one), rows, columns, -1) for one in features]
         maps = [
-            conv(reassemble(grid))
-            for grid, reassemble, conv in zip(grids, self.reassemble, self.convs, strict=True)
+            conv(reassemble(grid)) for grid, reassemble, conv in zip(grids, self.reassemble, self.convs, strict=True)
         ][::-1]
         x, skip = maps[0], None
         for number, fusion in enumerate(self.fusions):

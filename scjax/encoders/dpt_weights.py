@@ -56,7 +56,9 @@ def _layers(backbone: Mapping[str, Any], most: int) -> list[int]:
         names = backbone.get("out_features") or ()
         layers = [int(name[5:]) for name in names if re.fullmatch(r"stage\d{1,4}", str(name))]
     if not isinstance(layers, list | tuple) or not all(type(layer) is int for layer in layers) or not layers:
-        raise ValueError(f"{CONFIG_FILE}: backbone_config names no layers by out_indices or out_features: {CONFIG_CURE}")
+        raise ValueError(
+            f"{CONFIG_FILE}: backbone_config names no layers by out_indices or out_features: {CONFIG_CURE}"
+        )
     return [layer if layer >= 0 else layer + most + 1 for layer in layers]
 
 

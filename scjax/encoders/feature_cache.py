@@ -18,7 +18,7 @@ import safetensors.numpy
 from scjax.encoders.depth import DEPTH_VERSION, DepthProvider, depth_tokens
 from scjax.encoders.photo import Photo
 from scjax.encoders.preprocessing import Preprocessing
-from scjax.encoders.vision import FrozenImageEncoder, GridTokens
+from scjax.encoders.vision import GridTokens, ImageEncoder
 from scjax.scene.files import write_file
 
 _FORMAT = "1"
@@ -34,6 +34,10 @@ class FeatureCache:
     def path(self, key: str) -> Path:
         """The file of an entry."""
         return self.folder / key[:2] / f"{key}.safetensors"
+
+    def __contains__(self, key: str) -> bool:
+        """Whether there is a file of the entry, damaged or not."""
+        return self.path(key).is_file()
 
     def read(self, key: str) -> GridTokens | None:
         """The tokens, in float32; None if they are missing or damaged."""
@@ -65,7 +69,7 @@ class FeatureCache:
         write_file(self.path(key), lambda file: file.write(data))
 
     def image_tokens(
-        self, encoder: FrozenImageEncoder, photos: Sequence[Photo], preprocessing: Preprocessing
+        self, encoder: ImageEncoder, photos: Sequence[Photo], preprocessing: Preprocessing
     ) -> list[GridTokens]:
         """Features of every photo; those that are missing are computed, together, and kept."""
         keys = [image_key(encoder, photo, preprocessing) for photo in photos]
@@ -80,9 +84,7 @@ class FeatureCache:
             keys, lambda missing: depth_tokens(provider, [photos[index] for index in missing], preprocessing)
         )
 
-    def _fill(
-        self, keys: Sequence[str], compute: Callable[[Sequence[int]], Sequence[GridTokens]]
-    ) -> list[GridTokens]:
+    def _fill(self, keys: Sequence[str], compute: Callable[[Sequence[int]], Sequence[GridTokens]]) -> list[GridTokens]:
         tokens = [self.read(key) for key in keys]
         first = {key: index for index, key in reversed(list(enumerate(keys)))}  # equal photos are computed once
         missing = [index for index, key in enumerate(keys) if tokens[index] is None and first[key] == index]
@@ -98,7 +100,7 @@ class FeatureCache:
         return tokens
 
 
-def image_key(encoder: FrozenImageEncoder, photo: Photo, preprocessing: Preprocessing) -> str:
+def image_key(encoder: ImageEncoder, photo: Photo, preprocessing: Preprocessing) -> str:
     """The entry of an encoder's features of a photo."""
     return _key("image", photo.content, encoder.key, preprocessing.key)
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from scjax.encoders.base import CONFIG_FILE, PublishedNetwork, pure_functions
-from scjax.encoders.weights import fit_weights, read_json_object, read_state, weights_digest
+from scjax.encoders.weights import fit_weights, read_json_object, read_network_state, weights_digest
 from scjax.nn.cpu.precision import Compute
 from scjax.nn.functional import Params
 
@@ -51,7 +51,7 @@ def load_network(folder: Path, networks: Mapping[str, PublishedNetwork], compute
     network = networks[model_type]
     try:
         config = network.read_config(content).with_compute(compute)
-        state = read_state(folder, network)
+        state = read_network_state(folder, network)
         params = fit_weights(state, network, config)
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import io
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ MAX_PIXELS = 150_000_000
 BACKGROUND = (124, 116, 104)
 """Color behind transparent pixels and around letterboxed pictures: the mean of the encoders' training data."""
 
-_FORMATS = ("JPEG", "MPO", "PNG", "WEBP", "BMP", "TIFF", "GIF", "PPM", "JPEG2000")  # none of them runs other programs
+_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "GIF", "PPM", "JPEG2000")  # none of them runs other programs
 _CURE = "give a PNG or JPEG file"
 _ORIENTATION = 0x0112  # EXIF tag
 _WIDE_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I")
@@ -28,17 +30,26 @@ _BYTE, _WORD = 255, 65535
 
 @dataclasses.dataclass(frozen=True)
 class Photo:
-    """A picture.
+    """A picture, decoded when its pixels are first needed.
 
     Attributes:
-      pixels: RGB.
       name: of its file, for messages; "" for arrays.
       content: SHA-256 of the file's bytes, or of the array.
+      decode: makes the pixels.
     """
 
-    pixels: UInt8[np.ndarray, "height width 3"]
     name: str
     content: str
+    decode: Callable[[], np.ndarray]
+
+    @functools.cached_property
+    def pixels(self) -> UInt8[np.ndarray, "height width 3"]:
+        """RGB.
+
+        Raises:
+          ValueError: the file is cut, too large or no picture; names it and the cure.
+        """
+        return self.decode()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,12 +65,23 @@ def read_photo(path: str | Path) -> Photo:
     Raises:
       ValueError: the file is missing, cut, too large or no picture; names it and the cure.
     """
+    photo = open_photo(path)
+    _ = photo.pixels
+    return photo
+
+
+def open_photo(path: str | Path) -> Photo:
+    """As ``read_photo``, but the bytes are decoded later, if ever.
+
+    Raises:
+      ValueError: the file cannot be read; names it and the cure.
+    """
     path = Path(path)
     try:
         data = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror or error}): {_CURE}") from error
-    return Photo(_decode(data, path), str(path), hashlib.sha256(data).hexdigest())
+    return Photo(str(path), hashlib.sha256(data).hexdigest(), lambda: _decode(data, path))
 
 
 def photo_from_array(pixels: Any) -> Photo:
@@ -78,7 +100,8 @@ def photo_from_array(pixels: Any) -> Photo:
     digest = hashlib.sha256(f"{array.shape}".encode() + np.ascontiguousarray(array).tobytes()).hexdigest()
     if array.ndim == 2:
         array = np.repeat(array[..., None], 3, 2)
-    return Photo(_over_background(array) if array.shape[2] == 4 else np.ascontiguousarray(array), "", digest)
+    picture = _over_background(array) if array.shape[2] == 4 else np.ascontiguousarray(array)
+    return Photo("", digest, lambda: picture)
 
 
 def as_photo(image: Any) -> Photo:
@@ -142,7 +165,7 @@ def _from_wide(values: np.ndarray) -> np.ndarray:
 def _over_background(pixels: np.ndarray) -> np.ndarray:
     """RGB of RGBA pixels."""
     alpha = pixels[..., 3:].astype(np.float32) / _BYTE
-    mixed = alpha * pixels[..., :3] + (1 - alpha) * np.float32(BACKGROUND)
+    mixed = alpha * pixels[..., :3] + (1 - alpha) * np.array(BACKGROUND, np.float32)
     return np.round(mixed).astype(np.uint8)
 
 

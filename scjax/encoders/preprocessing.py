@@ -69,7 +69,7 @@ class PreparedImage:
     mask: Bool[np.ndarray, "rows columns"]
 
 
-def prepare(photo: Photo, preprocessing: Preprocessing, patch_size: int) -> PreparedImage:
+def prepare_image(photo: Photo, preprocessing: Preprocessing, patch_size: int) -> PreparedImage:
     """The picture with one patch a cell: resized (linear, antialiased), then normalized."""
     canvas = np.zeros((preprocessing.rows * patch_size, preprocessing.columns * patch_size, 3), np.float32)
     top, left, height, width = (value * patch_size for value in preprocessing.content(photo.size))
@@ -84,7 +84,7 @@ def normalized_pixels(
 ) -> Float32[np.ndarray, "rows columns 3"]:
     """The whole picture at another size, with the mean and deviation that encoders expect."""
     pixels = resize_antialiased(photo.pixels, rows, columns, kernel) / 255
-    return (pixels - np.float32(MEAN)) / np.float32(DEVIATION)
+    return (pixels - np.array(MEAN, np.float32)) / np.array(DEVIATION, np.float32)
 
 
 def cell_shares(preprocessing: Preprocessing, size: tuple[int, int]) -> Float[np.ndarray, "rows columns"]:

@@ -18,7 +18,7 @@ from scjax.encoders.base import CONFIG_FILE, PublishedNetwork, TextNetworkConfig
 from scjax.encoders.bert import first_layers
 from scjax.encoders.minilm import MINILM
 from scjax.encoders.package import EncoderPackage
-from scjax.encoders.weights import fit_weights, read_json_object, read_state, weights_digest
+from scjax.encoders.weights import fit_weights, read_json_object, read_network_state, weights_digest
 from scjax.nn.functional import Params
 
 _LENGTH_STEP = 32  # texts are padded to a multiple of so many tokens, so that few programs are compiled
@@ -126,7 +126,7 @@ def _load(folder: Path, layers: int | None) -> FrozenTextEncoder:
     network = NETWORKS[model_type]
     try:
         config = network.read_config(content)
-        state = read_state(folder, network)
+        state = read_network_state(folder, network)
         if layers is not None:
             config, state = first_layers(config, state, layers)
         params = fit_weights(state, network, config)

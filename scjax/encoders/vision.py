@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,7 +15,7 @@ from scjax.encoders.base import PublishedNetwork
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, in_groups, load_network, run_padded
 from scjax.encoders.photo import Photo, as_photo
-from scjax.encoders.preprocessing import SQUASH, Preprocessing, prepare
+from scjax.encoders.preprocessing import SQUASH, Preprocessing, prepare_image
 from scjax.nn.cpu.precision import Compute, operands
 
 IMAGE_NETWORKS: dict[str, PublishedNetwork] = dict.fromkeys(
@@ -38,6 +38,30 @@ class GridTokens(NamedTuple):
     grid: tuple[int, int]
 
 
+@runtime_checkable
+class ImageEncoder(Protocol):
+    """Turns pictures into tokens.
+
+    Attributes:
+      name: a model fits the features of one name only.
+      key: differs between encoders whose features differ at all, be it by rounding.
+      width: features of a token.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def key(self) -> str: ...
+
+    @property
+    def width(self) -> int: ...
+
+    def __call__(self, images: Sequence[Photo], preprocessing: Preprocessing) -> list[GridTokens]:
+        """Tokens of every picture."""
+        ...
+
+
 class FrozenImageEncoder:
     """A network with its weights. ``name`` changes with the weights: a model fits the features of one name only."""
 
@@ -52,7 +76,7 @@ class FrozenImageEncoder:
 
     @property
     def key(self) -> str:
-        """Differs between encoders whose features differ at all, be it by rounding."""
+        """The name and the precision."""
         return f"{self.name}-{operands(self.config.compute)}"
 
     def __call__(
@@ -68,7 +92,7 @@ class FrozenImageEncoder:
         """
         results: list[GridTokens] = []
         for group in in_groups(images):
-            prepared = [prepare(as_photo(image), preprocessing, self.config.patch_size) for image in group]
+            prepared = [prepare_image(as_photo(image), preprocessing, self.config.patch_size) for image in group]
             features = run_padded(self._program, self.params, [one.pixels for one in prepared])
             if not np.isfinite(features).all():
                 raise ValueError(

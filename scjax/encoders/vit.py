@@ -194,7 +194,7 @@ def patch_grid(height: int, width: int, patch_size: int) -> tuple[int, int]:
     if height % patch_size or width % patch_size or not height or not width:
         raise ValueError(
             f"an image of {height} x {width} pixels has no whole patches of {patch_size} x {patch_size}: resize it "
-            "with scjax.encoders.prepare"
+            "with scjax.encoders.prepare_image"
         )
     return height // patch_size, width // patch_size
 
@@ -218,5 +218,3 @@ def _rotate(x: Float[Array, "b h t d"], rotation: Rotation) -> Float[Array, "b h
     first, second = jnp.split(patches, 2, -1)
     turned = jnp.concatenate([-second, first], -1)
     return jnp.concatenate([prefix, patches * cos + turned * sin], 2)
-
-

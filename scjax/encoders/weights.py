@@ -93,7 +93,7 @@ def check_weights(state: Mapping[str, np.ndarray], rules: Rules, table_shapes: M
             raise ValueError(f"the weights {key} are not finite: {_CURE}")
 
 
-def read_state(folder: Path, network: PublishedNetwork) -> dict[str, np.ndarray]:
+def read_network_state(folder: Path, network: PublishedNetwork) -> dict[str, np.ndarray]:
     """``read_weights``, with the keys that the rules of the network have.
 
     Raises:

@@ -30,7 +30,8 @@ class Conv(nnx.Module):
     ):
         self.kernel = nnx.Param(init.normal((size, size, channels_in, channels_out), _STD))
         self.bias = nnx.Param(jnp.zeros(channels_out)) if bias else None
-        self.stride, self.compute = stride, compute
+        self.stride = stride
+        self.compute: Compute = compute
 
     def __call__(self, x: Float[Array, "b h w i"]) -> Float[Array, "b rows columns o"]:
         dtype = jnp.bfloat16 if operands(self.compute) == "bfloat16" else jnp.float32
