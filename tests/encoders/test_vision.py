@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import jax
+import ml_dtypes
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -84,13 +85,14 @@ def test_load_names_a_missing_shard(tmp_path):
         load_image_encoder(folder)
 
 
-def test_load_reads_half_precision(tmp_path):
+@pytest.mark.parametrize("dtype", [np.float16, ml_dtypes.bfloat16])
+def test_load_reads_half_precision(tmp_path, dtype):
     exact = load_image_encoder(write_network(tmp_path / "exact"))
     folder = write_network(tmp_path / "half")
-    state = {name: value.astype(np.float16) for name, value in network_state("dinov2").items()}
+    state = {name: value.astype(dtype) for name, value in network_state("dinov2").items()}
     safetensors.numpy.save_file(state, folder / "model.safetensors")
     (a,), (b,) = exact([picture()]), load_image_encoder(folder)([picture()])
-    np.testing.assert_allclose(a.tokens, b.tokens, atol=0.02)
+    np.testing.assert_allclose(a.tokens, b.tokens, atol=0.1)
 
 
 def _changed(folder, change, kind="dinov2"):
