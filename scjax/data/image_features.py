@@ -55,10 +55,11 @@ class ImageIndex(msgspec.Struct, kw_only=True):
 
 
 class EmbedReport(NamedTuple):
-    """Numbers of pictures computed and found, and those that could not be used."""
+    """Numbers of pictures computed, found, and without depth, and those that could not be used."""
 
     computed: int
     reused: int
+    without_depth: int
     skipped: list[SkippedImage]
 
 
@@ -110,7 +111,7 @@ def embed_images(
         )
         data = msgspec.json.format(msgspec.json.encode(index), indent=1)
         write_file(out / _INDEX, lambda file: file.write(data))
-    return EmbedReport(len(entries) - reused, reused, skipped)
+    return EmbedReport(len(entries) - reused, reused, sum(not entry.depth for entry in entries), skipped)
 
 
 def list_photos(folder: Path, out: Path | None = None) -> list[str]:

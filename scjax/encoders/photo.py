@@ -100,8 +100,7 @@ def photo_from_array(pixels: Any) -> Photo:
     digest = hashlib.sha256(f"{array.shape}".encode() + np.ascontiguousarray(array).tobytes()).hexdigest()
     if array.ndim == 2:
         array = np.repeat(array[..., None], 3, 2)
-    picture = _over_background(array) if array.shape[2] == 4 else np.ascontiguousarray(array)
-    return Photo("", digest, lambda: picture)
+    return Photo("", digest, lambda: _opaque(np.ascontiguousarray(array)))
 
 
 def as_photo(image: Any) -> Photo:
@@ -149,24 +148,33 @@ def _rgb(image: Any) -> np.ndarray:
     if image.mode == "F":
         raise ValueError("its pixels are floating-point numbers, whose range is not known")
     if image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info:
-        return _over_background(np.asarray(image.convert("RGBA")))
+        return _over_background(image.convert("RGBA"))
     return np.asarray(image.convert("RGB"))
 
 
 def _from_wide(values: np.ndarray) -> np.ndarray:
     """8-bit RGB of 16-bit grays."""
-    values = values.astype(np.int64)
     if values.min() < 0 or values.max() > _WORD:
         raise ValueError("its pixels are 32-bit numbers, whose range is not known")
-    gray = np.round(values * (_BYTE / _WORD)).astype(np.uint8)
+    gray = np.round(values.astype(np.float32) * np.float32(_BYTE / _WORD)).astype(np.uint8)
     return np.repeat(gray[..., None], 3, 2)
 
 
-def _over_background(pixels: np.ndarray) -> np.ndarray:
-    """RGB of RGBA pixels."""
-    alpha = pixels[..., 3:].astype(np.float32) / _BYTE
-    mixed = alpha * pixels[..., :3] + (1 - alpha) * np.array(BACKGROUND, np.float32)
-    return np.round(mixed).astype(np.uint8)
+def _opaque(pixels: np.ndarray) -> np.ndarray:
+    """RGB of RGB or RGBA."""
+    if pixels.shape[2] == 3:
+        return pixels
+    from PIL import Image
+
+    return _over_background(Image.fromarray(pixels))
+
+
+def _over_background(image: Any) -> np.ndarray:
+    """RGB of a picture of mode RGBA."""
+    from PIL import Image
+
+    background = Image.new("RGBA", image.size, (*BACKGROUND, _BYTE))
+    return np.asarray(Image.alpha_composite(background, image).convert("RGB"))
 
 
 def _turn(image: Any) -> Any:

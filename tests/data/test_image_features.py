@@ -132,6 +132,13 @@ def test_command_embeds_and_continues(pictures, tmp_path, encoder_folder, capsys
     assert tuple(ImageStore(tmp_path / "out").grid) == (WIDE.rows, WIDE.columns)
 
 
+def test_command_counts_pictures_without_depth(pictures, tmp_path, encoder_folder, capsys):
+    (tmp_path / "depth").mkdir()
+    np.save(tmp_path / "depth" / "0.npy", np.ones((4, 4)))
+    assert _command(pictures, tmp_path / "out", "--encoder", encoder_folder, "--depth", tmp_path / "depth") == 0
+    assert "2 pictures have no depth in" in capsys.readouterr().err
+
+
 def test_command_lists_skipped_pictures(pictures, tmp_path, encoder_folder, capsys):
     (pictures / "bad.png").write_bytes(b"?")
     assert _command(pictures, tmp_path / "out", "--encoder", encoder_folder) == 3

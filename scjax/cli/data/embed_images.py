@@ -88,6 +88,8 @@ def data_embed_images(
     loaded = load_image_encoder(encoder, compute=compute)  # pyright: ignore[reportArgumentType]
     report = embed_images(images, out, loaded, PREPROCESSINGS[preprocessing], depth=provider)
     click.echo(f"{report.computed} pictures embedded, {report.reused} were already")
+    if provider is not None and report.without_depth:
+        click.echo(f"{report.without_depth} pictures have no depth in {depth}", err=True)
     for skipped in report.skipped:
         click.echo(f"skipped {skipped.file}: {skipped.reason}", err=True)
     return _SOME_SKIPPED if report.skipped else 0
