@@ -36,8 +36,7 @@ def depth_config(content: Mapping[str, Any]) -> DepthConfig:
     if not isinstance(backbone, Mapping) or backbone.get("model_type") != "dinov2":
         raise ValueError(f"{CONFIG_FILE}: backbone_config must be that of a dinov2: {CONFIG_CURE}")
     vit = vit_config(backbone)
-    last = len(content.get("neck_hidden_sizes", (0,) * 4)) - 1
-    if content.get("head_in_index", -1) not in (-1, last):
+    if content.get("head_in_index", -1) != -1:
         raise ValueError(f"{CONFIG_FILE}: head_in_index is {content['head_in_index']!r}: only -1 is supported")
     for name, value in (("patch_size", vit.patch_size), ("reassemble_hidden_size", vit.hidden_size)):
         if content.get(name, value) != value:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 
 import jax
 import ml_dtypes
@@ -12,9 +13,11 @@ import safetensors.numpy
 
 from scjax.encoders import dpt_weights, vit_weights
 from scjax.encoders.base import pure_functions
+from scjax.encoders.depth import DEPTH_NETWORKS
 from scjax.encoders.hub_folder import find_network_folder
+from scjax.encoders.image_network import load_network
 from scjax.encoders.preprocessing import LETTERBOX, SQUASH, WIDE, Preprocessing
-from scjax.encoders.vision import load_image_encoder
+from scjax.encoders.vision import IMAGE_NETWORKS, load_image_encoder
 from scjax.nn.functional import count
 from tests.factories.image_folders import CONFIGS, network_state, picture, write_network
 
@@ -217,3 +220,51 @@ def test_networks_have_the_published_sizes():
 def test_squash_is_the_default(tmp_path):
     encoder = load_image_encoder(write_network(tmp_path))
     np.testing.assert_array_equal(encoder([picture()])[0].tokens, encoder([picture()], SQUASH)[0].tokens)
+
+
+BACKBONE = CONFIGS["depth_anything"]["backbone_config"]
+
+
+@pytest.mark.parametrize("kind", ["dinov2", "dinov3_vit", "depth_anything"])
+def test_load_of_damaged_folders_works_or_names_the_fault(tmp_path, kind):
+    rng = random.Random(0)
+    networks = {**IMAGE_NETWORKS, **DEPTH_NETWORKS}
+    for number in range(20):
+        folder = write_network(tmp_path / str(number), kind)
+        path = folder / rng.choice(["config.json", "model.safetensors"])
+        data = bytearray(path.read_bytes())
+        place = rng.randrange(min(len(data), 3000))
+        data = data[:place] if rng.random() < 0.3 else [*data[:place], rng.randrange(256), *data[place + 1 :]]
+        path.write_bytes(bytes(data))
+        try:
+            load_network(folder, networks, "float32")
+        except ValueError as error:
+            assert str(folder) in str(error)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"backbone_config": None}, "backbone_config must be that of a dinov2"),
+        ({"backbone_config": {"model_type": "swin"}}, "backbone_config must be that of a dinov2"),
+        (
+            {"backbone_config": {**BACKBONE, "out_features": None}},
+            "names no layers",
+        ),
+        ({"backbone_config": {**BACKBONE, "out_indices": [1, 9]}}, "reads layers"),
+        ({"neck_hidden_sizes": [4]}, "must be equally many"),
+        ({"neck_hidden_sizes": 4}, "neck_hidden_sizes"),
+        ({"neck_hidden_sizes": [4, 7]}, "its sizes need"),
+        ({"reassemble_factors": [2, 0.7]}, "reassemble_factors has 0.7"),
+        ({"reassemble_factors": [2, 0]}, "reassemble_factors"),
+        ({"head_in_index": 0}, "head_in_index"),
+        ({"patch_size": 14}, "patch_size is 14"),
+        ({"depth_estimation_type": "other"}, "depth_estimation_type"),
+        ({"max_depth": -1}, "max_depth"),
+    ],
+)
+def test_load_names_odd_fields_of_depth_networks(tmp_path, changes, message):
+    folder = write_network(tmp_path, "depth_anything")
+    (folder / "config.json").write_text(json.dumps(CONFIGS["depth_anything"] | changes))
+    with pytest.raises(ValueError, match=rf"{tmp_path.name}.*{message}"):
+        load_network(folder, DEPTH_NETWORKS, "float32")
