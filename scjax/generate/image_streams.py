@@ -11,7 +11,7 @@ from scjax.encoders.vision import ImageEncoder, load_image_encoder
 from scjax.generate.camera_stream import camera_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
-from scjax.models.denoiser.config import ImageCondition
+from scjax.models.denoiser.config import ImageCondition, TextCondition
 
 ENCODER_VARIABLE = "SCJAX_IMAGE_ENCODER"
 """Environment variable that names the folder of the image encoder."""
@@ -70,8 +70,10 @@ def model_preprocessing(model: Model) -> Preprocessing:
     """
     network = model.denoiser.config.condition
     if not isinstance(network, ImageCondition):
-        reads = "reads text" if model.text_encoder else "reads no streams"
-        raise ValueError(f"Condition.image is given, but this model {reads} and no pictures: {_CURE}")
+        reads = "text" if isinstance(network, TextCondition) else "attributes"
+        if network is None and not model.denoiser.config.attributes:
+            reads = "no streams"
+        raise ValueError(f"Condition.image is given, but this model reads {reads} and no pictures: {_CURE}")
     if not model.image_encoder:
         raise ValueError(
             "Condition.image is given, but this model reads features of no image encoder: give Condition.streams of "

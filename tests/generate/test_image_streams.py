@@ -183,7 +183,7 @@ def test_streams_encode_every_picture_once(model, encoder):
     ("condition", "message"),
     [
         (None, "this model reads no streams and no pictures: leave it out, or load"),
-        (TextCondition(4), "this model reads no streams and no pictures"),
+        (TextCondition(4), "this model reads text and no pictures"),
         (ImageCondition(16, GRID, patch=1), "reads features of no image encoder: give Condition.streams"),
     ],
 )
@@ -194,7 +194,10 @@ def test_models_without_pictures_say_so(condition, message):
 
 def test_shipped_model_says_that_it_reads_no_pictures():
     condition = Condition(image=FIRST, crop=Crop.FORWARD)
-    with pytest.raises(ValueError, match=r"Condition\.image is given, but this model reads .*docs/images\.md"):
+    with pytest.raises(
+        ValueError,
+        match=r"Condition\.image is given, but this model reads attributes and no pictures: .*docs/images\.md",
+    ):
         scjax.sample(jax.random.key(0), condition)
 
 
