@@ -1,6 +1,7 @@
-"""What a text encoder is to its users, and what a published network declares to become one.
+"""What a text encoder is to its users, and what a published network declares to become an encoder.
 
-A new network is one file with a ``TextNetwork``, and one line in ``scjax.encoders.text.NETWORKS``.
+A new network is one file with a ``PublishedNetwork``, and one line in ``NETWORKS`` of ``scjax.encoders.text`` or, for
+images, in ``IMAGE_NETWORKS`` of ``scjax.encoders.vision``.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class TextNetworkConfig(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class TextNetwork:
+class PublishedNetwork:
     """A published network: how its sizes and weights are read.
 
     Attributes:
@@ -87,7 +88,7 @@ class TextNetwork:
       table_shapes: config -> key of the state dict and shape of the arrays that all sizes of the config decide.
       weight_rules: config -> keys of the transformers state dict and the parameters that they become.
       is_unused: key of the state dict -> whether no parameter needs it.
-      prefix: left out of keys that start with it.
+      rename: key of the state dict -> the key in ``weight_rules``, where releases name an array differently.
       aliases: (other key, key) of arrays that some releases store twice.
     """
 
@@ -96,11 +97,11 @@ class TextNetwork:
     table_shapes: Callable[[Any], dict[str, tuple[int, ...]]]
     weight_rules: Callable[[Any], Rules]
     is_unused: Callable[[str], bool]
-    prefix: str = ""
+    rename: Callable[[str], str] = str
     aliases: tuple[tuple[str, str], ...] = ()
 
 
 @functools.lru_cache(maxsize=8)
-def pure_functions(network: TextNetwork, config: TextNetworkConfig) -> Functional:
+def pure_functions(network: PublishedNetwork, config: Any) -> Functional:
     """A network of these sizes as ``init`` and ``apply``."""
     return functional(lambda init: network.module(config, init=init))

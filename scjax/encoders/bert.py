@@ -12,7 +12,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, Rows, Size, TextNetwork
+from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, PublishedNetwork, Rows, Size
 from scjax.nn.attention import attend
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import LayerNorm, Linear
@@ -166,11 +166,11 @@ def _norm(foreign: str, path: tuple) -> dict[str, Any]:
     return {f"{foreign}.weight": ((*path, "scale"), SAME), f"{foreign}.bias": ((*path, "bias"), SAME)}
 
 
-NETWORK = TextNetwork(
+NETWORK = PublishedNetwork(
     read_config=BertConfig.from_json,
     module=Bert,
     table_shapes=bert_table_shapes,
     weight_rules=bert_weight_rules,
     is_unused=lambda name: name in _UNUSED,
-    prefix="bert.",
+    rename=lambda name: name.removeprefix("bert."),
 )

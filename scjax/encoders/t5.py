@@ -17,7 +17,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, Rows, Size, TextNetwork
+from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, Epsilon, Layers, PublishedNetwork, Rows, Size
 from scjax.nn.attention import merge_heads, split_heads
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear
@@ -197,7 +197,7 @@ def t5_weight_rules(config: T5Config) -> Rules:
     return rules
 
 
-NETWORK = TextNetwork(
+NETWORK = PublishedNetwork(
     read_config=T5Config.from_json,
     module=T5,
     table_shapes=t5_table_shapes,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,14 +14,12 @@ import numpy as np
 from jaxtyping import Array
 
 from scjax.encoders import bert, t5
-from scjax.encoders.base import CONFIG_FILE, TextNetwork, TextNetworkConfig, TokenFeatures, pure_functions
+from scjax.encoders.base import CONFIG_FILE, PublishedNetwork, TextNetworkConfig, TokenFeatures, pure_functions
 from scjax.encoders.bert import first_layers
 from scjax.encoders.minilm import MINILM
 from scjax.encoders.package import EncoderPackage
-from scjax.encoders.weights import check_weights, read_weights
+from scjax.encoders.weights import fit_weights, read_json_object, read_network_state, weights_digest
 from scjax.nn.functional import Params
-from scjax.nn.state_dict import convert
-from scjax.scene.document import parse_document
 
 _LENGTH_STEP = 32  # texts are padded to a multiple of so many tokens, so that few programs are compiled
 _GROUP = 16  # texts in a call
@@ -30,7 +27,7 @@ MAX_CHARACTERS = 100_000
 """Of a text; an encoder reads 512 tokens, some 2,500 characters."""
 
 
-NETWORKS: dict[str, TextNetwork] = {"bert": bert.NETWORK, "t5": t5.NETWORK, "umt5": t5.NETWORK}
+NETWORKS: dict[str, PublishedNetwork] = {"bert": bert.NETWORK, "t5": t5.NETWORK, "umt5": t5.NETWORK}
 """``model_type`` of a ``config.json`` -> the network that reads such folders."""
 
 
@@ -40,7 +37,7 @@ class FrozenTextEncoder:
     ``name`` changes with the weights: a model fits the features of one name only.
     """
 
-    def __init__(self, network: TextNetwork, config: TextNetworkConfig, params: Params, tokenizer: Any, name: str):
+    def __init__(self, network: PublishedNetwork, config: TextNetworkConfig, params: Params, tokenizer: Any, name: str):
         self.config, self.params, self.tokenizer, self.name = config, params, tokenizer, name
         self._program = _program(network, config)
 
@@ -129,14 +126,10 @@ def _load(folder: Path, layers: int | None) -> FrozenTextEncoder:
     network = NETWORKS[model_type]
     try:
         config = network.read_config(content)
-        state = {name.removeprefix(network.prefix): array for name, array in read_weights(folder).items()}
+        state = read_network_state(folder, network)
         if layers is not None:
             config, state = first_layers(config, state, layers)
-        rules = network.weight_rules(config)
-        check_weights(state, rules, network.table_shapes(config))
-        expected = pure_functions(network, config).shapes()
-        unused = [name for name in state if network.is_unused(name)]
-        params = convert(state, rules, expected, unused, dict(network.aliases))
+        params = fit_weights(state, network, config)
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error
     tokenizer = load_tokenizer(folder / "tokenizer.json", config)
@@ -144,7 +137,7 @@ def _load(folder: Path, layers: int | None) -> FrozenTextEncoder:
 
 
 @functools.lru_cache(maxsize=8)
-def _program(network: TextNetwork, config: TextNetworkConfig) -> Callable[..., Array]:
+def _program(network: PublishedNetwork, config: TextNetworkConfig) -> Callable[..., Array]:
     return jax.jit(pure_functions(network, config).apply)
 
 
@@ -190,23 +183,3 @@ def load_tokenizer(path: Path, config: TextNetworkConfig) -> Any:
     if last >= config.vocab_size:
         raise ValueError(f"{path}: has token {last}, the network {config.vocab_size} of them: {cure}")
     return tokenizer
-
-
-def read_json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; ValueError names the file if that fails."""
-    cure = "give the folder of a text encoder, or copy it again"
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error}): {cure}") from error
-    return parse_document(data, dict, path, cure)
-
-
-def weights_digest(state: dict[str, np.ndarray]) -> str:
-    """A short hash of 64 values of each array: it differs between encoders, and is fast for billions of weights."""
-    digest = hashlib.sha256()
-    for name in sorted(state):
-        flat = state[name].reshape(-1)
-        digest.update(f"{name}{state[name].shape}".encode())
-        digest.update(np.ascontiguousarray(flat[:: max(1, flat.size // 64)]).tobytes())
-    return digest.hexdigest()[:12]

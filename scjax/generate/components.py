@@ -68,6 +68,8 @@ class Model:
       counts: [domains, crops, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
       outlines: kinds of lanes and agents in scenes of the training, for networks that read kinds, or None.
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
+      image_encoder: name of the encoder whose features of pictures the denoiser was trained on; "" for none.
+      image_keeps_aspect: whether it was trained on pictures that keep their proportions (``Preprocessing``).
       prompts: text -> token features [tokens, width] of prompts that need no encoder.
       reads_prompts: whether prompts become requests for attributes (``generate.readings``), which the network then
         reads, as text or by themselves. Networks that read attributes and no text always need that.
@@ -85,6 +87,8 @@ class Model:
     counts: np.ndarray | None = None
     outlines: Outlines | None = None
     text_encoder: str = ""
+    image_encoder: str = ""
+    image_keeps_aspect: bool = False
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reads_prompts: bool = False
     temperature: PerType = DEFAULT_TEMPERATURE

@@ -13,13 +13,17 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from scjax.encoders.depth import DepthProvider, ExactDepth
+from scjax.encoders.photo import as_photo
 from scjax.encoders.text import clean_text
+from scjax.encoders.vision import GridTokens
+from scjax.generate.camera_stream import check_camera
 from scjax.language.attributes.table import check_attributes
 from scjax.scene import Crop, Scene, validate
 from scjax.scene.arguments import whole_number
 from scjax.scene.limits import MAX_SLOTS
 
-STREAMS = ("text", "negative_text", "image", "depth", "attributes")
+STREAMS = ("text", "negative_text", "image", "depth", "camera", "attributes")
 """Names of the streams that a condition may carry."""
 
 _PROMPTS = {"text": "prompt", "negative_text": "negative_prompt"}  # stream -> the field that would fill it
@@ -70,6 +74,11 @@ class Stream:
             raise ValueError(f"image features must be [channels, rows, columns], not of shape {shape}")
         channels, rows, columns = shape
         return cls(tokens=features.reshape(channels, -1).T, positions=_grid_positions(rows, columns))
+
+    @classmethod
+    def from_cells(cls, cells: GridTokens) -> Stream:
+        """The tokens of a frozen encoder's grid, or of depth, with its mask."""
+        return cls(tokens=cells.tokens, mask=cells.mask, positions=_grid_positions(*cells.grid))
 
     @classmethod
     def from_depth(cls, depth: Array | np.ndarray) -> Stream:
@@ -147,6 +156,12 @@ class Condition:
       streams: condition tokens by name (``STREAMS``), for whatever the model reads. They combine freely; ``sample``
         refuses those that the model cannot read. "image" and "depth" need ``Crop.FORWARD``; ``scjax.camera.raycast``
         makes both from a scene.
+      image: a picture of the road ahead: a file, RGB [height, width, 3] of uint8, or a ``scjax.encoders.Photo``. It
+        needs ``Crop.FORWARD``, and a model that was trained on pictures. It becomes the streams "image" and "depth".
+      depth: of the picture: [height, width] along the camera's axis, inf in the sky, NaN where it is not known; or a
+        ``scjax.encoders.DepthProvider``. None: depth is not known.
+      camera: that took the picture, in the ego's frame, without distortion (``generate.camera_stream.PictureCamera``).
+        It becomes the stream "camera", which few models read.
       attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",
         "vehicles": (3, 5)}``; docs/attributes.md lists them. A missing one, None and "unspecified" ask nothing.
         What a prompt asks for joins them where the model takes prompts as requests (``generate.readings``). A model
@@ -163,6 +178,9 @@ class Condition:
     prompt: str | None = None
     negative_prompt: str | None = None
     streams: Mapping[str, Stream] = dataclasses.field(default_factory=dict)
+    image: Any = None
+    depth: Any = None
+    camera: Any = None
     attributes: Any = dataclasses.field(default_factory=dict)
     negative_attributes: Any = dataclasses.field(default_factory=dict)
 
@@ -187,7 +205,35 @@ class Condition:
                 object.__setattr__(self, _PROMPTS[name], clean_text(text))
             except ValueError as error:
                 raise ValueError(f"Condition.{_PROMPTS[name]}: {error}") from error
+        self._check_image()
         self._check_streams()
+
+    def _check_image(self) -> None:
+        """Reads the picture, and makes a provider of its depth."""
+        if self.image is None:
+            for name in ("depth", "camera"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"Condition.{name} is given without an image: give both, or leave it out")
+            return
+        for name in _CAMERA:
+            if name in self.streams:
+                raise ValueError(f"Condition.streams[{name!r}] and image are both given: leave one of them out")
+        try:
+            photo = as_photo(self.image)
+            _ = photo.pixels
+        except ValueError as error:
+            raise ValueError(f"Condition.image: {error}") from error
+        object.__setattr__(self, "image", photo)
+        if self.camera is not None:
+            try:
+                check_camera(self.camera, photo.size)
+            except ValueError as error:
+                raise ValueError(f"Condition.camera: {error}") from error
+        if self.depth is not None and not isinstance(self.depth, DepthProvider):
+            try:
+                object.__setattr__(self, "depth", ExactDepth(self.depth))
+            except ValueError as error:
+                raise ValueError(f"Condition.depth: {error}") from error
 
     def _check_known(self) -> None:
         if self.known is None:
@@ -225,8 +271,9 @@ class Condition:
         given = [name for name in _CAMERA if name in self.streams]
         if len(given) == 1:
             raise ValueError("Condition.streams: image and depth belong together: give both or neither")
-        if given and self.crop != Crop.FORWARD:
+        if (given or self.image is not None) and self.crop != Crop.FORWARD:
+            name = "image" if self.image is not None else "streams['image']"
             raise ValueError(
-                f"Condition.streams['image'] shows the road ahead of the ego, but the crop is {Crop(self.crop).name}: "
+                f"Condition.{name} shows the road ahead of the ego, but the crop is {Crop(self.crop).name}: "
                 "give crop=Crop.FORWARD"
             )

@@ -12,10 +12,12 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from scjax.encoders.base import TextEncoder
 from scjax.encoders.text import load_text_encoder
 from scjax.generate.conditions import Condition, Stream
+from scjax.generate.image_streams import image_streams
 from scjax.generate.model import Model
 from scjax.generate.readings import reads_requests
 from scjax.language.attributes.request_text import request_text
@@ -46,8 +48,22 @@ def encode_conditions(
         {**condition.streams, **{name: Stream(features[text]) for name, text in own.items()}}
         for condition, own in zip(conditions, by_condition, strict=True)
     ]
+    if any(condition.image is not None for condition in conditions):
+        pictures = _without_cameras(image_streams(conditions, model), model.denoiser.config.condition)
+        streams = [{**own, **more} for own, more in zip(streams, pictures, strict=True)]
     check_readable(streams, model.denoiser.config.condition)
     return streams
+
+
+def _without_cameras(streams: Sequence[Streams], condition: ConditionConfig) -> list[Streams]:
+    """The streams of pictures, without those of cameras if the network reads none: a picture serves without."""
+    if "camera" in _READERS[type(condition)].names or not any("camera" in row for row in streams):
+        return list(streams)
+    warnings.warn(
+        "Condition.camera is not read by this model: the picture counts as one of the cameras that it was trained on",
+        stacklevel=5,
+    )
+    return [{name: stream for name, stream in row.items() if name != "camera"} for row in streams]
 
 
 def _texts(condition: Condition, model: Model) -> dict[str, str]:
@@ -165,22 +181,50 @@ def _check_images(streams: Sequence[Streams], condition: ImageCondition) -> None
                 f"Condition.streams['image'] is [channels, rows, columns] {shape}, the model takes {expected}: use the "
                 "encoder and the size that it was trained with"
             )
+    for row in streams:
+        if "depth" in row and row["depth"].mask is not None and row["depth"].grid().shape[1:] != condition.grid:
+            raise ValueError(
+                f"Condition.streams['depth'] has a mask of {row['depth'].grid().shape[1:]} cells, the model's grid has "
+                f"{condition.grid}: bring masked depth to that grid"
+            )
     sizes = sorted({row["depth"].grid().shape[1:] for row in streams if "depth" in row})
     if len(sizes) > 1:
         raise ValueError(f"Condition.streams['depth'] of one call have the sizes {sizes}: bring them to one")
 
 
 def _image_inputs(streams: Sequence[Streams], condition: ImageCondition) -> NetworkInputs:
-    grids = [row["image"].grid() if "image" in row else None for row in streams]
-    depths = [row["depth"].grid()[0] if "depth" in row else None for row in streams]
+    grids = [_masked(row["image"]).grid() if "image" in row else None for row in streams]
+    depths = [_masked(row["depth"]).grid()[0] if "depth" in row else None for row in streams]
     size = next((depth.shape for depth in depths if depth is not None), condition.grid)
     no_image, no_depth = np.zeros((condition.channels, *condition.grid), np.float32), np.zeros(size, np.float32)
     features = ImageFeatures(
         dino=jnp.asarray(np.stack([no_image if grid is None else grid for grid in grids]), jnp.float32),
         depth=jnp.asarray(np.stack([no_depth if depth is None else depth for depth in depths]), jnp.float32),
         present=jnp.asarray([grid is not None for grid in grids]),
+        mask=_cell_masks(streams, condition),
     )
     return features, None
+
+
+def _masked(stream: Stream) -> Stream:
+    """The stream with zeros in place of tokens that are not real, which may hold anything."""
+    if stream.mask is None:
+        return stream
+    tokens = np.where(np.asarray(stream.mask)[:, None], np.asarray(stream.tokens), 0)
+    return dataclasses.replace(stream, tokens=tokens)
+
+
+def _cell_masks(streams: Sequence[Streams], condition: ImageCondition) -> Array | None:
+    """Cells of image and depth that are read; None where no stream has a mask, so that nothing else is compiled."""
+    pairs = [(row.get("image"), row.get("depth")) for row in streams]
+    if all(stream is None or stream.mask is None for pair in pairs for stream in pair):
+        return None
+    number = condition.grid[0] * condition.grid[1]
+    masks = [
+        [np.ones(number, bool) if stream is None or stream.mask is None else np.asarray(stream.mask) for stream in pair]
+        for pair in pairs
+    ]
+    return jnp.asarray(np.stack([np.concatenate(pair) for pair in masks]))
 
 
 @dataclasses.dataclass(frozen=True)

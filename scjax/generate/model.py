@@ -68,6 +68,8 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
         "latents": dataclasses.asdict(model.latents),
         "domains": list(model.domains),
         "text_encoder": model.text_encoder,
+        "image_encoder": model.image_encoder,
+        "image_keeps_aspect": model.image_keeps_aspect,
         "reads_prompts": model.reads_prompts,
         "temperature": dataclasses.asdict(model.temperature),
         "num_steps": model.num_steps,
@@ -179,6 +181,8 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         if parts
         else None,
         text_encoder=index.text_encoder,
+        image_encoder=index.image_encoder,
+        image_keeps_aspect=index.image_keeps_aspect,
         reads_prompts=index.reads_prompts,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),
         temperature=index.temperature.to_per_type() if index.temperature else DEFAULT_TEMPERATURE,

@@ -112,6 +112,8 @@ class ModelIndex(Struct):
     domains: list[str]
     notes: dict[str, Any]
     text_encoder: str = ""
+    image_encoder: str = ""
+    image_keeps_aspect: bool = False
     reads_prompts: bool = False
     temperature: PerTypeFields | None = None
     num_steps: int | None = None

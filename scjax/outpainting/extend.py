@@ -112,6 +112,8 @@ def open_condition(condition: Condition | str | None) -> Condition:
     for name in ("known", "num_lanes", "num_agents"):
         if getattr(condition, name) is not None:
             raise ValueError(f"Condition.{name} is given, but the map decides it here: leave it out")
+    if condition.image is not None:
+        raise ValueError("Condition.image is given, but tiles take prompts and attributes: leave it out")
     if condition.crop != Crop.CENTERED:
         raise ValueError("Condition.crop is given, but the map decides it here: leave it out")
     if condition.streams:

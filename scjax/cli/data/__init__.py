@@ -13,6 +13,7 @@ from scjax.cli.data.attributes import data_attributes
 from scjax.cli.data.build import data_build
 from scjax.cli.data.caption import data_caption
 from scjax.cli.data.embed import data_embed
+from scjax.cli.data.embed_images import data_embed_images
 from scjax.cli.data.logs import data_logs
 from scjax.cli.data.scenes import data_scenes
 from scjax.cli.data.synthetic import data_synthetic
@@ -27,10 +28,11 @@ def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
     All trainings need records: build, synthetic or towns. One on text also needs caption, then embed; one on attributes
-    needs attributes. scenes writes what records hold as files, logs the motion of synthetic worlds and towns.
+    needs attributes. embed-images prepares pictures. scenes writes what records hold as files, logs the motion of
+    synthetic worlds and towns.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
-    were skipped (listed on stderr and in manifest.json); 130 interrupted.
+    or pictures were skipped (listed on stderr and in manifest.json or images.json); 130 interrupted.
     """
 
 
@@ -40,6 +42,7 @@ for command in (
     data_towns,
     data_caption,
     data_embed,
+    data_embed_images,
     data_attributes,
     data_scenes,
     data_logs,

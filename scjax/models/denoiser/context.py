@@ -37,12 +37,14 @@ class TextFeatures:
 class ImageFeatures:
     """Feature map of a frozen image encoder, and depth scaled to 0..1 (``normalize_depth``).
 
-    ``present`` is False in scenes without an image, whose features are ignored; None: all scenes have one.
+    ``present`` is False in scenes without an image, whose features are ignored; None: all scenes have one. ``mask`` is
+    True at cells that are read, first those of the image, then those of the depth, row-major; None: all are.
     """
 
     dino: Float[Array | np.ndarray, "b channels rows columns"]
     depth: Float[Array | np.ndarray, "b height width"]
     present: Bool[Array | np.ndarray, " b"] | None = None
+    mask: Bool[Array | np.ndarray, "b cells_of_both"] | None = None
 
 
 ConditionFeatures = TextFeatures | ImageFeatures
@@ -102,6 +104,8 @@ class ImageContext(nnx.Module):
             trace |= {"dino_proj": dino, "depth_patch_mean": means, "depth_proj": depth}
         lanes = jnp.concatenate([dino + code, depth + code], 1)
         valid = jnp.broadcast_to(~absent[:, None], lanes.shape[:2])
+        if features.mask is not None:
+            valid = valid & jnp.asarray(features.mask)
         return PerType(agents=self.agents(lanes), lanes=lanes), valid
 
 
