@@ -19,7 +19,7 @@ from benchmarks.workload import table
 from scjax.encoders.base import pure_functions
 from scjax.encoders.depth import DEPTH_NETWORKS, FrozenDepthNetwork
 from scjax.encoders.image_network import LoadedNetwork
-from scjax.encoders.photo import photo_from_array
+from scjax.camera.photo import photo_from_array
 from scjax.encoders.preprocessing import SQUASH, prepare_image
 from scjax.encoders.vision import IMAGE_NETWORKS, FrozenImageEncoder
 

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 
 from scjax.camera.carried_rig import CarriedRig
 from scjax.camera.palettes import palette_of
-from scjax.camera.photographs import read_photograph
+from scjax.camera.photo import as_photo
 from scjax.camera.presets import preset_rig
 from scjax.camera.rig import CameraPoses, Rig
 from scjax.camera.wireframe import WireframeFrame, WireframeStyle, draw_wireframe
@@ -153,7 +153,7 @@ def overlay(
     Raises:
       ValueError: as ``render_wireframe``; or the photograph cannot be read, or has another shape.
     """
-    picture = read_photograph(photograph)
+    picture = as_photo(photograph).pixels
     rig = preset_rig(rig) if isinstance(rig, str) else rig
     chosen, (height, width) = rig.camera(camera), picture.shape[:2]
     if abs(width * chosen.height - height * chosen.width) > max(chosen.width, chosen.height):

@@ -19,7 +19,7 @@ from scjax.encoders import dpt_weights
 from scjax.encoders.base import PublishedNetwork
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, load_network, run_padded
-from scjax.encoders.photo import Photo
+from scjax.camera.photo import Photo
 from scjax.encoders.preprocessing import Preprocessing, cell_matrices, normalized_pixels, real_cells
 from scjax.encoders.vision import GridTokens
 from scjax.nn.cpu.precision import Compute, operands

@@ -16,7 +16,7 @@ import safetensors
 import safetensors.numpy
 
 from scjax.encoders.depth import DEPTH_VERSION, DepthProvider, depth_tokens
-from scjax.encoders.photo import Photo
+from scjax.camera.photo import Photo
 from scjax.encoders.preprocessing import Preprocessing
 from scjax.encoders.vision import GridTokens, ImageEncoder
 from scjax.scene.files import write_file

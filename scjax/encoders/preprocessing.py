@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from scjax.encoders.photo import Photo
+from scjax.camera.photo import Photo
 from scjax.encoders.resize import Kernel, resize_antialiased
 
 PREPROCESSING_VERSION = 1

@@ -17,7 +17,7 @@ from scjax.encoders.depth import (
     load_depth_network,
 )
 from scjax.encoders.depth_files import FileDepth
-from scjax.encoders.photo import photo_from_array, read_photo
+from scjax.camera.photo import photo_from_array, read_photo
 from scjax.encoders.preprocessing import LETTERBOX, SQUASH, WIDE, Preprocessing
 from tests.factories.image_folders import picture, write_network, write_pictures
 

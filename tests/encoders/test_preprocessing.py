@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.encoders.photo import photo_from_array
+from scjax.camera.photo import photo_from_array
 from scjax.encoders.preprocessing import (
     DEVIATION,
     LETTERBOX,

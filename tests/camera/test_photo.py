@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scjax.encoders.photo import BACKGROUND, MAX_PIXELS, as_photo, photo_from_array, read_photo
+from scjax.camera.photo import BACKGROUND, MAX_PIXELS, as_photo, photo_from_array, read_photo
 from tests.factories.image_folders import picture
 
 PIXELS = picture(24, 40)
