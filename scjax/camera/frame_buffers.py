@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
 from scjax.camera.agent_boxes import face_normals
 from scjax.camera.camera import Camera
+from scjax.camera.projected_elements import ProjectedBoxes, ProjectedLines
 from scjax.camera.projection import pixel_rays
 from scjax.camera.raster import draw_indices, fill_index
 from scjax.camera.wireframe_scene import ElementKind, WorldBoxes, WorldLines
-
-if TYPE_CHECKING:
-    from scjax.camera.wireframe import ProjectedBoxes, ProjectedLines
 
 
 class BufferElements(NamedTuple):

@@ -6,12 +6,13 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, Int32, UInt8
+from jaxtyping import Float32, Float64, Int32, UInt8
 
 from scjax.camera.agent_boxes import EDGES, FACES, FRONT, FRONT_CROSS, REAR_EDGES, visible_edges, visible_faces
 from scjax.camera.camera import Camera
 from scjax.camera.frame_buffers import BufferElements, buffers_of
 from scjax.camera.palettes import PALETTES
+from scjax.camera.projected_elements import ProjectedBoxes, ProjectedLines
 from scjax.camera.projection import FAR, NEAR, project_faces, project_segments
 from scjax.camera.raster import convex_hull, darken, draw_segments
 from scjax.camera.wireframe_scene import ElementKind, WireframeScene, WorldBoxes, WorldLines
@@ -75,37 +76,6 @@ class WireframeFrame(NamedTuple):
     depth: Float32[np.ndarray, "height width"] | None = None
     ids: Int32[np.ndarray, "height width"] | None = None
     kinds: UInt8[np.ndarray, "height width"] | None = None
-
-
-class ProjectedLines(NamedTuple):
-    """Lines in the picture, in the order in which they are drawn."""
-
-    ends: Float64[np.ndarray, "n 2 2"]
-    inverse_depths: Float64[np.ndarray, "n 2"]
-    colors: UInt8[np.ndarray, "n 3"]
-    widths: Int[np.ndarray, " n"]
-    owners: Int[np.ndarray, " n"]  # index of the line or box of the world
-
-
-class ProjectedBoxes(NamedTuple):
-    """Boxes in the picture, from the farthest to the nearest.
-
-    Attributes:
-      lines: edges and marks of all boxes, those of one box together.
-      owners: index of the box in the world, for each box in the picture.
-      starts: of the lines of each box, and the end of all.
-      in_front: lines that belong to a face that looks at the camera.
-      faces: visible faces: corners in the picture and in the frame of the camera, and the box in the picture that each
-        belongs to.
-    """
-
-    lines: ProjectedLines
-    owners: Int[np.ndarray, " boxes"]
-    starts: Int[np.ndarray, " starts"]
-    in_front: Bool[np.ndarray, " n"]
-    faces: Float64[np.ndarray, "m 9 2"]
-    face_corners: Float64[np.ndarray, "m 4 3"]
-    face_boxes: Int[np.ndarray, " m"]
 
 
 def draw_wireframe(

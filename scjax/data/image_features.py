@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import msgspec
 from tqdm import tqdm
 
+from scjax.camera.photo import PHOTO_SUFFIXES, Photo, open_photo
 from scjax.encoders.depth import DepthProvider, NoDepth
 from scjax.encoders.feature_cache import FeatureCache, depth_key, image_key
 from scjax.encoders.image_network import GROUP
-from scjax.camera.photo import PHOTO_SUFFIXES, Photo, open_photo
 from scjax.encoders.preprocessing import SQUASH, Preprocessing
 from scjax.encoders.vision import GridTokens, ImageEncoder
 from scjax.scene.document import parse_document

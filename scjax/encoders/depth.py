@@ -15,11 +15,11 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Float32
 
+from scjax.camera.photo import Photo
 from scjax.encoders import dpt_weights
 from scjax.encoders.base import PublishedNetwork
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, load_network, run_padded
-from scjax.camera.photo import Photo
 from scjax.encoders.preprocessing import Preprocessing, cell_matrices, normalized_pixels, real_cells
 from scjax.encoders.vision import GridTokens
 from scjax.nn.cpu.precision import Compute, operands

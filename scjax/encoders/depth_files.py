@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from scjax.encoders.depth import MAX_DEPTH, check_depth, from_inverse
 from scjax.camera.photo import Photo
+from scjax.encoders.depth import MAX_DEPTH, check_depth, from_inverse
 from scjax.nn.safetensors import sha256_of
 from scjax.scene.arguments import finite_number
 

@@ -15,8 +15,8 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from scjax.encoders.depth import DEPTH_VERSION, DepthProvider, depth_tokens
 from scjax.camera.photo import Photo
+from scjax.encoders.depth import DEPTH_VERSION, DepthProvider, depth_tokens
 from scjax.encoders.preprocessing import Preprocessing
 from scjax.encoders.vision import GridTokens, ImageEncoder
 from scjax.scene.files import write_file

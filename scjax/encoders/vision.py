@@ -10,11 +10,11 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from scjax.camera.photo import Photo, as_photo
 from scjax.encoders import vit_weights
 from scjax.encoders.base import PublishedNetwork
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, in_groups, load_network, run_padded
-from scjax.camera.photo import Photo, as_photo
 from scjax.encoders.preprocessing import SQUASH, Preprocessing, prepare_image
 from scjax.nn.cpu.precision import Compute, operands
 

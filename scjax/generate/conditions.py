@@ -13,8 +13,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from scjax.encoders.depth import DepthProvider, ExactDepth
 from scjax.camera.photo import as_photo
+from scjax.encoders.depth import DepthProvider, ExactDepth
 from scjax.encoders.text import clean_text
 from scjax.encoders.vision import GridTokens
 from scjax.generate.camera_stream import check_camera
