@@ -16,10 +16,10 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.workload import table
+from scjax.camera.photo import photo_from_array
 from scjax.encoders.base import pure_functions
 from scjax.encoders.depth import DEPTH_NETWORKS, FrozenDepthNetwork
 from scjax.encoders.image_network import LoadedNetwork
-from scjax.camera.photo import photo_from_array
 from scjax.encoders.preprocessing import SQUASH, prepare_image
 from scjax.encoders.vision import IMAGE_NETWORKS, FrozenImageEncoder
 

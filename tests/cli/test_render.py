@@ -104,7 +104,7 @@ def test_render_finds_the_camera_of_a_photograph(run, tmp_path):
         (["log.npz", "--frame", "77"], 1, "log.npz: step is 77"),
         (["map.json"], 1, "map.json: there is no ego to carry the camera"),
         (["scene.json", "--video", "--out", "v.gif"], 1, "has 2 to 600 frames, and the carrier is there at 1 steps"),
-        (["log.npz", "--photo", "absent.jpg"], 1, "absent.jpg: there is no such picture"),
+        (["log.npz", "--photo", "absent.jpg"], 1, "absent.jpg: cannot be read"),
         (["absent.npz"], 1, "absent.npz: there is no such file"),
         (["log.npz", "--size", "wide"], 2, "'wide' is no size"),
         (["log.npz", "--out", "v.mp4"], 2, "--video writes .mp4 or .gif"),

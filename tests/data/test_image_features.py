@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from scjax.camera.photo import read_photo
 from scjax.cli import main
 from scjax.data.image_features import ImageStore, embed_images
 from scjax.encoders.depth import load_depth_network
 from scjax.encoders.depth_files import FileDepth
-from scjax.camera.photo import read_photo
 from scjax.encoders.preprocessing import WIDE, Preprocessing
 from scjax.encoders.vision import load_image_encoder
 from tests.factories.image_folders import write_network, write_pictures

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scjax.camera.photo import photo_from_array, read_photo
 from scjax.encoders.depth import (
     FAR_RATIO,
     MAX_DEPTH,
@@ -17,7 +18,6 @@ from scjax.encoders.depth import (
     load_depth_network,
 )
 from scjax.encoders.depth_files import FileDepth
-from scjax.camera.photo import photo_from_array, read_photo
 from scjax.encoders.preprocessing import LETTERBOX, SQUASH, WIDE, Preprocessing
 from tests.factories.image_folders import picture, write_network, write_pictures
 

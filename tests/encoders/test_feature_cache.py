@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scjax.camera.photo import photo_from_array
 from scjax.encoders.depth import ExactDepth
 from scjax.encoders.feature_cache import FeatureCache, depth_key, image_key
-from scjax.camera.photo import photo_from_array
 from scjax.encoders.preprocessing import LETTERBOX, SQUASH, Preprocessing
 from scjax.encoders.vision import GridTokens, load_image_encoder
 from tests.factories.image_folders import picture, write_network
