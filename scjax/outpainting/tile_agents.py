@@ -13,7 +13,7 @@ from scjax.outpainting.window import HALF, KnownWindow
 from scjax.scene import AgentType, Scene
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps
-from scjax.scene.polyline import cumulative_length, smoothstep
+from scjax.scene.polyline import cumulative_length, point_headings, smoothstep
 
 _WITH_LANE, _FREE = 4.0, 10.0  # m from a lane, up to which agents move as it does, and from which they stay
 _STEP = 0.25  # m between places of lanes
@@ -53,7 +53,7 @@ def move_beside(
         return agents
     before = [_at(line, some) for line, some in zip(lines, places, strict=True)]
     after = [points + bends.shifts(k, some) for k, (points, some) in enumerate(zip(before, places, strict=True))]
-    headings, turned = (np.concatenate([_headings(points) for points in some]) for some in (before, after))
+    headings, turned = (np.concatenate([point_headings(points) for points in some]) for some in (before, after))
     points, shifts = np.concatenate(before), np.concatenate(after) - np.concatenate(before)
 
     distance = np.hypot(*np.moveaxis(agents[:, None, :2] - points[None, :, :2], -1, 0))
@@ -92,13 +92,6 @@ def free_agents(
 def _at(line: Float64[np.ndarray, "points 3"], places: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
     arc = cumulative_length(line)
     return np.stack([np.interp(places, arc, column) for column in line.T], -1)
-
-
-def _headings(points: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, " n"]:
-    if len(points) < 2:
-        return np.zeros(len(points))
-    x, y, _ = np.gradient(points, axis=0).T
-    return np.arctan2(y, x)
 
 
 def _turned(vectors: Float64[np.ndarray, "n 2"], angle: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 2"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float64, Int
@@ -10,7 +10,7 @@ from jaxtyping import Float64, Int
 from scjax.outpainting.lane_merges import NO_ROW, NewLanes
 from scjax.scene import MapLane, Signal
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.polyline import spread_points
+from scjax.scene.polyline import point_headings, spread_points
 
 _ACROSS = np.deg2rad(30.0)  # between lanes that cross
 _ONE_APPROACH, _SAME_WAY = 12.0, np.deg2rad(30.0)  # m and rad between the starts of lanes of one approach
@@ -71,18 +71,13 @@ def _cross(one: Float64[np.ndarray, "_ 3"], other: Float64[np.ndarray, "_ 3"]) -
     if len(points) < 2 or len(others) < 2:
         return False
     near = np.hypot(*np.moveaxis(points[:, None] - others[None], -1, 0)) < _CROSSING
-    turn = np.abs(wrap_to_pi(_headings(points)[:, None] - _headings(others)[None]))
+    turn = np.abs(wrap_to_pi(point_headings(points)[:, None] - point_headings(others)[None]))
     return bool((near & (turn > _ACROSS) & (turn < np.pi - _ACROSS)).any())
 
 
 def _is_one_approach(one: Float64[np.ndarray, "_ 3"], other: Float64[np.ndarray, "_ 3"]) -> bool:
     turn = wrap_to_pi(_start_heading(one) - _start_heading(other))
     return bool(np.hypot(*(one[0] - other[0])[:2]) < _ONE_APPROACH and abs(turn) < _SAME_WAY)
-
-
-def _headings(points: Sequence[np.ndarray] | np.ndarray) -> Float64[np.ndarray, " n"]:
-    x, y = np.gradient(np.asarray(points), axis=0).T
-    return np.arctan2(y, x)
 
 
 def _start_heading(line: Float64[np.ndarray, "_ 3"]) -> float:

@@ -18,6 +18,14 @@ def spread_points(points: Float64[np.ndarray, "points dims"], spacing: float = 1
     return np.stack([np.interp(target, arc, column) for column in points.T], -1)
 
 
+def point_headings(points: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, " points"]:
+    """Direction of a line in xy at each of its points [rad]; 0 for a single point."""
+    if len(points) < 2:
+        return np.zeros(len(points))
+    x, y = np.gradient(points[:, :2], axis=0).T
+    return np.arctan2(y, x)
+
+
 def smoothstep(t: np.ndarray) -> np.ndarray:
     """Cubic step from 0 at ``t`` <= 0 to 1 at ``t`` >= 1, with slope 0 at both ends."""
     t = np.clip(t, 0, 1)

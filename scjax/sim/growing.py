@@ -128,8 +128,10 @@ class GrowingDrive:
                 self.yaw, self.goal = pose.yaw, chosen.lane_ids[-1]
             self.world = world
             traffic = self._with_traffic(world)
-            blocking = vehicles_in_the_way(self._prepare(traffic)) - self.seen
-            self._begin(self._prepare(_without_agents(traffic, blocking)))
+            start = self._prepare(traffic)
+            if blocking := vehicles_in_the_way(start) - self.seen:
+                start = self._prepare(_without_agents(traffic, blocking))
+            self._begin(start)
             self.seen |= set(world.agent_ids)
 
     def _begin(self, start: Start) -> None:

@@ -1,7 +1,7 @@
 """DINOv2, DINOv3 and Depth Anything against the transformers library, with every parameter drawn anew.
 
 The fixtures of ``tests/data/vision`` hold what the library made of tiny networks; where the library is installed, it
-is asked again, at more sizes.
+computes them again, at more sizes.
 """
 
 from __future__ import annotations
