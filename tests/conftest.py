@@ -23,7 +23,8 @@ flags.FLAGS.mark_as_parsed()  # grain reads absl flags even when nobody parsed a
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))  # as experiments.train does
 
-_QUICK = "--xla_cpu_use_fusion_emitters=false"  # a jaxlib that does not know it stops at once and says so
+# A jaxlib that does not know one of them stops at once and says so.
+_QUICK = ("--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1")
 _KEEP_FREED = {"tcache_count": 60_000, "mxfast": 0, "trim_threshold": 4_000_000_000, "top_pad": 64 << 20}
 
 
@@ -31,12 +32,13 @@ def pytest_configure(config: pytest.Config) -> None:
     """Most of the suite's time is XLA compiling: workers and child processes share a cache, and optimise little.
 
     (The graph's own passes still run; what is left out are LLVM's, which take up to half of the time of a compilation.
-    The older way to write loops for fused operations halves the rest. Tracing leaves many objects behind: to look for
-    garbage as often as Python does takes a tenth of the time. XLA allocates and frees small blocks all the time: with a
-    glibc that keeps what is freed, workers take a tenth less.)
+    The older way to write loops for fused operations halves the rest. To cut a program into 32 modules, which threads
+    compile side by side, takes a fifth of the compiler's time: workers keep all cores busy without it. Tracing leaves
+    many objects behind: to look for garbage as often as Python does takes a tenth of the time. XLA allocates and frees
+    small blocks all the time: with a glibc that keeps what is freed, workers take a tenth less.)
     """
     given = os.environ.get("XLA_FLAGS", "").split()
-    os.environ["XLA_FLAGS"] = " ".join(given if _QUICK in given else [*given, _QUICK])
+    os.environ["XLA_FLAGS"] = " ".join([*given, *(flag for flag in _QUICK if flag not in given)])
     gc.set_threshold(100_000, 20, 100)
     tunables = ":".join(f"glibc.malloc.{name}={value}" for name, value in _KEEP_FREED.items())
     os.environ.setdefault("GLIBC_TUNABLES", tunables)  # for workers, which start after this, and child processes
@@ -62,6 +64,16 @@ def few_programs_in_memory():
     if maps.exists() and maps.read_bytes().count(b"\n") > _MAX_MAPPINGS:
         jax.clear_caches()
         gc.collect()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def every_program_is_stored():
+    """The suite samples with more programs than the limit of users: at that limit, workers remove each other's."""
+    from scjax.nn import stored_program
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stored_program, "_MAX_FILES", 10_000)
+        yield
 
 
 _LONGEST = (

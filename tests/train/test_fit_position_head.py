@@ -1,5 +1,6 @@
 """Points are read off latents: here off latents that are the points, mixed and bent."""
 
+import functools
 import itertools
 
 import jax
@@ -17,7 +18,9 @@ from tests.factories.examples import example_scene
 SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
 
 
+@functools.cache
 def _batch(seed):
+    """Twelve scenes; both fits read the same 80 batches."""
     crops = list(Crop)
     scenes = [unpadded(example_scene(seed + k, crop=crops[k % 3]).to_numpy()) for k in range(12)]
     return batch_of([TrainingExample(scene=scene) for scene in scenes], (6, 8))

@@ -50,7 +50,7 @@ def test_the_energy_is_invariant_to_rotation(turn):
 
 def test_only_centers_receive_gradients_except_the_ego():
     scene = stack([cars((0, 0), (3.9, 0.2))])
-    gradient = jax.grad(lambda agents: collision_energy(scene.replace(agents=agents)).sum())
+    gradient = jax.jit(jax.grad(lambda agents: collision_energy(scene.replace(agents=agents)).sum()))
     gradient = np.asarray(gradient(jnp.asarray(scene.agents)))[0]
     assert gradient[1, 0] < 0 and np.abs(gradient[:, 2:]).max() == 0.0
     assert np.abs(gradient[0]).max() == 0.0  # the ego
@@ -71,7 +71,8 @@ def test_other_agent_types_never_count():
 
 def test_a_scene_alone_equals_the_scene_in_a_batch():
     first, second = cars((0, 0), (3, 0)), cars((0, 0), (1, 1))
-    np.testing.assert_allclose(collision_energy(stack([first, second])), [energy(first), energy(second)], rtol=1e-6)
+    together = jax.jit(collision_energy)(stack([first, second]))
+    np.testing.assert_allclose(together, [energy(first), energy(second)], rtol=1e-6)
 
 
 def test_the_weight_falls_with_the_noise():
