@@ -68,6 +68,18 @@ class Camera:
         intrinsic[:2, 2] += 0.5 * scale - 0.5  # pixel centers are whole numbers
         return dataclasses.replace(self, width=width, height=height, intrinsic=intrinsic)
 
+    def check_proportions(self, width: int, height: int) -> None:
+        """Checks that a picture of that size can be the whole picture of the camera, scaled.
+
+        Raises:
+          ValueError: its proportions differ by more than a pixel.
+        """
+        if abs(width * self.height - height * self.width) > max(self.width, self.height):
+            raise ValueError(
+                f"the camera {self.name!r} takes pictures of {self.width} x {self.height} pixels, and this one has "
+                f"{width} x {height}: give the whole picture, or the camera of its part (Camera.cropped)"
+            )
+
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """The camera of a part of its picture [pixels]."""
         intrinsic = self.intrinsic.copy()

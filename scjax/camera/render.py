@@ -155,15 +155,10 @@ def overlay(
     """
     picture = as_photo(photograph).pixels
     rig = preset_rig(rig) if isinstance(rig, str) else rig
-    chosen, (height, width) = rig.camera(camera), picture.shape[:2]
-    if abs(width * chosen.height - height * chosen.width) > max(chosen.width, chosen.height):
-        raise ValueError(
-            f"the photograph has {width} x {height} pixels, the camera {chosen.name!r} {chosen.width} x "
-            f"{chosen.height}: crop one of them, as with Camera.cropped"
-        )
-    if (width, height) != (chosen.width, chosen.height):
-        chosen = chosen.resized(width, height)
-    rig = dataclasses.replace(rig, cameras=(chosen,))
+    height, width = picture.shape[:2]
+    chosen = rig.camera(camera)
+    chosen.check_proportions(width, height)
+    rig = dataclasses.replace(rig, cameras=(chosen.resized(width, height),))
     style = style or WireframeStyle(occlusion=False, depth_cue=0.3)
     renderer = WireframeRenderer(source, rig, actor=actor, poses=poses, style=style)
     return renderer.frame(step, background=picture).rgb

@@ -1,11 +1,12 @@
 """Measured attributes of records: worked out once, then read by the training on attributes.
 
 ``attributes-<split>.jsonl.gz`` holds a head and one line per record, in record order: the attributes of its centered
-window.
+window. ``attributes-forward-<split>.jsonl.gz`` holds those of its window ahead of the ego.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from scjax.data.ranges import check_workers
 from scjax.data.records import SceneRecord, sample_scene
 from scjax.data.shards import stamp_file
 from scjax.language.attributes.table import ATTRIBUTES, check_measurements, measure_attributes
+from scjax.scene import Crop
 from scjax.scene.document import parse_document
 
 FORMAT = 1
@@ -33,8 +35,9 @@ class MeasuredRecords:
       ValueError: there are none, they belong to other records or another table of attributes, or the file is damaged.
     """
 
-    def __init__(self, folder: str | Path, split: str):
-        self._path, remedy = measurements_path(Path(folder), split), f"run scjax data attributes {folder}"
+    def __init__(self, folder: str | Path, split: str, crop: Crop = Crop.CENTERED):
+        ahead = " --forward" if crop == Crop.FORWARD else ""
+        self._path, remedy = measurements_path(Path(folder), split, crop), f"run scjax data attributes {folder}{ahead}"
         if not self._path.is_file():
             raise ValueError(f"{self._path} is not there: {remedy}")
         manifest, self._cure = load_manifest(folder), f"{remedy} again"
@@ -65,10 +68,13 @@ class MeasuredRecords:
             raise ValueError(f"{name}: {error}: {self._cure}") from error
 
 
-def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = True) -> dict[str, int]:
+def measure_records(
+    folder: str | Path, *, crop: Crop = Crop.CENTERED, workers: int = 0, progress: bool = True
+) -> dict[str, int]:
     """Measures the attributes of every record of a folder; returns the number of records of each split.
 
     Args:
+      crop: the windows that are measured, centered or ahead of the ego.
       workers: processes that share the work; 0: this process does it.
 
     Raises:
@@ -78,18 +84,19 @@ def measure_records(folder: str | Path, *, workers: int = 0, progress: bool = Tr
     check_workers(workers)
     return write_lines(
         Path(folder),
-        measurements_path,
+        functools.partial(measurements_path, crop=crop),
         lambda manifest: msgspec.json.encode(_head(manifest)),
-        _measured_line,
+        functools.partial(_measured_line, crop=crop),
         label="attributes",
         workers=workers,
         progress=progress,
     )
 
 
-def measurements_path(folder: Path, split: str) -> Path:
+def measurements_path(folder: Path, split: str, crop: Crop = Crop.CENTERED) -> Path:
     """The file of a split's measurements."""
-    return folder / f"attributes-{split}.jsonl.gz"
+    name = "attributes-forward" if crop == Crop.FORWARD else "attributes"
+    return folder / f"{name}-{split}.jsonl.gz"
 
 
 class _Head(msgspec.Struct):
@@ -104,6 +111,6 @@ def _head(manifest: dict[str, Any]) -> _Head:
     return _Head(FORMAT, manifest["hash"], list(ATTRIBUTES))
 
 
-def _measured_line(record: SceneRecord, row: int) -> bytes:
+def _measured_line(record: SceneRecord, row: int, *, crop: Crop) -> bytes:
     del row
-    return msgspec.json.encode(measure_attributes(sample_scene(record)))
+    return msgspec.json.encode(measure_attributes(sample_scene(record, crop)))

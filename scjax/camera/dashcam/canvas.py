@@ -51,6 +51,18 @@ class Canvas:
         flat = pixel_rays(self.camera, _all_pixels(self.camera))
         self.rays = np.column_stack([flat, np.ones(len(flat))]).astype(np.float32)
 
+    def of_camera(self, camera: Camera) -> Canvas:
+        """The canvas of a camera: this one, if it differs in its mount alone."""
+        own = self._camera
+        pairs = (own.intrinsic, camera.intrinsic), (own.distortion, camera.distortion)
+        if all(np.array_equal(*pair) for pair in pairs) and (own.width, own.height) == (camera.width, camera.height):
+            return self
+        return Canvas(camera, self.supersampling)
+
+    def camera_rays(self) -> Float64[np.ndarray, "height width 2"]:
+        """x and y at depth 1 of what the pixels of the camera see."""
+        return self._rays.reshape(self._camera.height, self._camera.width, 2)
+
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """Values of the canvas [height, width] next to the pixels of the camera."""
         if self._maps is None:

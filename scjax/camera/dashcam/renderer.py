@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Float64, Int32, UInt8
 
 from scjax.camera.carried_rig import CarriedRig
 from scjax.camera.dashcam.canvas import Canvas
@@ -94,6 +94,28 @@ class DashcamRenderer:
         other.poses = self._mount.camera_poses(other.camera)
         other._canvas = Canvas(other.camera, self._canvas.supersampling)
         return other
+
+    def carried_by(self, actor: int, look: Look) -> DashcamRenderer:
+        """The renderer on another object of the log, which shares what took time to prepare.
+
+        Args:
+          actor: index of the object.
+          look: of its pictures; the ground, buildings, trees and paints keep the colors of this renderer's look.
+        """
+        other = copy.copy(self)
+        other.look = look
+        other._mount = CarriedRig(self.log, self._mount.rig, actor=actor)
+        other.steps = other._mount.steps
+        other.camera = look.varied_camera(other._mount.rig.camera(self.camera.name))
+        other.poses = other._mount.camera_poses(other.camera)
+        other._canvas = self._canvas.of_camera(other.camera)
+        other._solids = self._solids.without(other._mount.index, other._mount.ground)
+        return other
+
+    @property
+    def pixel_rays(self) -> Float64[np.ndarray, "height width 2"]:
+        """x and y at depth 1 of what the pixels of the camera see."""
+        return self._canvas.camera_rays()
 
     def frame(self, step: int = 0) -> DashcamFrame:
         """The picture at a step.

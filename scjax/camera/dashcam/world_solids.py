@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import zlib
 
 import numpy as np
@@ -49,6 +50,12 @@ class WorldSolids:
         self._signals = signal_places(log)
         self._static = surrounding_solids(log, seed)
         self._static_middles = self._static.corners[:, :, :2].mean(1)
+
+    def without(self, left_out: int, ground: LogGround) -> WorldSolids:
+        """The same solids for another carrier, which is not shown, and its ground."""
+        other = copy.copy(self)
+        other._left_out, other._ground = left_out, ground
+        return other
 
     def feet(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the objects that are shown at a step, and the middle of their bottoms [n, 3]: z above the ground."""

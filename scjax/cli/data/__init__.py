@@ -12,6 +12,7 @@ import click
 from scjax.cli.data.attributes import data_attributes
 from scjax.cli.data.build import data_build
 from scjax.cli.data.caption import data_caption
+from scjax.cli.data.dashcam import data_dashcam
 from scjax.cli.data.embed import data_embed
 from scjax.cli.data.embed_images import data_embed_images
 from scjax.cli.data.logs import data_logs
@@ -28,7 +29,8 @@ def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
     All trainings need records: build, synthetic or towns. One on text also needs caption, then embed; one on attributes
-    needs attributes. embed-images prepares pictures. scenes writes what records hold as files, logs the motion of
+    needs attributes. dashcam renders pictures of synthetic
+    records, embed-images prepares pictures. scenes writes what records hold as files, logs the motion of
     synthetic worlds and towns.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
@@ -43,6 +45,7 @@ for command in (
     data_caption,
     data_embed,
     data_embed_images,
+    data_dashcam,
     data_attributes,
     data_scenes,
     data_logs,
