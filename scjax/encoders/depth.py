@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from scjax.camera.photo import Photo
-from scjax.encoders import dpt_weights
+from scjax.encoders import dashcam_weights, dpt_weights
 from scjax.encoders.base import PublishedNetwork
+from scjax.encoders.dashcam_depth import DashcamDepth
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, load_network, run_padded
 from scjax.encoders.preprocessing import Preprocessing, cell_matrices, normalized_pixels, real_cells
@@ -25,7 +26,10 @@ from scjax.encoders.vision import GridTokens
 from scjax.nn.cpu.precision import Compute, operands
 from scjax.scene.arguments import whole_number
 
-DEPTH_NETWORKS: dict[str, PublishedNetwork] = {"depth_anything": dpt_weights.NETWORK}
+DEPTH_NETWORKS: dict[str, PublishedNetwork] = {
+    "depth_anything": dpt_weights.NETWORK,
+    dashcam_weights.MODEL_TYPE: dashcam_weights.NETWORK,
+}
 """``model_type`` of a ``config.json`` -> the network that reads such folders."""
 
 DEPTH_VERSION = 1
@@ -135,8 +139,8 @@ class FrozenDepthNetwork:
 
 def load_depth_network(
     source: str | Path, *, shorter_side: int = 518, compute: Compute = "float32"
-) -> FrozenDepthNetwork:
-    """The depth network in a folder: Depth Anything, version 1 or 2, relative or metric.
+) -> FrozenDepthNetwork | DashcamDepth:
+    """The depth network in a folder: Depth Anything, version 1 or 2, relative or metric, or that of scjax.
 
     Args:
       source: as for ``load_image_encoder``, such as "depth-anything/Depth-Anything-V2-Small-hf".
@@ -147,7 +151,10 @@ def load_depth_network(
       ValueError: names the file, array or field at fault and the cure.
     """
     folder = find_network_folder(source, "depth network").resolve()
-    return FrozenDepthNetwork(_load(folder, compute), shorter_side)
+    loaded = _load(folder, compute)
+    if loaded.network is dashcam_weights.NETWORK:
+        return DashcamDepth(loaded)
+    return FrozenDepthNetwork(loaded, shorter_side)
 
 
 @functools.lru_cache(maxsize=2)

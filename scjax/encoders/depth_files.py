@@ -12,6 +12,9 @@ from scjax.encoders.depth import MAX_DEPTH, check_depth, from_inverse
 from scjax.nn.safetensors import sha256_of
 from scjax.scene.arguments import finite_number
 
+PNG_UNIT = 1 / 256
+"""Meters that a number of a PNG file stands for, as in KITTI."""
+
 DEPTH_SUFFIXES = (".npy", ".npz", ".png")
 _ARRAY_NAMES = ("depth", "depths")  # in .npz files; the second is the release's
 _CURE = "write depth as an array [height, width] in an .npy file"
@@ -33,7 +36,7 @@ class FileDepth:
     """
 
     def __init__(
-        self, folder: str | Path, *, root: str | Path | None = None, is_inverse: bool = False, unit: float = 1 / 256
+        self, folder: str | Path, *, root: str | Path | None = None, is_inverse: bool = False, unit: float = PNG_UNIT
     ):
         self.folder, self.root, self.is_inverse = Path(folder), None if root is None else Path(root), is_inverse
         self.unit = finite_number(unit, "unit", 1e-9, 1e9)
@@ -66,13 +69,19 @@ class FileDepth:
         path = self.path_of(photo)
         if path is None:
             return None
-        depth = _read_depth(path, self.unit)
+        depth = read_depth(path, self.unit)
         if self.is_inverse:
             return np.where(np.isnan(depth), np.float32(np.nan), from_inverse(depth))
         return np.minimum(depth, np.float32(MAX_DEPTH))
 
 
-def _read_depth(path: Path, unit: float) -> Float32[np.ndarray, "height width"]:
+def read_depth(path: str | Path, unit: float = PNG_UNIT) -> Float32[np.ndarray, "height width"]:
+    """Depth in a file .npy, .npz or .png as of ``FileDepth``, NaN where it is unknown.
+
+    Raises:
+      ValueError: the file is damaged or holds something else; names it and the cure.
+    """
+    path = Path(path)
     try:
         values = _read_png(path) * np.float32(unit) if path.suffix == ".png" else _read_array(path)
     except (KeyboardInterrupt, SystemExit):

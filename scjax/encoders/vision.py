@@ -11,16 +11,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from scjax.camera.photo import Photo, as_photo
-from scjax.encoders import vit_weights
+from scjax.encoders import dashcam_weights, vit_weights
 from scjax.encoders.base import PublishedNetwork
 from scjax.encoders.hub_folder import find_network_folder
 from scjax.encoders.image_network import LoadedNetwork, compiled_network, in_groups, load_network, run_padded
 from scjax.encoders.preprocessing import SQUASH, Preprocessing, prepare_image
 from scjax.nn.cpu.precision import Compute, operands
 
-IMAGE_NETWORKS: dict[str, PublishedNetwork] = dict.fromkeys(
-    ("dinov2", "dinov2_with_registers", "dinov3_vit"), vit_weights.NETWORK
-)
+IMAGE_NETWORKS: dict[str, PublishedNetwork] = {
+    **dict.fromkeys(("dinov2", "dinov2_with_registers", "dinov3_vit"), vit_weights.NETWORK),
+    dashcam_weights.MODEL_TYPE: dashcam_weights.NETWORK,
+}
 """``model_type`` of a ``config.json`` -> the network that reads such folders."""
 
 

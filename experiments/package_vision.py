@@ -1,0 +1,46 @@
+"""Makes the vision network that comes with scjax out of a trained one.
+
+    python -m experiments.package_vision runs/vision/model
+
+Weights become float16. The notes keep the sizes and steps of the training, not its folders.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments.studies.page import script_parser
+from scjax.encoders.base import CONFIG_FILE
+from scjax.encoders.dashcam_weights import MODEL_TYPE, NETWORK, DashcamWeights
+from scjax.encoders.image_network import load_network
+from scjax.generate.picture_networks import EMBEDDED_VISION
+
+_CARD = "README.md"
+_FOLDERS = ("pictures", "init_from")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = script_parser("experiments.package_vision", __doc__)
+    parser.add_argument("network", type=Path, help="folder of a trained vision network")
+    parser.add_argument("--out", type=Path, default=EMBEDDED_VISION, help="folder to replace (default: the package's)")
+    args = parser.parse_args(arguments)
+    try:
+        loaded = load_network(args.network, {MODEL_TYPE: NETWORK}, "float32")
+        notes = json.loads((args.network / CONFIG_FILE).read_text()).get("notes", {})
+        config = {name: value for name, value in notes.get("config", {}).items() if name not in _FOLDERS}
+        card = (args.out / _CARD).read_text() if (args.out / _CARD).is_file() else None
+        weights = DashcamWeights(loaded.config, loaded.params, {**notes, "config": config})
+        weights.save(args.out, dtype="float16")
+    except (ValueError, OSError) as error:
+        sys.exit(f"experiments.package_vision: {error}")
+    if card is not None:
+        (args.out / _CARD).write_text(card)
+    for path in sorted(args.out.iterdir()):
+        print(f"{path.stat().st_size / 1e6:6.2f} MB  {path.name}")
+
+
+if __name__ == "__main__":
+    main()
