@@ -11,12 +11,15 @@ Only models trained on the synthetic world may ship: the licences of recordings 
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import safetensors.numpy
 
 import scjax
 from experiments.studies.page import script_parser
@@ -24,7 +27,9 @@ from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders import TextEncoder, load_text_encoder
 from scjax.generate.components import COMPONENTS, Model
-from scjax.generate.model import DEFAULT_MODEL
+from scjax.generate.model import DEFAULT_MODEL, INDEX
+from scjax.generate.model_format import index_hash
+from scjax.nn.safetensors import read_arrays, sha256_of
 from scjax.scene.per_type import PerType
 from scjax.synthetic.domains import DOMAINS
 
@@ -109,13 +114,40 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
     network = dataclasses.replace(model.denoiser.config, compute="float32")
     shipped = model.with_component("denoiser", network, model.denoiser.params)
     shipped = dataclasses.replace(shipped, prompts=prompts, notes=public_notes(model.notes))
-    scjax.save(shipped, out, dtype="float16", largest=_FILE)
-    if card is not None:
-        (out / _CARD).write_text(card)
+    if not _save_beside(shipped, out):
+        scjax.save(shipped, out, dtype="float16", largest=_FILE)
+        if card is not None:
+            (out / _CARD).write_text(card)
     files = {path.name: path.stat().st_size / 1e6 for path in sorted(out.iterdir())}
     if sum(files.values()) > _ALL:
         raise ValueError(f"{out} has {sum(files.values()):.0f} MB, more than {_ALL:.0f}: train a smaller model")
     return files
+
+
+def _save_beside(model: Model, out: Path) -> bool:
+    """Keeps the files of weights in ``out`` if the model has all their arrays, and writes the others in one more.
+
+    So a network that was trained on a frozen one adds its own weights alone. False, and nothing is written, if an
+    array differs.
+    """
+    if not (out / INDEX).is_file():
+        return False
+    files = json.loads((out / INDEX).read_text())["files"]
+    kept = read_arrays(out, files)
+    with tempfile.TemporaryDirectory() as folder:
+        scjax.save(model, folder, dtype="float16")
+        index = json.loads((Path(folder) / INDEX).read_text())
+        arrays = safetensors.numpy.load_file(Path(folder) / "weights.safetensors")
+    if not all(
+        name in arrays and np.array_equal(value, arrays[name].astype(value.dtype)) for name, value in kept.items()
+    ):
+        return False
+    name = f"weights-{len(files) + 1}.safetensors"
+    (out / name).write_bytes(safetensors.numpy.save({key: arrays[key] for key in arrays if key not in kept}))
+    index["files"] = {**files, name: sha256_of(out / name)}
+    index["checked"] = index_hash(index)
+    (out / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False))
+    return True
 
 
 def _demo_features(model: Model, encoder: TextEncoder) -> dict[str, np.ndarray]:

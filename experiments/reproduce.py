@@ -20,8 +20,9 @@ RECORDS = {
         "scjax.data synthetic {folder} --worlds 2000",
         "scjax.data attributes {folder}",
     ),
+    "pictures": ("scjax.data dashcam {runs}/records {folder}",),
 }
-"""Synthetic worlds that no training of the shipped model saw: folder of --runs -> commands."""
+"""Synthetic worlds that no training of the shipped model saw, and their pictures: folder of --runs -> commands."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +46,13 @@ PAGES = {
             " --workdir {runs}/sampling_steps --out {out}/sampling_steps",
         ),
         ("records",),
+    ),
+    "image_control": Page(
+        (
+            "experiments.studies.image_control --records {runs}/records --pictures {runs}/pictures"
+            " --out {out}/image_control",
+        ),
+        ("records", "pictures"),
     ),
     "gallery": Page(
         ("experiments.studies.gallery --prompts experiments/prompts/free_form.txt --samples 3 --out {out}/gallery",)
@@ -83,7 +91,7 @@ def make_records(name: str, runs: Path) -> None:
     """The records of ``RECORDS[name]`` in ``runs/name``; nothing is done if they are complete."""
     folder = runs / name
     done = folder / "reproduce.json"
-    commands = [command.format(folder=folder) for command in RECORDS[name]]
+    commands = [command.format(folder=folder, runs=runs) for command in RECORDS[name]]
     if done.is_file() and json.loads(done.read_text(encoding="utf-8")) == commands:
         return
     for command in commands:

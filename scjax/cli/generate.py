@@ -20,6 +20,7 @@ from scjax.cli.options import (
     seed_option,
 )
 from scjax.cli.output import FORMATS, Clock, say, writable_folder
+from scjax.cli.picture_input import PictureInput, check_reads_pictures, picture_options, read_picture
 from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt_list
 from scjax.cli.scene_results import SceneFiles
 
@@ -64,6 +65,7 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
     help='Prompts of a file, one a line: {"id": "a1", "prompt": "a roundabout"}. Their scenes go to DIR/ID/; what is '
     "there is not generated again.",
 )
+@picture_options
 @click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
 @best_of_option
 @repair_option
@@ -105,6 +107,10 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 def generate(
     prompts,
     prompt_file,
+    image,
+    depth,
+    camera,
+    camera_name,
     agents,
     lanes,
     negative,
@@ -116,23 +122,21 @@ def generate(
     as_json,
     **sampling,
 ) -> None:
-    """Generates scenes for every PROMPT and writes them to files, named by prompt, seed and number.
+    """Generates scenes for every PROMPT, or a picture, and writes them to files named by prompt, seed and number.
 
     \b
     scjax generate "a busy four-way intersection with a red light, five vehicles and two pedestrians"
     scjax generate "a motorway with a lane that ends" -n 4 --format png --format json --out scenes
     scjax generate "a roundabout" --best-of 32
+    scjax generate --image road.jpg --camera dashcam "two cyclists"
 
     Every scene is the best of several candidates (--best-of), each repaired after sampling (--no-repair leaves them as
     sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts that do not ship with the model
     need two text encoders, which are downloaded once; without a network, set SCJAX_MULTILINGUAL_ENCODER and
     SCJAX_TEXT_ENCODER (see the README). `scjax read` shows what is understood of a prompt.
     """
-    if bool(prompts) == (prompt_file is not None):
-        raise click.UsageError("give either PROMPT or --prompts FILE")
-    entries = (
-        read_prompt_list(prompt_file) if prompt_file is not None else [ListedPrompt("", prompt) for prompt in prompts]
-    )
+    picture = read_picture(image, depth, camera, camera_name)
+    entries = _entries(prompts, prompt_file, picture)
     out = writable_folder(folder)
     clock = Clock()
     with clock.part("start"):
@@ -140,34 +144,28 @@ def generate(
 
         from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
-        from scjax.generate.readings import prompt_warnings, read_prompts, reads_requests
+        from scjax.generate.readings import read_prompts, reads_requests
         from scjax.generate.sample import sample_scenes
-        from scjax.language.attributes.shown import shown_request
         from scjax.nn.startup import start_jax
 
         start_jax()
         model = load_model(model_folder)
+        if picture is not None:
+            check_reads_pictures(model)
 
-    def conditions(some: Sequence[ListedPrompt]) -> list[Condition]:
-        given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
-        return read_prompts([Condition(prompt=entry.prompt, **given) for entry in some], model)
-
-    def announce(some: Sequence[ListedPrompt], requested: Sequence[Condition]) -> None:
-        for entry, condition in zip(some, requested, strict=True) if reads_requests(model) else ():
-            if condition.attributes and not entry.id:
-                say(f"understood: {shown_request(condition.attributes)}", quiet=as_json)
-            for warning in prompt_warnings(condition):
-                say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")
+    given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
+    given |= {} if picture is None else picture.fields
 
     def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
         with clock.part("scenes"):
-            requested = conditions(some)
-            announce(some, requested)
+            requested = read_prompts([Condition(prompt=entry.prompt, **given) for entry in some], model)
+            if reads_requests(model):
+                _announce(some, requested, quiet=as_json)
             scenes = sample_scenes(key, requested, model=model, **sampling)
         with clock.part("files"):
             return files.write(some, [condition.attributes for condition in requested], scenes)
 
-    files, key = SceneFiles(out, seed, sampling["num_scenes"], formats), jax.random.key(seed)
+    files, key = SceneFiles(out, seed, sampling["num_scenes"], formats, picture), jax.random.key(seed)
     results = []
     for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
         if number is not None and all(files.is_complete(entry) for entry in some):
@@ -179,3 +177,26 @@ def generate(
         for result in results:
             click.echo("\n".join(result["files"]))
     say(f"{len(results)} scenes: {clock.summary()}", quiet=as_json)
+
+
+def _entries(prompts: Sequence[str], prompt_file: str | None, picture: PictureInput | None) -> list[ListedPrompt]:
+    """What to generate; UsageError where the arguments do not fit together."""
+    if picture is not None and prompt_file is not None:
+        raise click.UsageError("--image and --prompts exclude each other: give the picture with a PROMPT, or without")
+    if picture is not None and not prompts:
+        return [ListedPrompt("", None)]
+    if bool(prompts) == (prompt_file is not None):
+        raise click.UsageError("give PROMPT, --image FILE or --prompts FILE; a prompt and a picture may come together")
+    return read_prompt_list(prompt_file) if prompt_file is not None else [ListedPrompt("", one) for one in prompts]
+
+
+def _announce(entries: Sequence[ListedPrompt], conditions: Sequence[Condition], *, quiet: bool) -> None:
+    """Says what was understood of the prompts, and what will not come true."""
+    from scjax.generate.readings import prompt_warnings
+    from scjax.language.attributes.shown import shown_request
+
+    for entry, condition in zip(entries, conditions, strict=True):
+        if condition.attributes and not entry.id:
+            say(f"understood: {shown_request(condition.attributes)}", quiet=quiet)
+        for warning in prompt_warnings(condition):
+            say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")

@@ -17,10 +17,10 @@ _CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}
 
 
 class ListedPrompt(NamedTuple):
-    """A prompt of a list, and the name of its folder."""
+    """A prompt of a list, and the name of its folder; no prompt where a picture says all."""
 
     id: str
-    prompt: str
+    prompt: str | None
 
 
 class _Line(msgspec.Struct):

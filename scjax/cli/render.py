@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from scjax.cli.cameras import read_camera_option, rig_of_photo
 from scjax.cli.export import log_of_content
 from scjax.cli.output import say, writable_folder
 from scjax.cli.plot import Place
@@ -94,7 +95,7 @@ def render_command(
     path = _checked_path(out, video, step, photo, buffers, actor, at)
     content = read_content(file)
     log = _actor_log(content, file, number)
-    calibration = _calibration(camera)
+    calibration = read_camera_option(camera)
     rig = _chosen_rig(calibration, only, size, photo)
     style = _style(palette, occlusion, photo)
     writable_folder(path.parent)
@@ -146,26 +147,10 @@ def _actor_log(content: Scene | Log | Map, file: str, number: int | None) -> Log
     return dataclasses.replace(log, ego_index=0) if isinstance(content, Scene) and log.num_objects else log
 
 
-def _calibration(camera: str) -> CameraCalibration:
-    from scjax.camera import CAMERA_PRESETS, CameraCalibration, preset_rig, read_calibration
-
-    if camera in CAMERA_PRESETS:
-        return CameraCalibration(preset_rig(camera))
-    if not Path(camera).is_file():
-        raise ValueError(
-            f"--camera is {camera!r}: there is no such file, and no preset of that name: choose from "
-            f"{', '.join(CAMERA_PRESETS)}"
-        )
-    return read_calibration(camera)
-
-
 def _chosen_rig(calibration: CameraCalibration, only: tuple[str, ...], size: Any, photo: str | None) -> Rig:
     rig = calibration.rig.select(*only) if only else calibration.rig
-    if photo is not None and len(rig.cameras) > 1:
-        pictures = {Path(picture).name: name for name, picture in calibration.pictures.items() if picture}
-        if Path(photo).name not in pictures:
-            raise ValueError(f"rig {rig.name!r} has {len(rig.cameras)} cameras: say which took {photo} with --only")
-        rig = rig.select(pictures[Path(photo).name])
+    if photo is not None:
+        rig = rig_of_photo(calibration, rig, photo, "--only")
     return rig.fitted(*size) if size else rig
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from scjax.cli.output import slug, write_scene
+from scjax.cli.picture_input import PictureInput
 from scjax.cli.prompt_lists import ListedPrompt
 
 if TYPE_CHECKING:
@@ -22,12 +23,14 @@ class SceneFiles(NamedTuple):
       seed: of the command.
       num_scenes: scenes for each entry.
       formats: file endings.
+      picture: that all scenes show, or None.
     """
 
     folder: Path
     seed: int
     num_scenes: int
     formats: Sequence[str]
+    picture: PictureInput | None = None
 
     def is_complete(self, entry: ListedPrompt) -> bool:
         """Whether all files of an entry with an id are there."""
@@ -52,9 +55,14 @@ class SceneFiles(NamedTuple):
     def _write_one(self, scene: Scene, entry: ListedPrompt, number: int) -> dict[str, Any]:
         folder = self.folder / entry.id
         folder.mkdir(exist_ok=True)
-        files = write_scene(scene, folder, self._name(entry, number), self.formats)
+        name = self._name(entry, number)
+        files = write_scene(scene, folder, name, self.formats)
+        if self.picture is not None:
+            files.append(folder / f"{name}-view.png")
+            self.picture.write_view(scene, files[-1])
         return {
             **({"id": entry.id} if entry.id else {}),
+            **({"image": self.picture.photo.name} if self.picture is not None else {}),
             "prompt": entry.prompt,
             "seed": self.seed,
             "number": number,
@@ -62,7 +70,9 @@ class SceneFiles(NamedTuple):
         }
 
     def _name(self, entry: ListedPrompt, number: int) -> str:
-        return f"{slug(entry.prompt)}-{self.seed}-{number}"
+        words = [] if self.picture is None else [self.picture.name]
+        words += [] if entry.prompt is None else [slug(entry.prompt)]
+        return f"{'-'.join(words)}-{self.seed}-{number}"
 
 
 def scene_report(scene: Scene, request: Mapping[str, Any]) -> dict[str, Any]:

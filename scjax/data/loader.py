@@ -20,12 +20,12 @@ import grain
 import numpy as np
 from jaxtyping import Bool, Float, Integer
 
-from scjax.camera.raycast import CLASSES, GRID, SemanticDepth, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.loader_config import Bucket, LoaderConfig
 from scjax.data.measurements import MeasuredRecords
 from scjax.data.token_order import sort_tokens
+from scjax.data.window_images import CameraTokens, WindowImages
 from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
@@ -44,8 +44,8 @@ class TrainingExample(Replaceable):
       index: number of the example in the stream, from which training draws its noise; None outside of streams.
       tokens, token_mask: features of a caption of the scene, or None; no token is valid where there is no caption.
       attributes: features of a request that the scene fulfills, or None; zeros where nothing is requested.
-      image, depth: semantic classes and depth as a camera sees them (``scjax.camera.raycast``), or None; zeros where
-        ``has_image`` is False, i.e. in windows that are not ahead of the ego.
+      image, depth, image_mask: features and depth of the cells of a picture, and which cells are real, or None; zeros
+        where ``has_image`` is False, i.e. in windows that are not ahead of the ego.
     """
 
     scene: Scene
@@ -53,15 +53,17 @@ class TrainingExample(Replaceable):
     tokens: Float[AnyArray, "*b slots width"] | None = None
     token_mask: Bool[AnyArray, "*b slots"] | None = None
     attributes: Float[AnyArray, "*b features"] | None = None
-    image: Float[AnyArray, "*b classes rows columns"] | None = None
+    image: Float[AnyArray, "*b channels rows columns"] | None = None
     depth: Float[AnyArray, "*b rows columns"] | None = None
+    image_mask: Bool[AnyArray, "*b cells_of_both"] | None = None
     has_image: Bool[AnyArray, "*b"] | None = None
 
 
 class Drawn(NamedTuple):
-    """What decides an example: its unpadded scene, the number of its caption in the text store, and its request."""
+    """What decides an example: its unpadded scene and record, the number of its caption, and its request."""
 
     scene: Scene
+    row: int
     caption: int | None = None
     request: dict[str, Any] | None = None
 
@@ -158,17 +160,23 @@ def with_caption(scene: Scene, features: Float[np.ndarray, "tokens width"], slot
     return TrainingExample(scene=scene, tokens=tokens, token_mask=np.arange(slots) < len(features))
 
 
-def with_image(scene: Scene) -> TrainingExample:
-    """A scene with what a camera sees of it, if its window is ahead of the ego; zeros otherwise."""
-    if int(scene.crop) == Crop.FORWARD:
-        return TrainingExample(scene=scene, **render(scene)._asdict(), has_image=np.asarray(True))
-    none = SemanticDepth(np.zeros((len(CLASSES), *GRID), np.float32), np.zeros(GRID, np.float32))
-    return TrainingExample(scene=scene, **none._asdict(), has_image=np.asarray(False))
+def with_image(scene: Scene, row: int, images: WindowImages) -> TrainingExample:
+    """The scene of a record with what a camera sees of it, if its window is ahead of the ego; zeros otherwise."""
+    is_ahead = int(scene.crop) == Crop.FORWARD
+    if is_ahead:
+        tokens = images(scene, row)
+    else:
+        rows, columns = images.grid
+        shapes = (images.channels, rows, columns), (rows, columns)
+        tokens = CameraTokens(*(np.zeros(shape, np.float32) for shape in shapes), np.zeros(2 * rows * columns, bool))
+    return TrainingExample(
+        scene=scene, image=tokens.image, depth=tokens.depth, image_mask=tokens.mask, has_image=np.asarray(is_ahead)
+    )
 
 
 def batch_of(examples: Sequence[TrainingExample], bucket: Bucket) -> TrainingExample:
     """Examples, padded to ``bucket``, as one batch; all of them have a caption, or all an image, or none has."""
-    names = ("index", "tokens", "token_mask", "attributes", "image", "depth", "has_image")
+    names = ("index", "tokens", "token_mask", "attributes", "image", "depth", "image_mask", "has_image")
     features = {
         name: np.stack([getattr(example, name) for example in examples])
         for name in names
@@ -199,7 +207,8 @@ def training_batches(
     *,
     texts: TextStore | None = None,
     measurements: MeasuredRecords | None = None,
-    images: bool = False,
+    ahead: MeasuredRecords | None = None,
+    images: WindowImages | None = None,
     process: int = 0,
     processes: int = 1,
 ) -> BatchLoader:
@@ -209,17 +218,17 @@ def training_batches(
       texts: captions of that split, one of which goes with every example. They describe the centered window, so the
         forward window has none.
       measurements: attributes of that split, from which a request is drawn for every example but those of the forward
-        window.
-      images: whether examples carry what a camera sees from the jittered pose of their window.
+        window; ahead: those of the forward windows, which get requests from them.
+      images: what a camera sees in the forward windows, or None. Without pictures of any pose these are not jittered.
       process, processes: number of this process, and of all; a process gets its rows of every batch.
 
     Raises:
       ValueError: as ``records.open_records``, and later as ``records.read_record``; the texts are not those of the
         records, both texts and images are given, or images are given but no window is ahead of the ego.
     """
-    if images and texts is not None:
+    if images is not None and texts is not None:
         raise ValueError("a network reads texts or images: leave one of them out")
-    if images and not config.crops[Crop.FORWARD]:
+    if images is not None and not config.crops[Crop.FORWARD]:
         raise ValueError(
             f"images show the forward window, but crops {config.crops} give it, the last, no frequency: "
             "give it one, as in (0, 0, 1)"
@@ -229,7 +238,7 @@ def training_batches(
         raise ValueError(f"{folder}: {len(texts)} captions for {len(source)} records: caption and embed them again")
     if measurements is not None and len(measurements) != len(source):
         raise ValueError(f"{folder}: {len(measurements)} measured of {len(source)} records: measure them again")
-    examples = _Examples(codec, config, texts, measurements, images)
+    examples = _Examples(codec, config, texts, measurements, ahead, images)
     stream = grain.MapDataset.source(_Numbered(source)).seed(config.seed).shuffle().repeat(None)
     drawn = stream.random_map(examples.draw)
     return BatchLoader(
@@ -245,7 +254,8 @@ class _Examples:
     config: LoaderConfig
     texts: TextStore | None
     measurements: MeasuredRecords | None
-    images: bool
+    ahead: MeasuredRecords | None
+    images: WindowImages | None
 
     def draw(self, item: tuple[int, records.SceneRecord], rng: np.random.Generator) -> Drawn:
         """The augmented scene of a record and its number, one of its captions, and a request."""
@@ -255,25 +265,27 @@ class _Examples:
         crop = Crop(int(np.searchsorted(frequencies, rng.random(), side="right")))
         dx, dy = rng.uniform(-1, 1, 2) * config.jitter_position
         turn = np.deg2rad(rng.uniform(-1, 1) * config.jitter_heading)
+        if crop == Crop.FORWARD and self.images is not None and not self.images.any_pose:
+            dx, dy, turn = 0.0, 0.0, 0.0
         scene = records.sample_scene(record, crop, dx, dy, turn)
         scene = clip_counts(self.codec.select(scene), config.buckets[-1])
         scene = shuffle(scene, rng) if config.order == "shuffle" else sort_tokens(scene)[0]
         if crop == Crop.FORWARD:
-            return Drawn(scene)
+            return Drawn(scene, number, None, None if self.ahead is None else draw_attributes(self.ahead[number], rng))
         caption = None if self.texts is None else int(rng.choice(self.texts.texts_of(number)))
         request = None if self.measurements is None else draw_attributes(self.measurements[number], rng)
-        return Drawn(scene, caption, request)
+        return Drawn(scene, number, caption, request)
 
     def complete(self, index: int, drawn: Drawn) -> TrainingExample:
         """The example of a drawn scene, with its features."""
         example = self._with_features(drawn).replace(index=np.asarray(index, np.uint32))
-        if self.measurements is None:
+        if self.measurements is None and self.ahead is None:
             return example
         return example.replace(attributes=request_vector(drawn.request or {}, feature_names()))
 
     def _with_features(self, drawn: Drawn) -> TrainingExample:
-        if self.images:
-            return with_image(drawn.scene)
+        if self.images is not None:
+            return with_image(drawn.scene, drawn.row, self.images)
         if self.texts is None:
             return TrainingExample(scene=drawn.scene)
         none = np.zeros((0, self.texts.width), np.float16)

@@ -134,6 +134,7 @@ def denoise_fn(
     times: Real[Array | np.ndarray, " s"],
     guidance: Guidance | None = None,
     guidance_scale: float | Float[Array, "*b"] = 1.0,
+    image_scale: float | Float[Array, "*b"] | None = None,
 ) -> Denoise:
     """``denoise`` of a batch of scenes, with classifier-free guidance if ``guidance`` is set.
 
@@ -141,7 +142,7 @@ def denoise_fn(
       inputs: from ``prepare_denoiser_inputs``, with two branches if ``guidance`` is set.
       times: all times of the sampler [S], ascending. All scenes share one time in each call.
       guidance: interval and rescaling. Its scale is not used.
-      guidance_scale: scale for all scenes or per scene [B]; may be traced.
+      guidance_scale, image_scale: scales for all scenes or per scene [B], as in ``Guidance``; they may be traced.
     """
 
     tokens = inputs.masks, inputs.known, inputs.kinds
@@ -160,12 +161,17 @@ def denoise_fn(
     assert unconditional is not None
 
     def denoise_both(z: PerType, t: Real[Array, " b"]) -> PerType:
-        branch = _concat(_at_time(inputs.conditional, times, t), _at_time(unconditional, times, t))
-        return evaluate(branch, concat_branches(tokens, tokens), z, t)
+        conditional = _at_time(inputs.conditional, times, t)
+        branch, all_tokens = _concat(conditional, _at_time(unconditional, times, t)), concat_branches(tokens, tokens)
+        if image_scale is not None:
+            branch = _concat(branch, conditional.replace(cache=unconditional.cache))
+            all_tokens = concat_branches(all_tokens, tokens)
+        return evaluate(branch, all_tokens, z, t)
 
     return with_guidance(
         denoise_both,
         guidance_scale,
+        image_scale=image_scale,
         interval=guidance.interval,
         rescale=guidance.rescale,
         generated=generated_mask(inputs.masks, inputs.known),

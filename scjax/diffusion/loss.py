@@ -128,6 +128,7 @@ def training_loss(
     timestep_sampling: TimestepSampling = TimestepSampling(),  # noqa: B008 - frozen
     label_dropout: float | Float[Array, ""] = DEFAULT_LABEL_DROPOUT,
     condition_dropout: float | Float[Array, ""] = DEFAULT_CONDITION_DROPOUT,
+    kind_dropout: float | Float[Array, ""] = DEFAULT_CONDITION_DROPOUT,
     count_known: bool = False,
     penalty: Penalty | None = None,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
@@ -136,8 +137,9 @@ def training_loss(
     Args:
       null_label: row of the label table that replaces dropped labels.
       label_dropout: share of scenes without their label.
-      condition_dropout: share without condition and attributes, and for each type of tokens the share without kinds.
-        Where a batch has both condition and attributes, more scenes are without one of them.
+      condition_dropout: share without condition and attributes. Where a batch has both, more scenes are without one of
+        them.
+      kind_dropout: for each type of tokens, the share of scenes without kinds.
       prediction, count_known, penalty: as in ``diffusion_loss``.
 
     Returns:
@@ -157,7 +159,7 @@ def training_loss(
     if kinds is not None:
         keys = PerType(agents=random.fold_in(key_kinds, 0), lanes=random.fold_in(key_kinds, 1))
         kinds = jax.tree.map(
-            lambda k, kind: jnp.where(random.bernoulli(k, condition_dropout, scenes)[:, None], NO_KIND, kind),
+            lambda k, kind: jnp.where(random.bernoulli(k, kind_dropout, scenes)[:, None], NO_KIND, kind),
             keys,
             kinds,
         )

@@ -139,13 +139,13 @@ def prepare_program(sampler: Sampler, config: DenoiserConfig, num_steps: int, gu
 def advance_program(
     sampler: Sampler, config: DenoiserConfig, num_steps: int, guidance: Guidance | None
 ) -> StoredProgram:
-    """(parameters, guidance scale, temperature, first and last evaluation; loop inputs, the denoiser's inputs, state,
+    """(parameters, guidance scales, temperature, first and last evaluation; loop inputs, the denoiser's inputs, state,
     x0 estimates) -> state and x0 estimates at the last evaluation; see ``SamplingLoop.advance``."""
     loop = sampling_loop(sampler, config, num_steps)
 
     def advance(
         params: Params,
-        scale: Array,
+        scales: tuple[Array, Array | None],
         temperature: PerType,
         first: Array,
         last: Array,
@@ -160,7 +160,8 @@ def advance_program(
             denoiser_inputs,
             times=loop.schedule.levels.time,
             guidance=guidance,
-            guidance_scale=scale,
+            guidance_scale=scales[0],
+            image_scale=scales[1],
         )
         return loop.advance(inputs, temperature, denoise, state, x0, first, last)
 

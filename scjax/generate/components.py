@@ -11,6 +11,7 @@ import numpy as np
 from scjax.diffusion.defaults import DEFAULT_TEMPERATURE
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.generate.outlines import Outlines
+from scjax.generate.view_outlines import ViewOutlines
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import SceneCodec
@@ -67,9 +68,12 @@ class Model:
       domains: names behind the domain labels.
       counts: [domains, crops, max_lanes + 1, max_agents + 1] probabilities of (N_l, N_o), or None.
       outlines: kinds of lanes and agents in scenes of the training, for networks that read kinds, or None.
+      views: outlines of forward windows and how pictures choose among them, or None.
       text_encoder: name of the encoder whose token features the denoiser was trained on; "" for none.
       image_encoder: name of the encoder whose features of pictures the denoiser was trained on; "" for none.
       image_keeps_aspect: whether it was trained on pictures that keep their proportions (``Preprocessing``).
+      estimates_depth: whether it was trained on depth that the embedded network estimates (``default_depth``), so that
+        this is its depth of pictures where none is given.
       prompts: text -> token features [tokens, width] of prompts that need no encoder.
       reads_prompts: whether prompts become requests for attributes (``generate.readings``), which the network then
         reads, as text or by themselves. Networks that read attributes and no text always need that.
@@ -86,9 +90,11 @@ class Model:
     domains: tuple[str, ...]
     counts: np.ndarray | None = None
     outlines: Outlines | None = None
+    views: ViewOutlines | None = None
     text_encoder: str = ""
     image_encoder: str = ""
     image_keeps_aspect: bool = False
+    estimates_depth: bool = False
     prompts: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     reads_prompts: bool = False
     temperature: PerType = DEFAULT_TEMPERATURE

@@ -17,17 +17,17 @@ from scjax.camera.photo import as_photo
 from scjax.encoders.depth import DepthProvider, ExactDepth
 from scjax.encoders.text import clean_text
 from scjax.encoders.vision import GridTokens
-from scjax.generate.camera_stream import check_camera
+from scjax.generate.camera_stream import picture_camera
 from scjax.language.attributes.table import check_attributes
 from scjax.scene import Crop, Scene, validate
-from scjax.scene.arguments import whole_number
+from scjax.scene.arguments import truth_value, whole_number
 from scjax.scene.limits import MAX_SLOTS
 
 STREAMS = ("text", "negative_text", "image", "depth", "camera", "attributes")
 """Names of the streams that a condition may carry."""
 
 _PROMPTS = {"text": "prompt", "negative_text": "negative_prompt"}  # stream -> the field that would fill it
-_CAMERA = ("image", "depth")  # a model reads both or neither
+_CAMERA = ("image", "depth")  # of a picture
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,21 +147,24 @@ class Condition:
     Attributes:
       num_lanes, num_agents: totals, with the ego and known elements; by default drawn from the prompt or the data.
       domain: a name or index from the model's list; by default drawn from the data's frequencies.
-      crop: the window: centered on the ego (the default), or ahead of it; also by its name, as "forward".
+      crop: the window: centered on the ego, or ahead of it; also by its name, as "forward". None: ahead with a picture
+        or the streams of one, which show nothing else, otherwise centered.
       known: one scene whose lanes and agents are kept exactly; new ones are added up to the totals. With all lanes
         known and ``num_lanes`` equal to their number this is lane-conditioned traffic generation.
       prompt: text that describes the scene; the model's text encoder turns it into the stream "text". Texts are
         stored with single spaces, in Unicode form NFC.
       negative_prompt: text that guidance leads away from, instead of from no prompt at all.
       streams: condition tokens by name (``STREAMS``), for whatever the model reads. They combine freely; ``sample``
-        refuses those that the model cannot read. "image" and "depth" need ``Crop.FORWARD``; ``scjax.camera.raycast``
-        makes both from a scene.
-      image: a picture of the road ahead: a file, RGB [height, width, 3] of uint8, or a ``scjax.encoders.Photo``. It
-        needs ``Crop.FORWARD``, and a model that was trained on pictures. It becomes the streams "image" and "depth".
+        refuses those that the model cannot read. ``scjax.camera.raycast`` makes "image" and "depth" from a scene.
+      image: a picture of the road ahead: a file, RGB [height, width, 3] of uint8, or a ``scjax.encoders.Photo``, for
+        models that were trained on pictures. It becomes the streams "image" and "depth".
       depth: of the picture: [height, width] along the camera's axis, inf in the sky, NaN where it is not known; or a
-        ``scjax.encoders.DepthProvider``. None: depth is not known.
-      camera: that took the picture, in the ego's frame, without distortion (``generate.camera_stream.PictureCamera``).
-        It becomes the stream "camera", which few models read.
+        ``scjax.encoders.DepthProvider``. None: estimated, if the model has a network for it, else not known;
+        ``scjax.encoders.NoDepth()``: not known.
+      camera: that took the picture: a ``scjax.camera.Camera`` in the frame of the ego, or a ``Rig`` of one. It becomes
+        the stream "camera", which few models read.
+      hold_seen: whether agents that the picture shows become known elements, for models whose encoder says where they
+        are (``generate.seen_agents``), if ``known`` is not given.
       attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",
         "vehicles": (3, 5)}``; docs/attributes.md lists them. A missing one, None and "unspecified" ask nothing.
         What a prompt asks for joins them where the model takes prompts as requests (``generate.readings``). A model
@@ -173,7 +176,7 @@ class Condition:
     num_lanes: int | None = None
     num_agents: int | None = None
     domain: str | int | None = None
-    crop: Crop = Crop.CENTERED
+    crop: Any = None
     known: Scene | None = None
     prompt: str | None = None
     negative_prompt: str | None = None
@@ -181,6 +184,7 @@ class Condition:
     image: Any = None
     depth: Any = None
     camera: Any = None
+    hold_seen: bool = True
     attributes: Any = dataclasses.field(default_factory=dict)
     negative_attributes: Any = dataclasses.field(default_factory=dict)
 
@@ -191,7 +195,9 @@ class Condition:
                 object.__setattr__(self, name, whole_number(value, f"Condition.{name}", 1, MAX_SLOTS))
         if self.domain is not None and not isinstance(self.domain, str):
             object.__setattr__(self, "domain", whole_number(self.domain, "Condition.domain", 0, 10_000))
-        object.__setattr__(self, "crop", _crop(self.crop))
+        if self.crop is not None:
+            object.__setattr__(self, "crop", _crop(self.crop))
+        object.__setattr__(self, "hold_seen", truth_value(self.hold_seen, "Condition.hold_seen"))
         self._check_known()
         for name in ("attributes", "negative_attributes"):
             try:
@@ -207,6 +213,7 @@ class Condition:
                 raise ValueError(f"Condition.{_PROMPTS[name]}: {error}") from error
         self._check_image()
         self._check_streams()
+        self._set_crop()
 
     def _check_image(self) -> None:
         """Reads the picture, and makes a provider of its depth."""
@@ -226,7 +233,7 @@ class Condition:
         object.__setattr__(self, "image", photo)
         if self.camera is not None:
             try:
-                check_camera(self.camera, photo.size)
+                object.__setattr__(self, "camera", picture_camera(self.camera, photo.size))
             except ValueError as error:
                 raise ValueError(f"Condition.camera: {error}") from error
         if self.depth is not None and not isinstance(self.depth, DepthProvider):
@@ -268,12 +275,18 @@ class Condition:
         for name, prompt in _PROMPTS.items():
             if name in self.streams and getattr(self, prompt) is not None:
                 raise ValueError(f"Condition.streams[{name!r}] and {prompt} are both given: leave one of them out")
-        given = [name for name in _CAMERA if name in self.streams]
-        if len(given) == 1:
-            raise ValueError("Condition.streams: image and depth belong together: give both or neither")
-        if (given or self.image is not None) and self.crop != Crop.FORWARD:
-            name = "image" if self.image is not None else "streams['image']"
+        if "depth" in self.streams and "image" not in self.streams:
+            raise ValueError("Condition.streams: depth is given without an image: give both, or leave it out")
+
+    def _set_crop(self) -> None:
+        """The window where none is given; pictures show the road ahead alone."""
+        name = (
+            "image" if self.image is not None else next((f"streams[{n!r}]" for n in _CAMERA if n in self.streams), "")
+        )
+        if self.crop is None:
+            object.__setattr__(self, "crop", Crop.FORWARD if name else Crop.CENTERED)
+        elif name and self.crop != Crop.FORWARD:
             raise ValueError(
-                f"Condition.{name} shows the road ahead of the ego, but the crop is {Crop(self.crop).name}: "
-                "give crop=Crop.FORWARD"
+                f"Condition.{name} shows the road ahead of the ego, but the crop is {Crop(self.crop).name}: leave crop "
+                "out, or give Crop.FORWARD"
             )

@@ -181,6 +181,10 @@ def _check_images(streams: Sequence[Streams], condition: ImageCondition) -> None
                 f"Condition.streams['image'] is [channels, rows, columns] {shape}, the model takes {expected}: use the "
                 "encoder and the size that it was trained with"
             )
+    if not condition.depth and any("depth" in row for row in streams):
+        raise ValueError(
+            "Condition.streams['depth'] is given, but this model reads no depth: leave it out, the features say it"
+        )
     for row in streams:
         if "depth" in row and row["depth"].mask is not None and row["depth"].grid().shape[1:] != condition.grid:
             raise ValueError(
@@ -193,6 +197,8 @@ def _check_images(streams: Sequence[Streams], condition: ImageCondition) -> None
 
 
 def _image_inputs(streams: Sequence[Streams], condition: ImageCondition) -> NetworkInputs:
+    if not any("image" in row for row in streams):
+        return None, None  # the same scenes by a smaller program
     grids = [_masked(row["image"]).grid() if "image" in row else None for row in streams]
     depths = [_masked(row["depth"]).grid()[0] if "depth" in row else None for row in streams]
     size = next((depth.shape for depth in depths if depth is not None), condition.grid)
@@ -215,16 +221,17 @@ def _masked(stream: Stream) -> Stream:
 
 
 def _cell_masks(streams: Sequence[Streams], condition: ImageCondition) -> Array | None:
-    """Cells of image and depth that are read; None where no stream has a mask, so that nothing else is compiled."""
-    pairs = [(row.get("image"), row.get("depth")) for row in streams]
-    if all(stream is None or stream.mask is None for pair in pairs for stream in pair):
-        return None
+    """Cells of image and depth that are read; None where all are, so that nothing else is compiled."""
     number = condition.grid[0] * condition.grid[1]
-    masks = [
-        [np.ones(number, bool) if stream is None or stream.mask is None else np.asarray(stream.mask) for stream in pair]
-        for pair in pairs
-    ]
-    return jnp.asarray(np.stack([np.concatenate(pair) for pair in masks]))
+
+    def mask(row: Streams, name: str) -> np.ndarray:
+        stream = row.get(name)
+        if stream is None:
+            return np.full(number, not (condition.depth and "image" in row))  # no depth of a picture
+        return np.ones(number, bool) if stream.mask is None else np.asarray(stream.mask)
+
+    masks = np.stack([np.concatenate([mask(row, "image"), mask(row, "depth")]) for row in streams])
+    return None if masks.all() else jnp.asarray(masks)
 
 
 @dataclasses.dataclass(frozen=True)

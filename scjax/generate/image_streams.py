@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import os
+import warnings
 from collections.abc import Mapping, Sequence
 
-from scjax.encoders.depth import DepthProvider, NoDepth, depth_tokens
+from scjax.encoders.depth import DepthProvider, depth_tokens
 from scjax.encoders.preprocessing import Preprocessing
-from scjax.encoders.vision import ImageEncoder, load_image_encoder
+from scjax.encoders.vision import GridTokens, ImageEncoder
 from scjax.generate.camera_stream import camera_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
+from scjax.generate.picture_networks import check_encoder, default_depth, default_image_encoder
 from scjax.models.denoiser.config import ImageCondition, TextCondition
-
-ENCODER_VARIABLE = "SCJAX_IMAGE_ENCODER"
-"""Environment variable that names the folder of the image encoder."""
-
-DEFAULT_IMAGE_ENCODER = "facebook/dinov2-small"
-"""Looked up in the Hugging Face cache where the variable is not set."""
 
 _CURE = "leave it out, or load a model that was trained on pictures (docs/images.md)"
 
@@ -27,10 +22,10 @@ def image_streams(
 ) -> list[Mapping[str, Stream]]:
     """The streams "image", "depth" and, with a camera, "camera" of every condition; none without a picture.
 
-    Each different picture is encoded once.
+    Each different picture is encoded once, and each different depth.
 
     Args:
-      encoder: by default the one of the folder that ``ENCODER_VARIABLE`` names, or of the Hugging Face cache.
+      encoder: by default the model's (``default_image_encoder``).
 
     Raises:
       ValueError: the model reads no pictures, the encoder is not here or not the model's, or depth cannot be had.
@@ -39,25 +34,31 @@ def image_streams(
         return [{} for _ in conditions]
     preprocessing = model_preprocessing(model)
     photos = {condition.image.content: condition.image for condition in conditions if condition.image is not None}
-    encoder = encoder or load_image_encoder(os.environ.get(ENCODER_VARIABLE) or DEFAULT_IMAGE_ENCODER)
-    if encoder.name != model.image_encoder:
-        raise ValueError(
-            f"Condition.image needs the encoder that this model was trained with, {model.image_encoder}, but the image "
-            f"encoder here is {encoder.name}: give the folder of that one by the variable {ENCODER_VARIABLE}"
-        )
+    if encoder is None:
+        encoder = default_image_encoder(model)
+    check_encoder(encoder, model)
+    network = model.denoiser.config.condition
+    reads_depth = isinstance(network, ImageCondition) and network.depth
     features = dict(zip(photos, encoder(list(photos.values()), preprocessing), strict=True))
+    depths: dict[tuple[str, str], GridTokens] = {}
     streams: list[Mapping[str, Stream]] = []
     for condition in conditions:
-        if condition.image is None:
+        photo = condition.image
+        if photo is None:
             streams.append({})
             continue
-        provider: DepthProvider = condition.depth or NoDepth()
-        (depth,) = depth_tokens(provider, [condition.image], preprocessing)
-        image = features[condition.image.content]
-        own = {"image": Stream.from_cells(image), "depth": Stream.from_cells(depth)}
+        image = features[photo.content]
+        own = {"image": Stream.from_cells(image)}
+        if reads_depth:
+            provider: DepthProvider = default_depth(model) if condition.depth is None else condition.depth
+            pair = photo.content, provider.key_of(photo)
+            if pair not in depths:
+                (depths[pair],) = depth_tokens(provider, [photo], preprocessing)
+            own["depth"] = Stream.from_cells(depths[pair])
+        elif condition.depth is not None:
+            warnings.warn("Condition.depth is not read by this model: the features of its encoder say it", stacklevel=5)
         if condition.camera is not None:
-            rays = camera_tokens(condition.camera, condition.image.size, image.mask, preprocessing)
-            own["camera"] = Stream.from_cells(rays)
+            own["camera"] = Stream.from_cells(camera_tokens(condition.camera, image.mask, preprocessing))
         streams.append(own)
     return streams
 

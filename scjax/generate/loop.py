@@ -34,14 +34,15 @@ class SamplingSettings:
 
     Attributes:
       guidance: interval and rescaling; None is plain sampling.
-      guidance_scale: scale of guidance. It is an argument of the programs: every other scale is the same program.
+      guidance_scales: scale of guidance, and that of the picture or None. They are arguments of the programs: every
+        other scale is the same program.
       energy_guidance: None leaves the estimates as they are.
     """
 
     sampler: Sampler
     num_steps: int
     guidance: Guidance | None
-    guidance_scale: float
+    guidance_scales: tuple[float, float | None]
     temperature: PerType
     energy_guidance: EnergyGuidance | None
 
@@ -121,10 +122,11 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
 
     state = compiled.start_program(*options)(settings.temperature, inputs)
     x0, first = state.x, len(loop.levels) - 1
-    scale, gradient_steps = np.float32(settings.guidance_scale), _gradient_steps(loop, settings.energy_guidance)
+    scales = jax.tree.map(np.float32, settings.guidance_scales)
+    gradient_steps = _gradient_steps(loop, settings.energy_guidance)
     for last in sorted({0, *gradient_steps}, reverse=True):
         bounds = np.int32(first), np.int32(last)
-        state, x0 = advance(params, scale, settings.temperature, *bounds, inputs, denoiser_inputs, state, x0)
+        state, x0 = advance(params, scales, settings.temperature, *bounds, inputs, denoiser_inputs, state, x0)
         if settings.energy_guidance is not None and last in gradient_steps:
             program = compiled.descend_program(config, settings.energy_guidance)
             x0 = _descend(

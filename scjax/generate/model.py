@@ -31,6 +31,7 @@ from scjax.generate.model_format import (
 )
 from scjax.generate.outlines import Outlines
 from scjax.generate.prompt_cache import load_prompts, write_prompts
+from scjax.generate.view_outlines import ViewOutlines
 from scjax.models.latents import LatentStatistics
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, sha256_of, write_arrays
 from scjax.scene.document import convert_document, parse_document
@@ -43,7 +44,7 @@ INDEX, PROMPTS = "model.json", "prompts.safetensors"
 _CURE = "copy or export the model again"
 _ATTEMPTS = 20
 _WEIGHTS = "weights.safetensors"
-_OUTLINES = "outlines."  # begins the names of their arrays
+_OUTLINES, _VIEWS = "outlines.", "views."  # begin the names of their arrays
 
 
 def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, largest: float | None = None) -> Path:
@@ -70,6 +71,7 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
         "text_encoder": model.text_encoder,
         "image_encoder": model.image_encoder,
         "image_keeps_aspect": model.image_keeps_aspect,
+        "estimates_depth": model.estimates_depth,
         "reads_prompts": model.reads_prompts,
         "temperature": dataclasses.asdict(model.temperature),
         "num_steps": model.num_steps,
@@ -83,6 +85,8 @@ def save_model(model: Model, folder: str | Path, *, dtype: str | None = None, la
     if model.outlines is not None:
         tables |= {f"{_OUTLINES}{name}": array for name, array in model.outlines.arrays().items()}
         index["outline_values"] = dict(model.outlines.values)
+    if model.views is not None:
+        tables |= {f"{_VIEWS}{name}": array for name, array in model.views.arrays().items()}
     arrays |= tables
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file: choose another folder for the model")
@@ -158,10 +162,20 @@ def _read_once(folder: Path) -> Model:
     return model
 
 
+def _views_of(arrays: dict[str, np.ndarray], components: dict[str, Component]) -> ViewOutlines:
+    if "denoiser" not in components:
+        raise ValueError("there are view outlines, but no denoiser that reads them")
+    config = components["denoiser"].config
+    return ViewOutlines.from_files(arrays, (config.lane_kinds, config.agent_kinds))
+
+
 def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Path) -> Model:
     index = convert_document(content, ModelIndex, "the index", "")
     counts = arrays.pop("counts", None)
-    parts = {name.removeprefix(_OUTLINES): arrays.pop(name) for name in list(arrays) if name.startswith(_OUTLINES)}
+    parts, views = (
+        {name.removeprefix(start): arrays.pop(name) for name in list(arrays) if name.startswith(start)}
+        for start in (_OUTLINES, _VIEWS)
+    )
     params = named_arrays(arrays)
     components = {}
     for name, fields in index.components.items():
@@ -180,9 +194,11 @@ def _model_of(content: dict[str, Any], arrays: dict[str, np.ndarray], folder: Pa
         outlines=read_part("outlines", lambda values: Outlines.from_files(parts, values), index.outline_values)
         if parts
         else None,
+        views=_views_of(views, components) if views else None,
         text_encoder=index.text_encoder,
         image_encoder=index.image_encoder,
         image_keeps_aspect=index.image_keeps_aspect,
+        estimates_depth=index.estimates_depth,
         reads_prompts=index.reads_prompts,
         prompts=load_prompts(folder / PROMPTS, index.text_encoder, index.prompts),
         temperature=index.temperature.to_per_type() if index.temperature else DEFAULT_TEMPERATURE,

@@ -54,6 +54,12 @@ def check_model(model: Model) -> None:
         _check_counts(model)
     if model.outlines is not None:
         _check_outlines(model)
+    if model.views is not None:
+        model.views.check()
+        if "denoiser" in model.components:
+            config = model.components["denoiser"].config
+            if (model.views.lane_sizes, model.views.agent_sizes) != (config.lane_kinds, config.agent_kinds):
+                raise ValueError("view outlines: they have kinds of other sizes than the denoiser")
 
 
 def check_network_config(name: str, config: Any) -> None:

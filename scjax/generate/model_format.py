@@ -114,6 +114,7 @@ class ModelIndex(Struct):
     text_encoder: str = ""
     image_encoder: str = ""
     image_keeps_aspect: bool = False
+    estimates_depth: bool = False
     reads_prompts: bool = False
     temperature: PerTypeFields | None = None
     num_steps: int | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Int
 
 from scjax.generate.components import Model
-from scjax.generate.conditions import Condition
+from scjax.generate.conditions import Condition, Stream
 from scjax.language.attributes.contradictions import least_numbers
 from scjax.language.attributes.table import GROUPS
 from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import NO_KIND, agent_digits, scene_kinds
+from scjax.models.denoiser.kinds import NO_KIND, agent_digits, digits_of, scene_kinds
 from scjax.scene import AgentType, Crop, Scene, pad
 from scjax.scene.per_type import PerType
 
@@ -48,21 +48,31 @@ class Outline:
 
 
 def draw_outline(
-    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene | None, model: Model
+    rng: np.random.Generator,
+    condition: Condition,
+    domain: int | None,
+    known: Scene | None,
+    model: Model,
+    view: int | None = None,
 ) -> Outline | None:
     """An outline of the training that shows most of the request, with agents added or left out to its numbers.
 
     Where all lanes are known, the request's roads do not count: the outline is one of those with the most similar
-    lanes, so that its agents make sense there.
+    lanes, so that its agents make sense there. With a picture, it is one of those that look most like it.
 
     Args:
       domain: None: any.
       known: known elements in token order, unpadded; None: none.
+      view: number of the outline of a window that looks like the picture (``view_row``); None: no picture.
 
     Returns:
       None where the network decides: the model has no outlines, or none for this window.
     """
-    if model.outlines is None or not model.denoiser.config.agent_kinds:
+    if not model.denoiser.config.agent_kinds:
+        return None
+    if view is not None:
+        return _draw_view(rng, condition, domain, known, view, model)
+    if model.outlines is None:
         return None
     if condition.crop == Crop.PARTITIONED and model.outlines.ahead is not None and known is not None:
         return _draw_continuation(rng, condition, domain, known, model)
@@ -96,6 +106,49 @@ def draw_outline(
         lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
     domain = int(model.outlines.domains[row]) if domain is None else domain
     return Outline(agents, lanes, domain, None if known is not None and len(known.lane_mask) else len(lanes))
+
+
+def view_row(rng: np.random.Generator, condition: Condition, image: Stream | None, model: Model) -> int | None:
+    """Number of an outline of a window that looks like a picture; None without one, or if the user gives elements."""
+    if image is None or model.views is None or condition.known is not None or not model.denoiser.config.agent_kinds:
+        return None
+    cells = np.asarray(image.grid())
+    tokens = cells.reshape(len(cells), -1).T
+    counts = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
+    return model.views.draw(rng, tokens, cells.shape[1:], **counts)
+
+
+def _draw_view(
+    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene | None, row: int, model: Model
+) -> Outline:
+    """The outline of a window that looks like the picture, with agents added or left out to the request's numbers.
+
+    Agents that are known take the places of those most like them.
+    """
+    views, config = model.views, model.denoiser.config
+    assert views is not None
+    agents, lanes = (_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
+    agents = _AgentDraw(rng, views.agents, model.codec).fit(agents, condition.attributes)
+    num_known = 1
+    if known is not None:
+        agents = _with_known(agents, _known_kinds(known, model).agents, views.agent_sizes)
+        num_known = len(known.agent_mask)
+    agents = _cut_or_fill(rng, agents[: config.max_agents], condition.num_agents, num_known)
+    lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
+    return Outline(agents, lanes, int(views.domains[row]) if domain is None else domain, len(lanes))
+
+
+def _with_known(kinds: Kinds, known: Kinds, sizes: Sequence[int]) -> Kinds:
+    """The kinds of known agents, the ego first, and the others without the most similar one of each one's class."""
+    rest = kinds[1:]
+    for kind in known[1:]:
+        if not len(rest):
+            break
+        others, own = np.stack(digits_of(rest, sizes)), np.array(digits_of(kind, sizes))[:, None]
+        same = np.where(others[0] == own[0], (others == own).sum(0), -1)
+        if same.max() >= 0:
+            rest = np.delete(rest, int(same.argmax()))
+    return np.concatenate([known, rest]).astype(kinds.dtype)
 
 
 def _draw_continuation(

@@ -240,6 +240,8 @@ def _check_condition(condition: Condition) -> None:
     for name in ("known", "num_lanes"):
         if getattr(condition, name) is not None:
             raise ValueError(f"condition.{name} follows from the scene or map: leave it out")
+    if condition.image is not None:
+        raise ValueError("condition.image is given, but placement takes prompts and attributes: leave it out")
     if condition.crop != Crop.CENTERED:
         raise ValueError("condition.crop follows from the scene or map: leave it out")
 

@@ -14,7 +14,8 @@ from scjax.data.token_order import sort_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
 from scjax.generate.model import Model
-from scjax.generate.outline_draw import draw_outline
+from scjax.generate.outline_draw import draw_outline, view_row
+from scjax.generate.seen_agents import held_agents, sees_agents
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
 from scjax.scene.per_type import PerType
@@ -102,10 +103,14 @@ def draw_request(
     most, reads = model.denoiser.config.max_agents, tables.read_attributes
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
     rng = np.random.default_rng(seed.astype(np.uint32))
+    view = view_row(rng, condition, streams.get("image"), model)
+    if view is not None and condition.hold_seen and sees_agents(model):
+        known = model.codec.select(held_agents(condition, streams["image"], view, domain, model))
+        num_known = len(known.agent_mask), 0
     table = tables(streams.get("text"), condition.attributes, domain, condition.crop)
     num_agents = condition.num_agents if reads else _num_agents(condition, num_known[0], most)
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
-    outline = draw_outline(rng, condition, domain, None if elements is None else elements.tokens, model)
+    outline = draw_outline(rng, condition, domain, None if elements is None else elements.tokens, model, view)
     num_lanes, kinds = condition.num_lanes, None
     if outline is not None:
         kinds = PerType(agents=outline.agents, lanes=outline.lanes)

@@ -36,6 +36,7 @@ from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model
 from scjax.generate.readings import read_prompts
 from scjax.generate.requests import Request, draw_request
+from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Scene, stack
 from scjax.scene.arguments import finite_number, truth_value, whole_number
 from scjax.scene.per_type import PerType
@@ -108,7 +109,7 @@ def sample_scenes(
       num_steps: sampling steps, 2..100; by default the model's, or those of the sampler that is named here
         (``scjax.samplers.DEFAULT_STEPS``).
       guidance: w in u + w (c - u), of the estimates c with and u without the condition; by default the model's. 1 is
-        plain sampling. ``scjax.Guidance`` also takes an interval of times and rescaling.
+        plain sampling. ``scjax.Guidance`` also takes an interval of times, rescaling and a scale of the picture.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, such as ``scjax.samplers.DDIM(eta=0.5)``.
       best_of: candidates for each scene; the one with the least ``score_scene`` is returned. Candidates share counts
@@ -180,7 +181,13 @@ def _settings(
         guidance = Guidance(finite_number(guidance, "guidance", -MAX_SCALE, MAX_SCALE))
     if energy_guidance is not None and not isinstance(energy_guidance, EnergyGuidance):
         energy_guidance = truth_value(energy_guidance, "energy_guidance (or scjax.EnergyGuidance)")
-    options = None if guidance.scale == 1 else dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE)
+    if guidance.image_scale is not None and not isinstance(config.condition, ImageCondition):
+        raise ValueError("guidance.image_scale is given, but this model reads no pictures: leave it out")
+    scales = guidance.scale, guidance.image_scale
+    image_scale = None if guidance.image_scale is None else DEFAULT_GUIDANCE_SCALE
+    options = dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE, image_scale=image_scale)
+    if scales[0] == 1 and scales[1] in (None, 1):
+        scales, options = (1.0, None), None
     if energy_guidance is None or energy_guidance is True:
         energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
     if energy_guidance and not config.relative_geometry:
@@ -192,7 +199,7 @@ def _settings(
         sampler=sampler,
         num_steps=num_steps,
         guidance=options,
-        guidance_scale=guidance.scale,
+        guidance_scales=scales,
         temperature=_temperature(model.temperature if temperature is None else temperature),
         energy_guidance=energy_guidance or None,
     )

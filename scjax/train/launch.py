@@ -2,7 +2,8 @@
 
     PROGRAM --config=CONFIG[:VARIANT] --workdir=FOLDER [--config.FIELD=VALUE ...]
 
-CONFIG is autoencoder, denoiser, counts or behavior (scjax/train/configs), or the path of a Python file like these.
+CONFIG is autoencoder, denoiser, counts, behavior or vision (scjax/train/configs), or the path of a Python file like
+these.
 VARIANT is tiny, small, base or official. Train an autoencoder, then a denoiser on its model; for prompts, a denoiser
 with --config.condition=text and then counts. The docstring of each config has its command, time and expected numbers.
 

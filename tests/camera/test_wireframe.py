@@ -295,5 +295,7 @@ def test_overlay_draws_on_the_photograph_only_where_lines_are():
 def test_overlay_takes_photographs_of_another_size():
     log = box_log((0, 0, 0), (12, 0, 0))
     assert overlay(np.zeros((50, 100, 3), np.uint8), log, RIG).shape == (50, 100, 3)
-    with pytest.raises(ValueError, match=r"100 x 100 pixels, the camera 'front' 200 x 100: crop one of them"):
+    with pytest.raises(
+        ValueError, match=r"the camera 'front' takes pictures of 200 x 100 pixels, and this one has 100 x 100"
+    ):
         overlay(np.zeros((100, 100, 3), np.uint8), log, RIG)

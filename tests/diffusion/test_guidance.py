@@ -47,6 +47,21 @@ def test_both_branches_run_in_one_batch():
     assert calls == [((4, 2, 5), (4,))] * 4
 
 
+@pytest.mark.parametrize(("w", "v", "expected"), [(4.0, 4.0, -5.0), (0.0, 0.0, 3.0), (2.0, 0.0, 7.0), (0.0, 2.0, -5.0)])
+def test_request_and_picture_have_scales_of_their_own(w, v, expected):
+    """u + w (r - u) + v (c - r) with c = 1, u = 3, r = 5; equal scales are those of both together."""
+    factor = jnp.repeat(jnp.array([1.0, 3.0, 5.0]), 2)
+
+    def denoise_three(z, t):
+        assert z.lanes.shape == (6, 2, 5) and t.shape == (6,)
+        return jax.tree.map(lambda x: x * factor[:, None, None], z)
+
+    z, t = ones(2, 1, 2), jnp.array([10, 40])
+    np.testing.assert_allclose(with_guidance(denoise_three, w, image_scale=v)(z, t).lanes, expected)
+    outside = with_guidance(denoise_three, w, image_scale=v, interval=(20, 60))(z, t).agents
+    np.testing.assert_allclose(outside[:, 0, 0], [1.0, expected])
+
+
 @pytest.mark.parametrize("case", ["ddim, eta 0.7", "heun"])
 def test_scale_one_and_trivial_intervals_change_nothing(case):
     """Scale 1 is plain sampling; the interval of all times is constant guidance; an empty one is no guidance."""

@@ -129,14 +129,14 @@ def test_some_scenes_have_a_request_or_a_condition_alone():
     np.testing.assert_array_equal(no_condition, dropped)
 
 
-def test_kinds_are_dropped_with_the_condition():
+def test_kinds_are_dropped_by_their_own_share():
     network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=(2,), lane_kinds=(2,)))
     params = jax.tree.map(lambda leaf: leaf + np.float32(0.1), jax.device_get(network.init(jax.random.key(0))))
     batch = _batch().replace(condition=None, has_condition=None)
 
     @golden.jit
-    def loss_of(params, kinds, condition_dropout):
-        options = {"null_label": CONFIG.null_label, "condition_dropout": condition_dropout}
+    def loss_of(params, kinds, kind_dropout):
+        options = {"null_label": CONFIG.null_label, "condition_dropout": 0.0, "kind_dropout": kind_dropout}
         given = batch.replace(kinds=kinds)
         return training_loss(network, params, SCHEDULE, given, jax.random.key(3), **options)[0]
 

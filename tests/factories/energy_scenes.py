@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
+import jax
 import numpy as np
 
 from scjax.scene import AgentType, Link, Scene, empty, stack
@@ -29,6 +33,12 @@ def boxes(*poses, size=(4.0, 2.0), speed=0.0, agent_type=AgentType.VEHICLE) -> S
     return scene
 
 
-def scene_energy(energy, scene: Scene, **options) -> float:
+@functools.cache
+def _program(energy: Callable, options: tuple) -> Callable:
+    """Called by itself, an energy would compile a program for each of its operations."""
+    return jax.jit(functools.partial(energy, **dict(options)))
+
+
+def scene_energy(energy: Callable, scene: Scene, **options) -> float:
     """Energy of a single scene."""
-    return float(energy(stack([scene]), **options)[0])
+    return float(_program(energy, tuple(options.items()))(stack([scene]))[0])

@@ -23,9 +23,8 @@ DEPTH = Stream.from_depth(np.zeros((4, 6), np.float32))
         ({"streams": {"sound": TEXT}}, "no 'sound': choose from text"),
         ({"streams": {"text": TEXT}, "prompt": "a road"}, r"\['text'\] and prompt are both given: leave one"),
         ({"streams": {"negative_text": TEXT}, "negative_prompt": "rain"}, "and negative_prompt are both given"),
-        ({"streams": {"image": IMAGE}, "crop": Crop.FORWARD}, "belong together"),
-        ({"streams": {"depth": DEPTH}, "crop": Crop.FORWARD}, "belong together"),
-        ({"streams": {"image": IMAGE, "depth": DEPTH}}, r"crop is CENTERED: give crop=Crop\.FORWARD"),
+        ({"streams": {"depth": DEPTH}, "crop": Crop.FORWARD}, "depth is given without an image"),
+        ({"streams": {"image": IMAGE, "depth": DEPTH}, "crop": Crop.CENTERED}, r"is CENTERED: leave crop out"),
     ],
 )
 def test_condition_refuses_bad_fields(fields, message):

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.camera import Rig, pinhole, preset_rig
+from scjax.camera.projection import project_points
 from scjax.encoders import ExactDepth, NoDepth, load_image_encoder
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.encode import encode_conditions, network_inputs
-from scjax.generate.image_streams import ENCODER_VARIABLE, image_streams
+from scjax.generate.image_streams import image_streams
 from scjax.generate.model import load_model, save_model
+from scjax.generate.picture_networks import ENCODER_VARIABLE
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures
 from scjax.outpainting.extend import open_condition
@@ -25,24 +28,14 @@ from tests.factories.worlds import tiny_model
 GRID = (4, 3)
 AHEAD = {"num_lanes": 5, "num_agents": 4, "domain": 0, "crop": Crop.FORWARD}
 FIRST, SECOND = picture(seed=0), picture(seed=1)
+STREAMS = {
+    "image": Stream.from_image(np.zeros((16, *GRID), np.float32)),
+    "depth": Stream.from_depth(np.zeros(GRID, np.float32)),
+}
 DEPTH = np.linspace(60, 3, 45)[:, None].repeat(80, 1)
 
 
-@dataclasses.dataclass(frozen=True)
-class DashCamera:
-    """1.5 m above the ego, looks ahead; 160 x 90 pixels, 90 degrees wide."""
-
-    width: int = 160
-    height: int = 90
-    intrinsic: np.ndarray = dataclasses.field(
-        default_factory=lambda: np.array([[80.0, 0, 79.5], [0, 80, 44.5], [0, 0, 1]])
-    )
-    rotation: np.ndarray = dataclasses.field(default_factory=lambda: np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
-    translation: np.ndarray = dataclasses.field(default_factory=lambda: np.array([0.0, 0, 1.5]))
-    distortion: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(5))
-
-
-CAMERA = DashCamera()
+CAMERA = pinhole("front", 160, 90, field_of_view=90.0, position=(0.0, 0.0, 1.5))
 
 
 def changed(**fields):
@@ -70,7 +63,7 @@ def streams_of(model, encoder):
 @pytest.fixture
 def sample(model, encoder, monkeypatch):
     """Samples with the tiny encoder as the one that is found."""
-    monkeypatch.setattr("scjax.generate.image_streams.load_image_encoder", lambda source: encoder)
+    monkeypatch.setattr("scjax.generate.picture_networks.load_image_encoder", lambda source: encoder)
 
     def run(*conditions, **options):
         return scjax.sample(jax.random.key(0), list(conditions), model=model, num_steps=3, guidance=1.0, **options)
@@ -85,21 +78,34 @@ def sample(model, encoder, monkeypatch):
         ({"image": FIRST / 255}, r"Condition\.image: an image must be uint8"),
         ({"depth": DEPTH}, r"Condition\.depth is given without an image"),
         ({"camera": CAMERA}, r"Condition\.camera is given without an image"),
-        ({"image": FIRST, "camera": "mine"}, r"Condition\.camera: it must have width, .*not be a str"),
-        ({"image": FIRST, "camera": changed(height=80)}, r"Condition\.camera: its pictures have 160 x 80 pixels"),
+        ({"image": FIRST, "camera": "mine"}, r"Condition\.camera: it must be a scjax\.camera\.Camera .* str"),
+        (
+            {"image": FIRST, "camera": changed(height=80)},
+            r"Condition\.camera: the camera 'front' takes .* 160 x 80 pixels, .* 80 x 45",
+        ),
         ({"image": FIRST, "camera": changed(rotation=np.eye(3))}, r"Condition\.camera: it looks 90 degrees away"),
-        ({"image": FIRST, "camera": changed(intrinsic=np.eye(2))}, r"Condition\.camera: intrinsic must be finite"),
-        ({"image": FIRST, "camera": changed(distortion=np.ones(5))}, r"Condition\.camera: its lens has a distortion"),
-        ({"image": FIRST, "camera": changed(width=0)}, r"Condition\.camera: width, height and focal"),
+        ({"image": FIRST, "camera": preset_rig("surround-6")}, r"Condition\.camera: rig 'surround-6' has 6 cameras"),
         ({"image": FIRST, "depth": -DEPTH}, r"Condition\.depth: .*negative"),
         ({"image": FIRST, "depth": "far"}, r"Condition\.depth: .*must be numbers"),
-        ({"image": FIRST, "crop": Crop.CENTERED}, r"Condition\.image shows the road ahead .*crop=Crop\.FORWARD"),
+        ({"image": FIRST, "crop": Crop.CENTERED}, r"Condition\.image shows the road ahead .*Crop\.FORWARD"),
+        ({"image": FIRST, "crop": "partitioned"}, r"the crop is PARTITIONED: leave crop out"),
         ({"image": FIRST, "streams": {"image": Stream(np.zeros((2, 3)))}}, r"streams\['image'\] and image are both"),
     ],
 )
 def test_condition_refuses_bad_pictures(fields, message):
     with pytest.raises(ValueError, match=message):
         Condition(**{"crop": Crop.FORWARD, **fields})
+
+
+@pytest.mark.parametrize("fields", [{"image": FIRST}, {"streams": STREAMS}, {"image": FIRST, "crop": "forward"}])
+def test_condition_with_a_picture_is_of_the_road_ahead(fields):
+    condition = Condition(**fields)
+    assert condition.crop is Crop.FORWARD and dataclasses.replace(condition, num_lanes=3).crop is Crop.FORWARD
+
+
+def test_condition_without_a_picture_is_centered():
+    for condition in (Condition(), Condition(prompt="a road"), Condition(streams={"text": Stream(np.zeros((2, 3)))})):
+        assert condition.crop is Crop.CENTERED
 
 
 def test_condition_reads_files_and_arrays(tmp_path):
@@ -147,6 +153,27 @@ def test_streams_have_the_rays_of_the_camera(streams_of):
     assert (np.diff(rays[:, 1, 2]) < 0).all() and (np.abs(rays[:, 1, 1]) < 1e-6).all()
 
 
+def test_rays_of_a_lens_meet_the_middle_of_their_cell(streams_of):
+    camera = dataclasses.replace(
+        CAMERA, distortion=np.array([-0.1, 0.01, 0.001, 0.0, 0.0]), translation=np.array([0.2, 0.0, 1.5])
+    )
+    rig = Rig(name="one", cameras=(camera,), origin=np.array([-1.4, 0.0, 0.3]))
+    (streams,) = streams_of(Condition(image=FIRST, camera=rig))
+    tokens = streams["camera"].tokens.astype(np.float64)
+    np.testing.assert_allclose(tokens[:, 3:], np.broadcast_to([-1.2, 0, 1.8], (12, 3)), atol=1e-6)
+    pixels = project_points(camera, tokens[:, :3] @ camera.rotation).pixels
+    rows, columns = np.indices(GRID).reshape(2, -1)
+    expected = np.stack([(columns + 0.5) * 160 / 3 - 0.5, (rows + 0.5) * 90 / 4 - 0.5], -1)
+    np.testing.assert_allclose(pixels, expected, atol=1e-3)
+
+
+def test_cells_where_a_lens_shows_nothing_have_no_ray(streams_of):
+    camera = dataclasses.replace(CAMERA, distortion=np.array([-0.9, 0.0, 0.0, 0.0, 0.0]))
+    (streams,) = streams_of(Condition(image=FIRST, camera=camera))
+    mask = streams["camera"].mask
+    assert 0 < mask.sum() < 12 and (streams["camera"].tokens[~mask] == 0).all() and streams["image"].mask.all()
+
+
 def test_rays_of_a_larger_picture_are_the_same(streams_of):
     small, large = (
         streams_of(Condition(image=picture(*size), camera=CAMERA, crop=Crop.FORWARD), image_keeps_aspect=True)[0]
@@ -157,7 +184,7 @@ def test_rays_of_a_larger_picture_are_the_same(streams_of):
 
 
 def test_camera_that_is_not_read_is_said(model, encoder, monkeypatch):
-    monkeypatch.setattr("scjax.generate.image_streams.load_image_encoder", lambda source: encoder)
+    monkeypatch.setattr("scjax.generate.picture_networks.load_image_encoder", lambda source: encoder)
     with pytest.warns(UserWarning, match=r"Condition\.camera is not read by this model"):
         (streams,) = encode_conditions([Condition(image=FIRST, camera=CAMERA, crop=Crop.FORWARD)], model)
     assert streams.keys() == {"image", "depth"}

@@ -12,6 +12,7 @@ import pytest
 import scjax
 from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.data.loader import LoaderConfig, training_batches, validation_scenes
+from scjax.data.window_images import RaycastImages
 from scjax.generate.conditions import Condition, Stream
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.config import ImageCondition
@@ -42,7 +43,7 @@ def configured(folder, crops=(1.0, 0.0, 1.0)):
 
 def test_batches_carry_images_of_their_jittered_windows(folder):
     config = LoaderConfig(batch_size=4, buckets=((61, 100),), seed=5)
-    batches = training_batches(folder / "records", ours(), config, images=True)
+    batches = training_batches(folder / "records", ours(), config, images=RaycastImages())
     present = 0
     for _ in range(4):
         batch = next(batches)
@@ -57,7 +58,7 @@ def test_batches_carry_images_of_their_jittered_windows(folder):
     assert 0 < present < 16
     state = batches.state()
     following = next(batches)
-    again = training_batches(folder / "records", ours(), config, images=True)
+    again = training_batches(folder / "records", ours(), config, images=RaycastImages())
     again.restore(state)
     resumed = next(again)
     chex.assert_trees_all_equal((resumed.image, resumed.depth), (following.image, following.depth))
@@ -92,7 +93,7 @@ def test_image_model_samples_with_an_image(folder, trained):
 def test_training_batches_with_images_need_the_forward_crop(folder):
     config = LoaderConfig(crops=(1.0, 1.0, 0.0))
     with pytest.raises(ValueError, match="images show the forward window, but crops"):
-        training_batches(folder / "records", ours(), config, images=True)
+        training_batches(folder / "records", ours(), config, images=RaycastImages())
 
 
 def test_denoiser_objective_rejects_an_unknown_condition(folder):

@@ -41,11 +41,15 @@ class TextCondition:
 
 @dataclasses.dataclass(frozen=True)
 class ImageCondition:
-    """DINO features [channels, *grid] and a depth map, averaged over ``patch`` x ``patch`` cells (spec §4.8)."""
+    """DINO features [channels, *grid] and a depth map, averaged over ``patch`` x ``patch`` cells (spec §4.8).
+
+    ``depth`` False: the network reads no depth, as where the features say it. Not in the release.
+    """
 
     channels: int = 384
     grid: tuple[int, int] = (14, 14)
     patch: int = 16
+    depth: bool = True
 
     def __post_init__(self):
         _positive(self, "channels", "patch")
@@ -225,7 +229,7 @@ class DenoiserConfig:
     def context_spec(self) -> ContextSpec:
         """Layout of the context tokens: along a text, or on the grid of the image and then of the depth map."""
         if isinstance(self.condition, ImageCondition):
-            return ContextSpec(kind="image", grid=self.condition.grid, modalities=2)
+            return ContextSpec(kind="image", grid=self.condition.grid, modalities=1 + self.condition.depth)
         return ContextSpec(kind="text")
 
     @property

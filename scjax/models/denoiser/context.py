@@ -82,7 +82,7 @@ class ImageContext(nnx.Module):
 
     def __init__(self, config: DenoiserConfig, condition: ImageCondition, *, init: ParamInit):
         self.dino = Linear(condition.channels, config.lane_width, init=init, compute=config.compute)
-        self.depth = Linear(1, config.lane_width, init=init, compute=config.compute)
+        self.depth = Linear(1, config.lane_width, init=init, compute=config.compute) if condition.depth else None
         self.agents = Linear(config.lane_width, config.agent_width, init=init, compute=config.compute)
         self.grid, self.patch = condition.grid, condition.patch
 
@@ -98,14 +98,19 @@ class ImageContext(nnx.Module):
             )
         dino = jnp.where(absent[:, None, None, None], 0, dino).reshape(*dino.shape[:2], -1).swapaxes(1, 2)
         code = jnp.asarray(image_table(*self.grid, self.dino.kernel.shape[1]), dino.dtype)[None]
-        means = jnp.where(absent[:, None, None], 0, depth_cells(depth, self.grid, self.patch))
-        dino, depth = self.dino(dino), self.depth(means)
+        dino = self.dino(dino)
         if trace is not None:
-            trace |= {"dino_proj": dino, "depth_patch_mean": means, "depth_proj": depth}
-        lanes = jnp.concatenate([dino + code, depth + code], 1)
+            trace["dino_proj"] = dino
+        lanes = dino + code
+        if self.depth is not None:
+            means = jnp.where(absent[:, None, None], 0, depth_cells(depth, self.grid, self.patch))
+            depth = self.depth(means)
+            if trace is not None:
+                trace |= {"depth_patch_mean": means, "depth_proj": depth}
+            lanes = jnp.concatenate([lanes, depth + code], 1)
         valid = jnp.broadcast_to(~absent[:, None], lanes.shape[:2])
         if features.mask is not None:
-            valid = valid & jnp.asarray(features.mask)
+            valid = valid & jnp.asarray(features.mask)[:, : lanes.shape[1]]
         return PerType(agents=self.agents(lanes), lanes=lanes), valid
 
 

@@ -52,8 +52,12 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.records = "runs/records"  # folder written by python -m scjax.data build
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
     # Or "text": captions of the records, embedded by python -m scjax.data embed. Or "image": what a camera sees ahead
-    # in forward windows, ray-cast (scjax.camera.raycast); the other windows then go without.
+    # in forward windows; the other windows then go without.
     config.condition = "none"
+    # Features of pictures named SPLIT-ROW for every record (scjax data dashcam, then embed-images); "": ray-cast
+    # classes and depth (scjax.camera.raycast).
+    config.images = ""
+    config.image_depth = True  # whether depth is read beside the features
     # Whether kinds of lanes and agents are read as well, and requests for attributes, drawn from what
     # python -m scjax.data attributes has measured.
     config.attributes = False
@@ -93,6 +97,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "continuous_times": False,  # also between the timesteps; needs config.model.prediction=flow
         "label_dropout": 0.1,
         "condition_dropout": 0.1,
+        "kind_dropout": 0.1,  # share of scenes without kinds of lanes, and of agents
         "known_lanes_share": 0.0 if official else 0.15,  # share of scenes all of whose lanes are known
         "known_region_share": 0.0 if official else 0.1,  # share of scenes whose elements beyond a random line are known
         "count_known": official,  # whether known tokens count in the loss mean

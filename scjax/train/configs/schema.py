@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
+from scjax.encoders.dashcam_network import DashcamConfig
 from scjax.models.autoencoder.config import AutoencoderConfig
 from scjax.models.autoencoder.loss import LossWeights
 from scjax.models.behavior.config import BehaviorConfig
@@ -135,6 +136,7 @@ class _DenoiserLoss(_Fields):
     continuous_times: bool
     label_dropout: Share
     condition_dropout: Share
+    kind_dropout: Share
     known_lanes_share: Share
     known_region_share: Share
     count_known: bool
@@ -151,6 +153,8 @@ class _PositionHeadFit(_Fields):
 class _DenoiserRun(_Run, kw_only=True):
     autoencoder: str
     condition: Literal["none", "text", "image"]
+    images: str
+    image_depth: bool
     attributes: bool
     init_from: str
     freeze: bool
@@ -190,11 +194,35 @@ class _BehaviorRun(_AnyRun, kw_only=True):
     return_weight: Weight
 
 
+class _PictureBatch(_Fields):
+    batch_size: Size
+    mirror: Share
+    brightness: Annotated[float, Meta(ge=0, le=2)]
+    tint: Annotated[float, Meta(ge=0, le=2)]
+    seed: Seed
+
+
+class _VisionLoss(_Fields):
+    classes: Weight
+    depth: Weight
+    objects: Weight
+    lanes: Weight
+
+
+class _VisionRun(_AnyRun, kw_only=True):
+    pictures: str
+    init_from: str
+    batch: _PictureBatch
+    model: _fields_of(DashcamConfig)  # pyright: ignore[reportInvalidTypeForm]
+    loss: _VisionLoss
+
+
 RUNS: dict[str, type[_AnyRun]] = {
     "autoencoder": _AutoencoderRun,
     "denoiser": _DenoiserRun,
     "counts": _CountsRun,
     "behavior": _BehaviorRun,
+    "vision": _VisionRun,
 }
 """``config.objective`` -> its fields."""
 

@@ -5,12 +5,14 @@ from scjax.train.objectives.base import Objective
 from scjax.train.objectives.behavior import BehaviorObjective
 from scjax.train.objectives.counts import CountObjective
 from scjax.train.objectives.denoiser import DenoiserObjective
+from scjax.train.objectives.vision import VisionObjective
 
 OBJECTIVES = {
     "autoencoder": AutoencoderObjective,
     "denoiser": DenoiserObjective,
     "counts": CountObjective,
     "behavior": BehaviorObjective,
+    "vision": VisionObjective,
 }
 
 

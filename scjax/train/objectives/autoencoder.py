@@ -61,7 +61,8 @@ class AutoencoderObjective:
 
     texts: ClassVar[None] = None
     measurements: ClassVar[None] = None
-    images: ClassVar[bool] = False
+    ahead: ClassVar[None] = None
+    images: ClassVar[None] = None
     frozen: ClassVar[frozenset[Path]] = frozenset()
 
     @classmethod

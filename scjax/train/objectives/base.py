@@ -16,17 +16,26 @@ from jaxtyping import Array
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, batch_of
 from scjax.data.measurements import MeasuredRecords
+from scjax.data.window_images import WindowImages
 from scjax.generate.model import Model
 from scjax.models.codec import SceneCodec
 from scjax.nn.functional import Params
 from scjax.nn.functional import Path as ParamPath
 from scjax.nn.random import row_keys
-from scjax.sim.behavior_weights import BehaviorWeights
 
 Terms = dict[str, Array]
 
 PicturePath = Callable[[str], Path]
 """Name of a picture -> the file to write it to."""
+
+
+@runtime_checkable
+class Weights(Protocol):
+    """A trained network that is no part of a ``Model``."""
+
+    def save(self, folder: str | Path) -> Path:
+        """Writes the folder as a whole and returns its path."""
+        ...
 
 
 @runtime_checkable
@@ -63,8 +72,17 @@ class Objective(Protocol):
         """Writes pictures of validation scenes."""
         ...
 
-    def export(self, params: Params, notes: dict[str, Any]) -> Model | BehaviorWeights:
-        """The model with these parameters; ``notes`` says how they were trained (steps, config)."""
+    def export(self, params: Params, notes: dict[str, Any]) -> Model | Weights:
+        """The model or weights with these parameters; ``notes`` says how they were trained (steps, config)."""
+        ...
+
+
+@runtime_checkable
+class StreamObjective(Objective, Protocol):
+    """An objective with batches of its own."""
+
+    def batches(self, loader: Any, *, process: int = 0, processes: int = 1) -> Any:
+        """Endless batches (``train.batches.Batches``) of the training data, for one process of several."""
         ...
 
 
@@ -88,8 +106,13 @@ class SceneObjective(Objective, Protocol):
         ...
 
     @property
-    def images(self) -> bool:
-        """Whether batches carry what a camera sees."""
+    def ahead(self) -> MeasuredRecords | None:
+        """Attributes of the forward windows of the training split, of which batches carry requests, or None."""
+        ...
+
+    @property
+    def images(self) -> WindowImages | None:
+        """What a camera sees in the forward windows of the training split, or None."""
         ...
 
 

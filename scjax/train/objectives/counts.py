@@ -53,7 +53,8 @@ class CountObjective:
     batch_size: int
     bucket: Bucket
 
-    images: ClassVar[bool] = False
+    ahead: ClassVar[None] = None
+    images: ClassVar[None] = None
     frozen: ClassVar[frozenset[Path]] = frozenset()
 
     @classmethod

@@ -12,27 +12,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from scjax.camera.raycast import CLASSES, GRID
 from scjax.data.build import load_manifest
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import LoaderConfig, TrainingExample, training_batches
 from scjax.data.measurements import MeasuredRecords
+from scjax.data.window_images import WindowImages
 from scjax.diffusion.log_snr_schedule import log_snr_schedule
 from scjax.diffusion.loss import LatentBatch, training_loss
 from scjax.diffusion.noise_level import NoiseLevel
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
-from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
 from scjax.generate.outlines import Outlines
 from scjax.generate.sample import sample_scenes
+from scjax.generate.view_outlines import ViewOutlines
 from scjax.language.attributes.vector import feature_names
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import reparameterize
 from scjax.models.codec import SceneCodec
 from scjax.models.counts.prior import count_table
 from scjax.models.denoiser.config import DenoiserConfig, ImageCondition, TextCondition
-from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits, scene_kinds
 from scjax.models.denoiser.model import denoiser
 from scjax.nn import random
@@ -42,9 +41,11 @@ from scjax.scene import Crop, Scene
 from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
+from scjax.train.objectives.denoiser_inputs import condition_features, condition_of, window_images
 from scjax.train.objectives.known_elements import KnownShares, draw_known
 from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
 from scjax.train.objectives.record_outlines import outlines_of_records
+from scjax.train.objectives.record_views import views_of_records
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
 from scjax.train.resume import captions_hash, model_hash, params_hash
 from scjax.train.warm_start import denoiser_base, load_config_model, load_init_model, warm_start
@@ -64,6 +65,7 @@ class DenoiserLossOptions:
     Attributes:
       timesteps: distribution of the noise levels.
       label_dropout, condition_dropout: share of scenes without a label and without a condition.
+      kind_dropout: for each type of tokens, the share of scenes without kinds.
       known: shares of scenes with known elements.
       count_known: whether known tokens count in the loss means.
     """
@@ -71,6 +73,7 @@ class DenoiserLossOptions:
     timesteps: TimestepSampling
     label_dropout: float
     condition_dropout: float
+    kind_dropout: float
     known: KnownShares
     count_known: bool
 
@@ -84,7 +87,7 @@ class DenoiserObjective:
       records: record folder; manifest: its description; validation: its held-back scenes.
       model: sizes of the network.
       loader: the training stream.
-      texts, measurements, images: what batches carry besides scenes.
+      texts, measurements, ahead, images: what batches carry besides scenes.
       init_params: parameters to begin with; freeze: whether these are frozen.
       options, penalties: of the loss.
       fit_options, seed: of the position heads.
@@ -98,7 +101,8 @@ class DenoiserObjective:
     loader: LoaderConfig
     texts: TextStore | None
     measurements: MeasuredRecords | None
-    images: bool
+    ahead: MeasuredRecords | None
+    images: WindowImages | None
     init_params: Params
     freeze: bool
     options: DenoiserLossOptions
@@ -121,9 +125,14 @@ class DenoiserObjective:
             )
         base, manifest = load_config_model("autoencoder", config.autoencoder), load_manifest(config.records)
         texts = TextStore(config.records, "train") if config.condition == "text" else None
-        measurements = MeasuredRecords(config.records, "train") if config.attributes else None
         loader = LoaderConfig.from_json(config.batch.to_dict())
-        model = _network_config(config, base, manifest, texts)
+        reads_others = config.attributes and any(loader.crops[: Crop.FORWARD])
+        measurements = MeasuredRecords(config.records, "train") if reads_others else None
+        images = window_images(config)
+        ahead = None
+        if images is not None and config.attributes:
+            ahead = MeasuredRecords(config.records, "train", Crop.FORWARD)
+        model = _network_config(config, base, manifest, texts, images)
         init_params = {}
         if config.init_from:
             init_model = load_init_model(config.init_from)
@@ -138,6 +147,7 @@ class DenoiserObjective:
                 base.codec,
                 condition=config.condition,
                 attributes=config.attributes,
+                images=None if images is None else images.of_split("val"),
                 bucket=loader.buckets[-1],
                 text_slots=loader.text_slots,
             ),
@@ -145,13 +155,15 @@ class DenoiserObjective:
             loader=loader,
             texts=texts,
             measurements=measurements,
-            images=config.condition == "image",
+            ahead=ahead,
+            images=images,
             init_params=init_params,
             freeze=config.freeze,
             options=DenoiserLossOptions(
                 timesteps=TimestepSampling(distribution=loss.times, continuous=loss.continuous_times),
                 label_dropout=loss.label_dropout,
                 condition_dropout=loss.condition_dropout,
+                kind_dropout=loss.kind_dropout,
                 known=KnownShares(lanes=loss.known_lanes_share, region=loss.known_region_share),
                 count_known=loss.count_known,
             ),
@@ -181,7 +193,8 @@ class DenoiserObjective:
     def inputs(self) -> dict[str, str]:
         """Hashes of the records, captions, attributes, the frozen autoencoder, and the parameters to begin with."""
         captions = {} if self.texts is None else {"captions": captions_hash(self.records, self.texts.encoder)}
-        measured = {} if self.measurements is None else {"attributes": self.measurements.sha256}
+        stores = {"attributes": self.measurements, "attributes_ahead": self.ahead}
+        measured = {name: store.sha256 for name, store in stores.items() if store is not None}
         start = {"init_from": params_hash(self.init_params)} if self.init_params else {}
         base = model_hash(self.base, "autoencoder")
         return {"records": self.manifest["hash"], "autoencoder": base, **captions, **measured, **start}
@@ -218,6 +231,7 @@ class DenoiserObjective:
             timestep_sampling=self.options.timesteps,
             label_dropout=self.options.label_dropout,
             condition_dropout=self.options.condition_dropout,
+            kind_dropout=self.options.kind_dropout,
             count_known=self.options.count_known,
             penalty=penalty if self.penalties else None,
         )
@@ -237,8 +251,9 @@ class DenoiserObjective:
     def draw_pictures(self, params: Params, path_of: PicturePath) -> None:
         """Recorded scenes beside scenes sampled with their counts and condition."""
         examples = every_nth(self.validation, _PICTURES)
-        conditions = [condition_of(example) for example in examples]
-        if self.model.attributes and not self.images:
+        reads_depth = isinstance(self.model.condition, ImageCondition) and self.model.condition.depth
+        conditions = [condition_of(example, reads_depth) for example in examples]
+        if self.model.attributes and self.images is None:
             requests = every_nth(validation_requests(self.records), _PICTURES)
             pairs = zip(conditions, requests, strict=True)
             conditions = [dataclasses.replace(condition, attributes=request) for condition, request in pairs]
@@ -249,17 +264,30 @@ class DenoiserObjective:
 
     def export(self, params: Params, notes: dict[str, Any]) -> Model:
         """The autoencoder's model with the trained denoiser."""
-        notes = {"objective": "denoiser", "records": self.manifest["hash"], **notes}
-        notes |= {"images": "scjax.camera.raycast"} if self.images else {}
+        seen = {} if self.images is None else {"images": self.images.encoder or "scjax.camera.raycast"}
+        if self._keeps_base:
+            own = {"steps": notes["steps"], "records": self.manifest["hash"], **seen}
+            return dataclasses.replace(self._model(params), notes={**self.base.notes, "frozen_denoiser": own})
+        notes = {"objective": "denoiser", "records": self.manifest["hash"], **notes, **seen}
         return dataclasses.replace(self._model(params), notes={**notes, "autoencoder": self.base.notes})
 
+    @property
+    def _keeps_base(self) -> bool:
+        """Whether what a frozen denoiser came with stays: domains, counts, outlines, other networks."""
+        return self.freeze and self.base.domains == tuple(self.manifest["domains"])
+
     def _model(self, params: Params) -> Model:
+        model = self.base.with_component("denoiser", self.model, params)
+        if not self._keeps_base:
+            model = dataclasses.replace(
+                model,
+                domains=tuple(self.manifest["domains"]),
+                counts=_count_table(self.manifest, self.model),
+                outlines=self._outlines,
+                text_encoder="" if self.texts is None else self.texts.encoder,
+            )
         return dataclasses.replace(
-            self.base.with_component("denoiser", self.model, params),
-            domains=tuple(self.manifest["domains"]),
-            counts=_count_table(self.manifest, self.model),
-            outlines=self._outlines,
-            text_encoder="" if self.texts is None else self.texts.encoder,
+            model, views=self._views, image_encoder="" if self.images is None else self.images.encoder
         )
 
     def _latent_batch(self, batch: TrainingExample, keys: Array) -> tuple[Scene, LatentBatch]:
@@ -285,6 +313,13 @@ class DenoiserObjective:
         return None if measured is None else outlines_of_records(self.records, measured, self.codec, bucket)
 
     @functools.cached_property
+    def _views(self) -> ViewOutlines | None:
+        if self.images is None or not self.images.encoder or not self.model.agent_kinds:
+            return None
+        bucket = self.model.max_agents, self.model.max_lanes
+        return views_of_records(self.records, self.images, self.codec, bucket)
+
+    @functools.cached_property
     def _autoencoder_params(self) -> Params:
         """Constants of the loss: neither differentiated nor part of checkpoints."""
         with jax.ensure_compile_time_eval():  # arrays, also where a trace asks first
@@ -307,44 +342,20 @@ class DenoiserObjective:
         return jax.jit(lambda params, batch, keys: self.loss(params, batch, keys)[1])
 
 
-def condition_features(batch: TrainingExample) -> ConditionFeatures | None:
-    """What the network reads besides scenes; None: nothing."""
-    if batch.tokens is not None and batch.token_mask is not None:
-        return TextFeatures(tokens=jnp.asarray(batch.tokens, jnp.float32), mask=batch.token_mask)
-    if batch.image is not None and batch.depth is not None:
-        return ImageFeatures(dino=batch.image, depth=batch.depth, present=batch.has_image)
-    return None
-
-
-def condition_of(example: TrainingExample) -> Condition:
-    """Counts, domain, crop and caption or image of a scene."""
-    scene = example.scene
-    streams = {}
-    if example.tokens is not None and example.token_mask is not None:
-        streams["text"] = Stream(np.asarray(example.tokens[example.token_mask], np.float32))
-    if example.image is not None and example.depth is not None:
-        streams |= {"image": Stream.from_image(example.image), "depth": Stream.from_depth(example.depth)}
-    return Condition(
-        num_lanes=int(scene.num_lanes),
-        num_agents=int(scene.num_agents),
-        domain=int(scene.domain),
-        crop=Crop(int(scene.crop)),
-        streams=streams,
-    )
-
-
 def stop_gradients(params: Params, frozen: frozenset[Path]) -> Params:
     """``params`` whose leaves at paths in ``frozen`` get no gradient, so that none is computed."""
     leaves = flatten(params)
     return unflatten({path: jax.lax.stop_gradient(leaf) if path in frozen else leaf for path, leaf in leaves.items()})
 
 
-def _network_config(config, base: Model, manifest: dict[str, Any], texts: TextStore | None) -> DenoiserConfig:
+def _network_config(
+    config, base: Model, manifest: dict[str, Any], texts: TextStore | None, images: WindowImages | None
+) -> DenoiserConfig:
     """The sizes of ``config.model``, with the mechanism of ``config.cross_attention``, for these data and latents."""
     name, options = config.cross_attention, config.cross_attention_options
     condition = None if texts is None else TextCondition(texts.width)
-    if config.condition == "image":
-        condition = ImageCondition(len(CLASSES), GRID, patch=1)
+    if images is not None:
+        condition = ImageCondition(images.channels, images.grid, patch=1, depth=config.image_depth)
     fields = config.model.to_dict() | {
         "condition": condition,
         "attributes": feature_names() if config.attributes else (),

@@ -10,6 +10,7 @@ import numpy as np
 from scjax.data.caption_features import TextStore
 from scjax.data.loader import Bucket, TrainingExample, validation_scenes, with_caption, with_image
 from scjax.data.measurements import MeasuredRecords
+from scjax.data.window_images import WindowImages
 from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.vector import feature_names, request_vector
 from scjax.models.codec import SceneCodec
@@ -19,13 +20,20 @@ _SEED = 5  # of the requests
 
 
 def validation_examples(
-    records: str, codec: SceneCodec, *, condition: str, attributes: bool = False, bucket: Bucket, text_slots: int
+    records: str,
+    codec: SceneCodec,
+    *,
+    condition: str,
+    attributes: bool = False,
+    images: WindowImages | None = None,
+    bucket: Bucket,
+    text_slots: int,
 ) -> list[TrainingExample]:
     """Held-back scenes of ``records``, cut to ``bucket`` as training scenes are.
 
     Args:
-      condition: "text": centered scenes with their first caption; "image": forward scenes with what a camera sees;
-        "none": centered scenes.
+      condition: "text": centered scenes with their first caption; "image": forward scenes with what a camera sees, of
+        ``images``; "none": centered scenes.
       attributes: whether examples carry a request as well, the same at every call; forward scenes carry none.
       text_slots: largest number of tokens of a caption.
     """
@@ -34,9 +42,12 @@ def validation_examples(
     if condition == "text":
         examples = first_captions(records, scenes, text_slots)
     else:
-        examples = [with_image(scene) if condition == "image" else TrainingExample(scene=scene) for scene in scenes]
+        examples = [
+            TrainingExample(scene=scene) if images is None else with_image(scene, row, images)
+            for row, scene in enumerate(scenes)
+        ]
     if attributes:
-        requests = [{} if crop == Crop.FORWARD else request for request in validation_requests(records)]
+        requests = [{}] * len(examples) if crop == Crop.FORWARD else validation_requests(records)
         examples = [
             example.replace(attributes=request_vector(request, feature_names()))
             for example, request in zip(examples, requests, strict=True)

@@ -1,0 +1,162 @@
+"""Agents that the vision network of the package sees in a picture, from the tokens of the picture alone.
+
+Its fine cells say where the object is that they show. Cells that agree on a place are one agent.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64, Int
+
+from scjax.camera.dashcam.materials import AGENT_CLASSES
+from scjax.encoders.dashcam_network import FINE, NUMBERS, PLACE_SCALE
+from scjax.encoders.dashcam_weights import MODEL_TYPE
+from scjax.generate.components import Model
+from scjax.generate.conditions import Condition, Stream
+from scjax.models.denoiser.kinds import digits_of
+from scjax.scene import AgentType, Crop, Scene, empty
+from scjax.scene.agent_sizes import CLASS_SIZES
+from scjax.scene.scene import LARGE_LENGTH
+
+_LEAST = 0.5  # how sure a cell must be that there is an object
+_RADIUS, _SPREAD = 2.0, 0.05  # m, and share of the distance, within which cells agree
+_VOTES = 1.0  # sum of how sure the cells of an agent are, at least
+_REACH = (4.0, 42.0)  # m ahead
+_HALF_WIDTH = 31.0  # m
+_APART = 1.6  # m between agents at least
+_CODES = 24  # numbers of a fine cell besides ``NUMBERS``
+_EGO_SIZE = (4.7, 1.9, 1.6)  # m
+_SPEEDS = (0.0, 2.0, 8.0, 14.0)  # m/s, of the classes of speeds
+
+
+class SeenAgents(NamedTuple):
+    """Agents in the frame of the ego, the surest first.
+
+    Attributes:
+      types: ``AgentType``.
+      places: x ahead, y to the left [m].
+      headings: [rad].
+      sizes: length and width [m].
+    """
+
+    types: Int[np.ndarray, " n"]
+    places: Float64[np.ndarray, "n 2"]
+    headings: Float64[np.ndarray, " n"]
+    sizes: Float64[np.ndarray, "n 2"]
+
+
+def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
+    """The agents that tokens of ``encoders.dashcam_network`` say.
+
+    Args:
+      tokens: of all cells of a picture; their order does not matter.
+    """
+    numbers = sum(NUMBERS.values()) + _CODES
+    cells = np.asarray(tokens, np.float64)[:, -(FINE**2) * numbers :].reshape(-1, numbers)
+    ends = np.cumsum(list(NUMBERS.values()))
+    classes, objects = cells[:, : ends[0]], cells[:, ends[1] : ends[2]]
+    sure = 1 / (1 + np.exp(-objects[:, -1].clip(-30, 30)))
+    places = PLACE_SCALE * objects[:, :2]
+    inside = (places[:, 0] > _REACH[0]) & (places[:, 0] < _REACH[1]) & (np.abs(places[:, 1]) < _HALF_WIDTH)
+    chosen = (sure > _LEAST) & inside
+    classes, objects, sure, places = (values[chosen] for values in (classes, objects, sure, places))
+    radius = _RADIUS + _SPREAD * np.hypot(*places.T)
+    near = np.hypot(*np.moveaxis(places[:, None] - places[None], -1, 0)) < radius[:, None]
+    left = np.ones(len(sure), bool)
+    found: list[np.ndarray] = []
+    while left.any():
+        votes = (near & left) @ sure * left
+        first = int(votes.argmax())
+        if votes[first] < _VOTES:
+            break
+        found.append(near[first] & left)
+        left &= ~near[first]
+    types = [int(kind) for kind in AGENT_CLASSES]
+    columns = [int(kind) for kind in AGENT_CLASSES.values()]
+    rows = [
+        (
+            types[int(classes[group][:, columns].sum(0).argmax())],
+            *np.average(places[group], 0, sure[group]),
+            np.arctan2(*(objects[group, 2:4] * sure[group, None]).sum(0)[::-1]),
+            *np.clip(10 * np.average(objects[group, 4:6], 0, sure[group]), 0.3, 20.0),
+        )
+        for group in found
+    ]
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    table = table[_kept(table)]
+    return SeenAgents(table[:, 0].astype(np.int64), table[:, 1:3], table[:, 3], table[:, 4:6])
+
+
+def sees_agents(model: Model) -> bool:
+    """Whether pictures of a model are read by the network whose tokens say where agents are."""
+    return model.image_encoder.startswith(f"{MODEL_TYPE}-") and model.views is not None
+
+
+def held_agents(condition: Condition, image: Stream, view: int, domain: int | None, model: Model) -> Scene:
+    """The ego and the agents that a picture shows, as known elements.
+
+    A picture shows no speeds: agents have those of agents of their class and direction in a window that looks like it.
+
+    Args:
+      view: number of that window among ``Model.views``.
+      domain: of the scene; None: that of the window.
+    """
+    views, codec = model.views, model.codec
+    assert views is not None
+    seen = seen_agents(np.asarray(image.tokens))
+    most = min(condition.num_agents or model.denoiser.config.max_agents, model.denoiser.config.max_agents) - 1
+    known_types = np.isin(seen.types, [int(kind) for kind in codec.agent_types])
+    seen = SeenAgents(*(values[known_types][:most] for values in seen))
+    others = views.agents[view][views.agents[view] >= 0].astype(np.int64)
+    classes, speeds, sectors = (np.asarray(digit) for digit in digits_of(others, views.agent_sizes)[:3])
+    left = np.ones(len(others), bool)
+    left[0] = False
+    own = [_SPEEDS[int(speeds[0])]]
+    for kind, heading, length in zip(seen.types.tolist(), seen.headings, seen.sizes[:, 0], strict=True):
+        is_large = kind == AgentType.VEHICLE and length > LARGE_LENGTH
+        class_ = len(codec.agent_types) if is_large else codec.agent_types.index(AgentType(kind))
+        alike = np.flatnonzero(left & (classes == class_) & (sectors == round(float(heading) / (np.pi / 4)) % 8))
+        own.append(_SPEEDS[int(speeds[alike[0]])] if len(alike) else 0.0)
+        left[alike[:1]] = False
+    return held_scene(seen, np.array(own), int(views.domains[view]) if domain is None else domain)
+
+
+def _kept(table: np.ndarray) -> list[int]:
+    """Rows of agents that stand apart from those before them."""
+    kept: list[int] = []
+    for row, place in enumerate(table[:, 1:3]):
+        if all(np.hypot(*(place - table[other, 1:3])) > _APART for other in kept):
+            kept.append(row)
+    return kept
+
+
+def held_scene(seen: SeenAgents, speeds: Float[np.ndarray, " agents"], domain: int) -> Scene:
+    """The ego and the seen agents as known elements of a forward window; no lanes.
+
+    Args:
+      speeds: of the ego and of the agents; a picture does not show them [m/s].
+      domain: of the scene.
+    """
+    count = 1 + len(seen.types)
+    scene = empty(count, 0, crop=Crop.FORWARD, domain=domain)
+    types = np.concatenate([[int(AgentType.VEHICLE)], seen.types])
+    heights = [CLASS_SIZES[AgentType(kind)][2] for kind in types.tolist()]
+    agents = np.zeros((count, 9))
+    agents[0, 6:] = _EGO_SIZE
+    agents[1:, :2] = seen.places
+    agents[:, 3] = speeds
+    agents[0, 4] = 1.0
+    agents[1:, 4], agents[1:, 5] = np.cos(seen.headings), np.sin(seen.headings)
+    agents[1:, 6:8] = seen.sizes
+    agents[1:, 8] = heights[1:]
+    agents[:, 2] = agents[:, 8] / 2
+    known = np.zeros((count, 9), bool)
+    known[:, [0, 1, 4, 5, 6, 7]] = True
+    return scene.replace(
+        agents=agents.astype(np.float32),
+        agent_types=types.astype(scene.agent_types.dtype),
+        agent_mask=np.ones(count, bool),
+        agent_known=known,
+    )

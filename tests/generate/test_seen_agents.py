@@ -1,0 +1,60 @@
+"""Agents that tokens of the vision network say are there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scjax.encoders.dashcam_network import FINE, NUMBERS, PLACE_SCALE
+from scjax.generate.seen_agents import held_scene, seen_agents
+from scjax.scene import AgentType, Crop, validate
+
+CELL = sum(NUMBERS.values()) + 24
+VEHICLE, PEDESTRIAN = 5, 6  # semantic classes
+
+
+def tokens(*objects, cells=9):
+    """Tokens of which the first fine cells show objects (semantic class, x, y, heading, length, width)."""
+    fine = np.zeros((cells * FINE**2, CELL), np.float32)
+    fine[:, 20] = -8.0  # no object
+    for cell, (kind, x, y, heading, length, width) in enumerate(objects):
+        fine[cell, kind] = 10.0
+        numbers = (x / PLACE_SCALE, y / PLACE_SCALE, np.cos(heading), np.sin(heading), length / 10, width / 10, 6.0)
+        fine[cell, 14:21] = numbers
+    return np.concatenate([np.ones((cells, 5)), fine.reshape(cells, -1)], 1).astype(np.float32)
+
+
+CAR = (VEHICLE, 12.0, 3.0, 0.5, 4.5, 1.8)
+
+
+def test_cells_that_agree_are_one_agent():
+    near = [(VEHICLE, 12.0 + 0.3 * k, 3.0, 0.5, 4.5, 1.8) for k in (-1, 0, 1)]
+    seen = seen_agents(tokens(*near, *[(PEDESTRIAN, 20.0, -5.0, -1.0, 0.6, 0.6)] * 2))
+    assert seen.types.tolist() == [AgentType.VEHICLE, AgentType.PEDESTRIAN]
+    np.testing.assert_allclose(seen.places, [[12.0, 3.0], [20.0, -5.0]], atol=1e-4)
+    np.testing.assert_allclose(seen.headings, [0.5, -1.0], atol=1e-4)
+    np.testing.assert_allclose(seen.sizes, [[4.5, 1.8], [0.6, 0.6]], atol=1e-4)
+
+
+@pytest.mark.parametrize("place", [(80.0, 0.0), (1.0, 0.0), (20.0, 40.0)])
+def test_what_is_far_or_beside_the_window_is_left_out(place):
+    assert not len(seen_agents(tokens(*[(VEHICLE, *place, 0.0, 4.5, 1.8)] * 3)).types)
+
+
+def test_one_cell_alone_is_no_agent():
+    assert not len(seen_agents(tokens(CAR)).types)
+
+
+def test_order_of_cells_does_not_matter():
+    objects = tokens(*[CAR] * 3, *[(VEHICLE, 25.0, -8.0, 3.0, 8.0, 2.4)] * 2)
+    first, second = seen_agents(objects), seen_agents(objects[::-1])
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+def test_held_scene_is_valid_and_says_what_is_unknown():
+    scene = held_scene(seen_agents(tokens(*[CAR] * 3)), np.array([8.0, 2.0]), domain=1)
+    validate(scene)
+    assert scene.crop == Crop.FORWARD and scene.domain == 1 and not scene.lane_mask.size
+    np.testing.assert_allclose(scene.agents[:, 3], [8.0, 2.0])
+    assert not scene.agent_known[:, [2, 3, 8]].any() and scene.agent_known[:, [0, 1, 4, 5, 6, 7]].all()
