@@ -273,8 +273,12 @@ class DenoiserObjective:
 
     @property
     def _keeps_base(self) -> bool:
-        """Whether what a frozen denoiser came with stays: domains, counts, outlines, other networks."""
-        return self.freeze and self.base.domains == tuple(self.manifest["domains"])
+        """Whether what a frozen denoiser came with stays: counts, outlines, other networks.
+
+        It does if ``config.autoencoder`` is the model of that denoiser, with these domains.
+        """
+        has_denoiser = "denoiser" in self.base.components
+        return self.freeze and has_denoiser and self.base.domains == tuple(self.manifest["domains"])
 
     def _model(self, params: Params) -> Model:
         model = self.base.with_component("denoiser", self.model, params)
@@ -284,11 +288,12 @@ class DenoiserObjective:
                 domains=tuple(self.manifest["domains"]),
                 counts=_count_table(self.manifest, self.model),
                 outlines=self._outlines,
-                text_encoder="" if self.texts is None else self.texts.encoder,
+                text_encoder="",
             )
-        return dataclasses.replace(
-            model, views=self._views, image_encoder="" if self.images is None else self.images.encoder
-        )
+        if self.texts is not None:
+            model = dataclasses.replace(model, text_encoder=self.texts.encoder)
+        encoder = "" if self.images is None else self.images.encoder
+        return dataclasses.replace(model, views=self._views, image_encoder=encoder)
 
     def _latent_batch(self, batch: TrainingExample, keys: Array) -> tuple[Scene, LatentBatch]:
         """Scenes and their latents, known tokens first."""
