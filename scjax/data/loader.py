@@ -167,8 +167,8 @@ def with_image(scene: Scene, row: int, images: WindowImages) -> TrainingExample:
         tokens = images(scene, row)
     else:
         rows, columns = images.grid
-        shapes = (images.channels, rows, columns), (rows, columns)
-        tokens = CameraTokens(*(np.zeros(shape, np.float32) for shape in shapes), np.zeros(2 * rows * columns, bool))
+        image = np.zeros((images.channels, rows, columns), np.float32)
+        tokens = CameraTokens(image, np.zeros((rows, columns), np.float32), np.zeros(2 * rows * columns, bool))
     return TrainingExample(
         scene=scene, image=tokens.image, depth=tokens.depth, image_mask=tokens.mask, has_image=np.asarray(is_ahead)
     )
