@@ -25,6 +25,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SMALLER = {
     "--worlds 2000": "--worlds 3",
     "--worlds 8": "--worlds 1",
+    "--worlds 1800": "--worlds 2",
     "-n 20": "-n 5",
     " -n 4": " -n 1 --best-of 1",
 }

@@ -26,7 +26,7 @@ from scjax.camera.photo import Photo, open_photo, photo_from_array
 from scjax.camera.rig import carried_poses
 from scjax.data.imports import import_log
 from scjax.encoders.dashcam_network import PLACE_SCALE, FineCells
-from scjax.encoders.dashcam_weights import NETWORK, dashcam_functions
+from scjax.encoders.dashcam_weights import MODEL_TYPE, NETWORK, dashcam_functions
 from scjax.encoders.image_network import load_network
 from scjax.encoders.preprocessing import SQUASH, prepare_image
 from scjax.scene import AgentType
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--photos", nargs="*", default=(), help="calibrations with the boxes around their cameras")
     parser.add_argument("--out", type=Path, required=True, help="page, without ending")
     args = parser.parse_args(arguments)
-    loaded = load_network(args.encoder, {"scjax_dashcam": NETWORK}, "float32")
+    loaded = load_network(args.encoder, {MODEL_TYPE: NETWORK}, "float32")
     network = dashcam_functions(loaded.config)
     run = jax.jit(lambda pixels: network.apply(loaded.params, pixels, method="cells"))
 

@@ -31,6 +31,9 @@ PLACE_SCALE = 32.0
 """Meters of a unit of places."""
 
 _WAVELENGTHS = (128.0, 32.0, 8.0)  # m
+CELL_WIDTH = sum(NUMBERS.values()) + 2 * 4 * len(_WAVELENGTHS)
+"""Numbers of a fine cell in a token: ``NUMBERS``, then sines and cosines of x and y of its object and its lane."""
+
 _PATCH = 16
 
 
@@ -84,7 +87,7 @@ class DashcamConfig:
     @property
     def width(self) -> int:
         """Numbers of a token."""
-        return self.features + FINE**2 * (sum(NUMBERS.values()) + 2 * 4 * len(_WAVELENGTHS))
+        return self.features + FINE**2 * CELL_WIDTH
 
     @property
     def patch_size(self) -> int:

@@ -14,7 +14,7 @@ import safetensors.numpy
 
 from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, PublishedNetwork, pure_functions
 from scjax.encoders.dashcam_network import DashcamConfig, DashcamNetwork
-from scjax.nn.functional import Params, functional
+from scjax.nn.functional import Params, flatten, functional
 from scjax.nn.state_dict import SAME, Rules, export
 from scjax.scene.document import convert_document
 from scjax.scene.files import whole_folder
@@ -36,8 +36,6 @@ def dashcam_config(content: Mapping[str, Any]) -> DashcamConfig:
 
 def dashcam_weight_rules(config: DashcamConfig) -> Rules:
     """Keys of the weights -> parameters: their paths."""
-    from scjax.nn.functional import flatten
-
     paths = flatten(functional(lambda init: DashcamNetwork(config, init=init)).shapes())
     return {".".join(map(str, path)): (path, SAME) for path in paths}
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from scjax.camera.dashcam.materials import AGENT_CLASSES
-from scjax.encoders.dashcam_network import FINE, NUMBERS, PLACE_SCALE
+from scjax.encoders.dashcam_network import CELL_WIDTH, FINE, NUMBERS, PLACE_SCALE
 from scjax.encoders.dashcam_weights import MODEL_TYPE
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
@@ -26,7 +26,6 @@ _VOTES = 1.0  # sum of how sure the cells of an agent are, at least
 _REACH = (4.0, 42.0)  # m ahead
 _HALF_WIDTH = 31.0  # m
 _APART = 1.6  # m between agents at least
-_CODES = 24  # numbers of a fine cell besides ``NUMBERS``
 _EGO_SIZE = (4.7, 1.9, 1.6)  # m
 _SPEEDS = (0.0, 2.0, 8.0, 14.0)  # m/s, of the classes of speeds
 
@@ -53,8 +52,7 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
     Args:
       tokens: of all cells of a picture; their order does not matter.
     """
-    numbers = sum(NUMBERS.values()) + _CODES
-    cells = np.asarray(tokens, np.float64)[:, -(FINE**2) * numbers :].reshape(-1, numbers)
+    cells = np.asarray(tokens, np.float64)[:, -(FINE**2) * CELL_WIDTH :].reshape(-1, CELL_WIDTH)
     ends = np.cumsum(list(NUMBERS.values()))
     classes, objects = cells[:, : ends[0]], cells[:, ends[1] : ends[2]]
     sure = 1 / (1 + np.exp(-objects[:, -1].clip(-30, 30)))

@@ -21,9 +21,9 @@ _SOME_SKIPPED = 3  # exit code
 @click.argument("out", metavar="OUT")
 @click.option(
     "--encoder",
-    required=True,
     metavar="DIR",
-    help="Folder of a DINOv2 or DINOv3 (Hugging Face layout), or its name in the Hugging Face cache.",
+    help="Folder of a DINOv2 or DINOv3 (Hugging Face layout), or its name in the Hugging Face cache. "
+    "[default: the network that ships, for rendered pictures]",
 )
 @click.option(
     "--depth",
@@ -52,7 +52,7 @@ _SOME_SKIPPED = 3  # exit code
 def data_embed_images(
     images: str,
     out: str,
-    encoder: str,
+    encoder: str | None,
     depth: str | None,
     inverse_depth: bool,
     depth_size: int,
@@ -62,7 +62,8 @@ def data_embed_images(
     """Encodes the pictures of a folder with frozen networks, once, for training on images.
 
     IMAGES is searched with its folders. OUT receives a file for each picture and its depth, and images.json, the list.
-    Weights are yours to bring: docs/images.md names them and their licenses.
+    The network that ships has seen rendered pictures alone. For photographs bring your own: docs/images.md names
+    networks and their licenses.
 
     An interrupted run continues when the same command is run again. Pictures that cannot be read are left out, listed,
     and make the exit code 3.
@@ -75,6 +76,7 @@ def data_embed_images(
     from scjax.encoders.depth_files import FileDepth
     from scjax.encoders.preprocessing import PREPROCESSINGS
     from scjax.encoders.vision import load_image_encoder
+    from scjax.generate.picture_networks import EMBEDDED_VISION
 
     provider = None
     if depth is not None:
@@ -85,7 +87,7 @@ def data_embed_images(
             provider = load_depth_network(depth, shorter_side=depth_size, compute=compute)  # pyright: ignore
     elif inverse_depth:
         raise ValueError("--inverse-depth is given without --depth: give the folder of the depth files")
-    loaded = load_image_encoder(encoder, compute=compute)  # pyright: ignore[reportArgumentType]
+    loaded = load_image_encoder(encoder or EMBEDDED_VISION, compute=compute)  # pyright: ignore[reportArgumentType]
     report = embed_images(images, out, loaded, PREPROCESSINGS[preprocessing], depth=provider)
     click.echo(f"{report.computed} pictures embedded, {report.reused} were already")
     if provider is not None and report.without_depth:
