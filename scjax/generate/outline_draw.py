@@ -141,10 +141,10 @@ def _draw_view(
 def _with_known(kinds: Kinds, known: Kinds, sizes: Sequence[int]) -> Kinds:
     """The kinds of known agents, the ego first, and the others without the most similar one of each one's class."""
     rest = kinds[1:]
-    for kind in known[1:]:
+    for own in np.stack(digits_of(known[1:], sizes), 1)[..., None]:
         if not len(rest):
             break
-        others, own = np.stack(digits_of(rest, sizes)), np.array(digits_of(kind, sizes))[:, None]
+        others = np.stack(digits_of(rest, sizes))
         same = np.where(others[0] == own[0], (others == own).sum(0), -1)
         if same.max() >= 0:
             rest = np.delete(rest, int(same.argmax()))

@@ -16,10 +16,12 @@ from scjax.camera.rig import Rig
 from scjax.cli.output import slug
 from scjax.encoders import load_image_encoder
 from scjax.generate.picture_networks import ENCODER_VARIABLE
+from scjax.language.attributes.vector import feature_names
 from scjax.scene import Crop
 from scjax.scene.io import load_npz
 from tests.factories.image_folders import picture, write_network
 from tests.factories.pictures import picture_model
+from tests.factories.worlds import tiny_model
 
 PIXELS = picture(90, 160)
 QUICK = ("--num-steps", 2, "--agents", 3, "--lanes", 4, "--best-of", 1, "--format", "npz")
@@ -178,7 +180,8 @@ def test_options_that_do_not_fit_are_wrong_usage(words, message, generate):
 
 
 def test_models_without_pictures_or_their_encoder_say_so(run, generate, folder, tmp_path, monkeypatch):
-    code, out, err = run("generate", "--image", "Road 1.png")
+    scjax.save(dataclasses.replace(tiny_model(attributes=feature_names()), reads_prompts=True), tmp_path / "plain")
+    code, out, err = run("generate", "--image", "Road 1.png", "--model", str(tmp_path / "plain"))
     assert (code, out) == (1, "") and len(err.splitlines()) == 1
     assert "this model reads attributes and no pictures" in err
     monkeypatch.setenv(ENCODER_VARIABLE, str(write_network(tmp_path / "other", "dinov3_vit")))

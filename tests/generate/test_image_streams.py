@@ -18,6 +18,7 @@ from scjax.generate.encode import encode_conditions, network_inputs
 from scjax.generate.image_streams import image_streams
 from scjax.generate.model import load_model, save_model
 from scjax.generate.picture_networks import ENCODER_VARIABLE
+from scjax.language.attributes.vector import feature_names
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.models.denoiser.context import ImageFeatures
 from scjax.outpainting.extend import open_condition
@@ -219,13 +220,14 @@ def test_models_without_pictures_say_so(condition, message):
         encode_conditions([Condition(image=FIRST, crop=Crop.FORWARD)], tiny_model(condition))
 
 
-def test_shipped_model_says_that_it_reads_no_pictures():
+def test_a_model_without_pictures_says_so():
     condition = Condition(image=FIRST, crop=Crop.FORWARD)
+    plain = tiny_model(attributes=feature_names())
     with pytest.raises(
         ValueError,
         match=r"Condition\.image is given, but this model reads attributes and no pictures: .*docs/images\.md",
     ):
-        scjax.sample(jax.random.key(0), condition)
+        scjax.sample(jax.random.key(0), condition, model=plain)
 
 
 def test_another_encoder_is_refused(model, tmp_path):

@@ -138,10 +138,11 @@ def test_picture_decides_the_outline(denoiser_run, folder):
     pixels, _ = read_rendered(folder / "pictures", "val", 0)
     condition = Condition(image=np.ascontiguousarray(pixels), crop=Crop.FORWARD)
     from scjax.generate.image_streams import image_streams
-    from scjax.generate.outline_draw import draw_outline
+    from scjax.generate.outline_draw import draw_outline, view_row
 
     (streams,) = image_streams([condition], model, encoder)
-    outline = draw_outline(np.random.default_rng(0), condition, None, None, model, streams["image"])
+    row = view_row(np.random.default_rng(0), condition, streams["image"], model)
+    outline = draw_outline(np.random.default_rng(0), condition, None, None, model, row)
     assert outline is not None and outline.num_lanes == len(outline.lanes) > 0
     seen = Condition(streams=streams, crop=Crop.FORWARD)
     scene = scjax.sample(jax.random.key(0), seen, model=model, num_steps=2)
