@@ -12,10 +12,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from experiments.packaged_folder import replace_packaged
 from experiments.studies.page import script_parser
 from scjax.sim.behavior_weights import DEFAULT_BEHAVIOR, load_behavior
 
-_CARD = "README.md"
 _FOLDERS = ("logs", "cache", "init_from")
 
 
@@ -29,14 +29,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         weights = load_behavior(args.behavior)
         config = {name: value for name, value in weights.notes.get("config", {}).items() if name not in _FOLDERS}
         notes = {**weights.notes, "config": config, "data": args.data}
-        card = (args.out / _CARD).read_text() if (args.out / _CARD).is_file() else None
-        dataclasses.replace(weights, notes=notes).save(args.out, dtype="float16")
+        shipped = dataclasses.replace(weights, notes=notes)
+        replace_packaged(args.out, lambda folder: shipped.save(folder, dtype="float16"))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.package_behavior: {error}")
-    if card is not None:
-        (args.out / _CARD).write_text(card)
-    for path in sorted(args.out.iterdir()):
-        print(f"{path.stat().st_size / 1e6:6.2f} MB  {path.name}")
 
 
 if __name__ == "__main__":

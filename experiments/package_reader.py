@@ -13,11 +13,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from experiments.packaged_folder import replace_packaged
 from experiments.studies.page import script_parser
 from scjax.cli.demo import PROMPTS
 from scjax.generate.prompt_reader import DEFAULT_READER, INDEX, load_reader, save_reader
-
-_CARD = "README.md"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -29,14 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         reader = dataclasses.replace(load_reader(args.reader), readings={})
         reader(PROMPTS)
         notes = json.loads((args.reader / INDEX).read_text())["notes"]
-        card = (args.out / _CARD).read_text() if (args.out / _CARD).is_file() else None
-        save_reader(reader, args.out, notes)
+        replace_packaged(args.out, lambda folder: save_reader(reader, folder, notes))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.package_reader: {error}")
-    if card is not None:
-        (args.out / _CARD).write_text(card)
-    for path in sorted(args.out.iterdir()):
-        print(f"{path.stat().st_size / 1e6:6.2f} MB  {path.name}")
 
 
 if __name__ == "__main__":

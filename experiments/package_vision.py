@@ -12,13 +12,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from experiments.packaged_folder import replace_packaged
 from experiments.studies.page import script_parser
 from scjax.encoders.base import CONFIG_FILE
 from scjax.encoders.dashcam_weights import MODEL_TYPE, NETWORK, DashcamWeights
 from scjax.encoders.image_network import load_network
 from scjax.generate.picture_networks import EMBEDDED_VISION
 
-_CARD = "README.md"
 _FOLDERS = ("pictures", "init_from")
 
 
@@ -31,15 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         loaded = load_network(args.network, {MODEL_TYPE: NETWORK}, "float32")
         notes = json.loads((args.network / CONFIG_FILE).read_text()).get("notes", {})
         config = {name: value for name, value in notes.get("config", {}).items() if name not in _FOLDERS}
-        card = (args.out / _CARD).read_text() if (args.out / _CARD).is_file() else None
         weights = DashcamWeights(loaded.config, loaded.params, {**notes, "config": config})
-        weights.save(args.out, dtype="float16")
+        replace_packaged(args.out, lambda folder: weights.save(folder, dtype="float16"))
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.package_vision: {error}")
-    if card is not None:
-        (args.out / _CARD).write_text(card)
-    for path in sorted(args.out.iterdir()):
-        print(f"{path.stat().st_size / 1e6:6.2f} MB  {path.name}")
 
 
 if __name__ == "__main__":

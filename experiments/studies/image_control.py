@@ -132,14 +132,15 @@ def run_study(
     unseen = [Condition(crop=Crop.FORWARD) for _ in references]
     blind = [Condition(crop=Crop.FORWARD, **numbers) for numbers in counts]
 
-    def sample(title: str, conditions: Sequence[Condition], draw: int = 0) -> list[Scene]:
-        return sample_in_calls(conditions, title, args.seed + draw, model=model)
+    def sample(title: str, conditions: Sequence[Condition], draw: int = 0, by: scjax.Model = model) -> list[Scene]:
+        return sample_in_calls(conditions, title, args.seed + draw, model=by)
 
     draws = [sample(f"picture, draw {k + 1}", seen, k) for k in range(max(args.samples, 2))]
     loose = [dataclasses.replace(condition, hold_seen=False) for condition in seen]
     rows = {
         "picture": draws[0],
         "picture, seen agents not held": sample("picture, seen agents not held", loose),
+        "picture, no outline either": sample("picture, no outline", loose, by=dataclasses.replace(model, views=None)),
         "picture, true numbers": sample("picture, true numbers", counted),
         "no picture": sample("no picture", unseen),
         "no picture, true numbers": sample("no picture, true numbers", blind),

@@ -79,8 +79,8 @@ _SECTIONS: tuple[tuple[str, str, dict[str, str]], ...] = (
 
 _AGREEMENT = (
     f"Samples of one picture agree in view and differ elsewhere, nearer than {NEAR} m",
-    "Share of points of lanes with a lane of another sample of their direction within 1 m, and of vehicles with "
-    "another's within 2 m; elsewhere: beside the field of view.",
+    "Share of points of lanes that have a lane of another sample, of their direction, within 1 m. Share of vehicles "
+    "that have another sample's within 2 m. Elsewhere is beside the field of view.",
     {
         f"{what}_{where}": f"{what} {where.replace('_', ' ')}"
         for what in ("lanes", "vehicles")

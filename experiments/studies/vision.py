@@ -20,9 +20,11 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from experiments.studies.page import command_line, new_figure, script_parser, table_lines, write_page
+from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.calibrations import read_calibration
 from scjax.camera.camera import Camera
 from scjax.camera.photo import Photo, open_photo, photo_from_array
+from scjax.camera.projection import project_points
 from scjax.camera.rig import carried_poses
 from scjax.data.imports import import_log
 from scjax.encoders.dashcam_network import PLACE_SCALE, FineCells
@@ -36,7 +38,6 @@ from scjax.train.picture_loader import picture_rows
 _REACH = 40.0  # m
 _MOUNT = 0.2  # m from the middle of the car of the training to its camera
 _SHOWN = 4
-_BOX = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
 class Seen(NamedTuple):
@@ -129,11 +130,7 @@ def _calibrated(path: Path) -> Iterator[CalibratedPhoto]:
     for camera in calibration.rig.cameras:
         poses = carried_poses(camera, calibration.poses[camera.name])
         rotation, position = poses.rotations[0], poses.translations[0]
-        turns = np.stack([np.cos(headings), -np.sin(headings), np.sin(headings), np.cos(headings)], -1).reshape(
-            -1, 2, 2
-        )
-        corners = _BOX * sizes[:, None]
-        corners = np.concatenate([corners[..., :2] @ turns.swapaxes(1, 2), corners[..., 2:]], -1) + middles[:, None]
+        corners = box_corners_3d(middles, headings, sizes)
         local, local_corners = (middles - position) @ rotation, (corners - position) @ rotation
         shown = _shown(camera, local, local_corners)
         ahead = rotation[:2, 2] / np.hypot(*rotation[:2, 2])
@@ -141,7 +138,7 @@ def _calibrated(path: Path) -> Iterator[CalibratedPhoto]:
         places = np.stack([offsets @ ahead + _MOUNT, offsets @ np.array([-ahead[1], ahead[0]])], -1)
         photo = open_photo(path.parent / calibration.pictures[camera.name])
         scale = np.array(photo.size[::-1]) / (camera.width, camera.height)
-        yield CalibratedPhoto(photo, places, _pixels(camera, local[shown]) * scale)
+        yield CalibratedPhoto(photo, places, project_points(camera, local[shown]).pixels * scale)
 
 
 def _world_boxes(path: Path, document: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -161,21 +158,18 @@ def _world_boxes(path: Path, document: dict[str, Any]) -> tuple[np.ndarray, np.n
 
 def _shown(camera: Camera, local: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Rows of the boxes within reach whose middle lies in the picture and behind no nearer box."""
-    rows = np.flatnonzero((local[:, 2] > 1) & (np.hypot(local[:, 0], local[:, 2]) < _REACH))
-    pixels = _pixels(camera, local[rows])
-    rows = rows[((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)]
+    image = project_points(camera, local)
+    inside = ((image.pixels >= 0) & (image.pixels < (camera.width, camera.height))).all(1)
+    near = (local[:, 2] > 1) & (np.hypot(local[:, 0], local[:, 2]) < _REACH)
+    rows = np.flatnonzero(image.visible & inside & near)
     kept: list[int] = []
     for row in rows[np.argsort(local[rows, 2])].tolist():
-        pixel = _pixels(camera, local[row])
-        spans = [_pixels(camera, corners[other]) for other in kept if (corners[other][:, 2] > 0.5).all()]
-        if not any((span.min(0) <= pixel).all() and (pixel <= span.max(0)).all() for span in spans):
+        pixel = image.pixels[row]
+        spans = [shown.pixels[shown.visible] for shown in (project_points(camera, corners[other]) for other in kept)]
+        hidden = [len(span) and (span.min(0) <= pixel).all() and (pixel <= span.max(0)).all() for span in spans]
+        if not any(hidden):
             kept.append(row)
     return np.array(kept, int)
-
-
-def _pixels(camera: Camera, local: np.ndarray) -> np.ndarray:
-    """Pixels of places in front of a camera, without its lens."""
-    return (local[..., :2] / local[..., 2:]) @ camera.intrinsic[:2, :2].T + camera.intrinsic[:2, 2]
 
 
 def _summary(seen: Seen) -> dict[str, float]:

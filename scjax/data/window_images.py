@@ -13,6 +13,11 @@ from scjax.data.image_features import ImageStore
 from scjax.scene import Scene
 
 
+def picture_name(split: str, row: int) -> str:
+    """Name of the picture of a record, without ending."""
+    return f"{split}-{row:06d}"
+
+
 class CameraTokens(NamedTuple):
     """Features and depth of the cells of a picture; no depth where a network reads none."""
 
@@ -112,7 +117,7 @@ class StoredImages:
           ValueError: the record has no picture, or its features are damaged.
         """
         del scene
-        name = f"{self._split}-{row:06d}"
+        name = picture_name(self._split, row)
         if name not in self._files:
             raise ValueError(f"{self._folder} has no features of {name}: run scjax data dashcam and embed-images again")
         image, depth = self._store.image(self._files[name]), self._store.depth(self._files[name])

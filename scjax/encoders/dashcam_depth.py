@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import jax
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Array, Float32
 
 from scjax.camera.photo import Photo
-from scjax.encoders.base import pure_functions
+from scjax.encoders.base import PublishedNetwork, pure_functions
+from scjax.encoders.dashcam_network import DashcamConfig
 from scjax.encoders.image_network import LoadedNetwork, run_padded
 from scjax.encoders.preprocessing import Preprocessing, prepare_image
 from scjax.nn.cpu.precision import operands
@@ -20,8 +22,7 @@ class DashcamDepth:
 
     def __init__(self, loaded: LoadedNetwork):
         self.config, self.params, self.name = loaded.config, loaded.params, loaded.name
-        apply = pure_functions(loaded.network, loaded.config).apply
-        self._program = jax.jit(functools.partial(apply, method="depth"))
+        self._program = _depth_program(loaded.network, loaded.config)
 
     def key_of(self, photo: Photo) -> str:
         """Name and precision."""
@@ -39,3 +40,9 @@ class DashcamDepth:
         if not np.isfinite(depth).all():
             raise ValueError(f"the depth network {self.name} has results that are not finite: copy its folder again")
         return depth
+
+
+@functools.lru_cache(maxsize=2)
+def _depth_program(network: PublishedNetwork, config: DashcamConfig) -> Callable[..., Array]:
+    """(parameters, pixels) -> depth, compiled once however often the folder is loaded."""
+    return jax.jit(functools.partial(pure_functions(network, config).apply, method="depth"))

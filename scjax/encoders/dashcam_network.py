@@ -31,8 +31,7 @@ PLACE_SCALE = 32.0
 """Meters of a unit of places."""
 
 _WAVELENGTHS = (128.0, 32.0, 8.0)  # m
-CELL_WIDTH = sum(NUMBERS.values()) + 2 * 4 * len(_WAVELENGTHS)
-"""Numbers of a fine cell in a token: ``NUMBERS``, then sines and cosines of x and y of its object and its lane."""
+_CELL_WIDTH = sum(NUMBERS.values()) + 2 * 4 * len(_WAVELENGTHS)  # of a fine cell in a token
 
 _PATCH = 16
 
@@ -87,7 +86,7 @@ class DashcamConfig:
     @property
     def width(self) -> int:
         """Numbers of a token."""
-        return self.features + FINE**2 * CELL_WIDTH
+        return self.features + FINE**2 * _CELL_WIDTH
 
     @property
     def patch_size(self) -> int:
@@ -185,6 +184,13 @@ class AttentionLayer(nnx.Module):
         q, k, v = (split_heads(layer(read), self.heads) for layer in (self.q, self.k, self.v))
         x = x + self.out(merge_heads(attend_heads(q, k, v, None)))
         return x + self.down(jax.nn.gelu(self.up(self.norm2(x)), approximate=True))
+
+
+def cells_of_tokens(tokens: Float[np.ndarray, "tokens width"]) -> dict[str, Float[np.ndarray, "cells _"]]:
+    """The ``NUMBERS`` of all fine cells in tokens, by name; in the order of the tokens."""
+    cells = tokens[:, -(FINE**2) * _CELL_WIDTH :].reshape(-1, _CELL_WIDTH)
+    parts = np.split(cells, np.cumsum(list(NUMBERS.values())), axis=1)
+    return dict(zip(NUMBERS, parts, strict=False))
 
 
 def _parts(numbers: Array) -> list[Array]:

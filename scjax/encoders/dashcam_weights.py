@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ import safetensors.numpy
 
 from scjax.encoders.base import CONFIG_CURE, CONFIG_FILE, PublishedNetwork, pure_functions
 from scjax.encoders.dashcam_network import DashcamConfig, DashcamNetwork
-from scjax.nn.functional import Params, flatten, functional
+from scjax.nn.functional import Functional, Params, flatten
 from scjax.nn.state_dict import SAME, Rules, export
 from scjax.scene.document import convert_document
 from scjax.scene.files import whole_folder
@@ -36,8 +35,7 @@ def dashcam_config(content: Mapping[str, Any]) -> DashcamConfig:
 
 def dashcam_weight_rules(config: DashcamConfig) -> Rules:
     """Keys of the weights -> parameters: their paths."""
-    paths = flatten(functional(lambda init: DashcamNetwork(config, init=init)).shapes())
-    return {".".join(map(str, path)): (path, SAME) for path in paths}
+    return {".".join(map(str, path)): (path, SAME) for path in flatten(dashcam_functions(config).shapes())}
 
 
 def dashcam_table_shapes(config: DashcamConfig) -> dict[str, tuple[int, ...]]:
@@ -89,7 +87,6 @@ class DashcamWeights:
         return Path(folder)
 
 
-@functools.cache
-def dashcam_functions(config: DashcamConfig):
+def dashcam_functions(config: DashcamConfig) -> Functional:
     """The network as ``init`` and ``apply``, which also runs the methods "cells" and "depth"."""
     return pure_functions(NETWORK, config)

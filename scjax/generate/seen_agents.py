@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from scjax.camera.dashcam.materials import AGENT_CLASSES
-from scjax.encoders.dashcam_network import CELL_WIDTH, FINE, NUMBERS, PLACE_SCALE
+from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens
 from scjax.encoders.dashcam_weights import MODEL_TYPE
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
@@ -52,9 +52,8 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
     Args:
       tokens: of all cells of a picture; their order does not matter.
     """
-    cells = np.asarray(tokens, np.float64)[:, -(FINE**2) * CELL_WIDTH :].reshape(-1, CELL_WIDTH)
-    ends = np.cumsum(list(NUMBERS.values()))
-    classes, objects = cells[:, : ends[0]], cells[:, ends[1] : ends[2]]
+    cells = cells_of_tokens(np.asarray(tokens, np.float64))
+    classes, objects = cells["classes"], cells["object"]
     sure = 1 / (1 + np.exp(-objects[:, -1].clip(-30, 30)))
     places = PLACE_SCALE * objects[:, :2]
     inside = (places[:, 0] > _REACH[0]) & (places[:, 0] < _REACH[1]) & (np.abs(places[:, 1]) < _HALF_WIDTH)

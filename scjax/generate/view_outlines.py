@@ -7,6 +7,7 @@ the most similar numbers is drawn. The map is fitted in closed form to the pictu
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -149,14 +150,17 @@ class ViewOutlines:
         if len(features) != len(self.weights):
             raise ValueError(f"view outlines: a picture has {len(features)} features, not {len(self.weights)}")
         estimate = features @ self.weights
-        known = np.concatenate(
-            [kind_numbers(self.lanes, self.lane_sizes), kind_numbers(self.agents, self.agent_sizes)], 1
-        )
-        distances = (((known - estimate) / self.deviations) ** 2).sum(1)
+        distances = (((self._numbers - estimate) / self.deviations) ** 2).sum(1)
         for kinds, number in ((self.lanes, num_lanes), (self.agents, num_agents)):
             if number is not None:
                 distances = distances + _FIRST * np.abs((kinds >= 0).sum(1) - number)
         return int(rng.choice(np.argsort(distances, kind="stable")[:_NEAREST]))
+
+    @functools.cached_property
+    def _numbers(self) -> Float32[np.ndarray, "scenes numbers"]:
+        """Numbers of kinds of all outlines."""
+        numbers = kind_numbers(self.lanes, self.lane_sizes), kind_numbers(self.agents, self.agent_sizes)
+        return np.concatenate(numbers, 1)
 
 
 def picture_features(

@@ -23,6 +23,7 @@ from scjax.camera.rig import Rig
 from scjax.data import records
 from scjax.data.build import load_manifest
 from scjax.data.records import SceneRecord, read_record
+from scjax.data.window_images import picture_name
 from scjax.data.workers import WorkerPool
 from scjax.scene import Crop, Log
 from scjax.scene.files import locked_folder, write_file
@@ -36,11 +37,6 @@ _QUALITY = 92  # of JPEG
 _SMOOTH_SHARE = 0.3  # of the worlds, which are drawn with more samples a pixel
 _FOCAL_SPREAD = 0.06  # standard deviation of the logarithm of a picture's focal length
 _LOOKS = 100_000  # between the numbers of a world's looks
-
-
-def picture_name(split: str, row: int) -> str:
-    """Name of the picture of a record, without ending."""
-    return f"{split}-{row:06d}"
 
 
 class RecordPicture(NamedTuple):

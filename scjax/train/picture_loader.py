@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float, Integer, UInt8
 
@@ -106,9 +107,8 @@ class PictureLoader(Iterator[PictureExample]):
 
     def _batch(self, start: int) -> PictureExample:
         process, processes = self._place
-        return stack_examples(
-            [self.example(k) for k in range(start + process, start + self._config.batch_size, processes)]
-        )
+        numbers = range(start + process, start + self._config.batch_size, processes)
+        return jax.tree.map(lambda *rows: np.stack(rows), *[self.example(number) for number in numbers])
 
     def example(self, index: int) -> PictureExample:
         """The example of this number in the stream."""
@@ -146,12 +146,6 @@ def picture_example(index: int, pixels: np.ndarray, targets: CellTargets) -> Pic
         objects=targets.objects.astype(np.float32),
         lanes=targets.lanes.astype(np.float32),
     )
-
-
-def stack_examples(examples: list[PictureExample]) -> PictureExample:
-    """Examples as a batch."""
-    names = [field.name for field in dataclasses.fields(PictureExample)]
-    return PictureExample(**{name: np.stack([getattr(one, name) for one in examples]) for name in names})
 
 
 def mirrored(pixels: np.ndarray, targets: CellTargets) -> tuple[np.ndarray, CellTargets]:

@@ -116,7 +116,7 @@ def test_the_page_has_all_rows_and_examples(captioned_records, pictures, tmp_pat
     options += ["--number", 3, "--samples", 2, "--candidates", 3, "--out", tmp_path / "page"]
     image_control.main([str(word) for word in options])
     content = json.loads((tmp_path / "page.json").read_text())
-    assert content["scenes"] == 3 and len(content["rows"]) == 7
+    assert content["scenes"] == 3 and len(content["rows"]) == 8
     text = (tmp_path / "page.md").read_text()
     for name in content["rows"]:
         assert text.count(f"| {name} | ") == 5 + (name == "picture")

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.encoders.dashcam_network import CELL_WIDTH, FINE, PLACE_SCALE
+from scjax.encoders.dashcam_network import FINE, PLACE_SCALE, DashcamConfig
 from scjax.generate.seen_agents import held_scene, seen_agents
 from scjax.scene import AgentType, Crop, validate
 
+CELL = (DashcamConfig().width - DashcamConfig().features) // FINE**2  # numbers of a fine cell
 VEHICLE, PEDESTRIAN = 5, 6  # semantic classes
 
 
 def tokens(*objects, cells=9):
     """Tokens of which the first fine cells show objects (semantic class, x, y, heading, length, width)."""
-    fine = np.zeros((cells * FINE**2, CELL_WIDTH), np.float32)
+    fine = np.zeros((cells * FINE**2, CELL), np.float32)
     fine[:, 20] = -8.0  # no object
     for cell, (kind, x, y, heading, length, width) in enumerate(objects):
         fine[cell, kind] = 10.0

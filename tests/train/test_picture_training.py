@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 
 import chex
 import jax
@@ -16,6 +17,8 @@ from scjax.data.measurements import measure_records
 from scjax.encoders import load_image_encoder
 from scjax.encoders.preprocessing import Preprocessing
 from scjax.generate.conditions import Condition
+from scjax.generate.image_streams import image_streams
+from scjax.generate.outline_draw import draw_outline, view_row
 from scjax.language.attributes.vector import feature_names
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
@@ -34,8 +37,6 @@ SMALL = {"stem": 8, "fine": 8, "fine_layers": 1, "hidden_size": 12, "layers": 1,
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, world_records):
     """Records with pictures and measured forward windows."""
-    import shutil
-
     folder = tmp_path_factory.mktemp("pictures")
     shutil.copytree(world_records, folder / "records")
     render_records(folder / "records", folder / "pictures", progress=False)
@@ -137,9 +138,6 @@ def test_picture_decides_the_outline(denoiser_run, folder):
     _, model, encoder = denoiser_run
     pixels, _ = read_rendered(folder / "pictures", "val", 0)
     condition = Condition(image=np.ascontiguousarray(pixels), crop=Crop.FORWARD)
-    from scjax.generate.image_streams import image_streams
-    from scjax.generate.outline_draw import draw_outline, view_row
-
     (streams,) = image_streams([condition], model, encoder)
     row = view_row(np.random.default_rng(0), condition, streams["image"], model)
     outline = draw_outline(np.random.default_rng(0), condition, None, None, model, row)

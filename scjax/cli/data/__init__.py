@@ -29,9 +29,8 @@ def data() -> None:
     """Prepares training records from recorded or synthetic scenes.
 
     All trainings need records: build, synthetic or towns. One on text also needs caption, then embed; one on attributes
-    needs attributes. dashcam renders pictures of synthetic
-    records, embed-images prepares pictures. scenes writes what records hold as files, logs the motion of
-    synthetic worlds and towns.
+    needs attributes. dashcam renders pictures of synthetic records, embed-images turns pictures into features. scenes
+    writes what records hold as files, logs the motion of synthetic worlds and towns.
 
     Exit codes: 0 done; 1 refused (one line on stderr says why); 2 wrong usage; 3 records were built, but some files
     or pictures were skipped (listed on stderr and in manifest.json or images.json); 130 interrupted.

@@ -267,7 +267,7 @@ class DenoiserObjective:
         seen = {} if self.images is None else {"images": self.images.encoder or "scjax.camera.raycast"}
         if self._keeps_base:
             own = {"steps": notes["steps"], "records": self.manifest["hash"], **seen}
-            return dataclasses.replace(self._model(params), notes={**self.base.notes, "frozen_denoiser": own})
+            return dataclasses.replace(self._model(params), notes={**self.base.notes, "condition": own})
         notes = {"objective": "denoiser", "records": self.manifest["hash"], **notes, **seen}
         return dataclasses.replace(self._model(params), notes={**notes, "autoencoder": self.base.notes})
 
