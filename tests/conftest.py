@@ -52,8 +52,8 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
-_MAX_MAPPINGS = 15_000
-"""Pieces of memory of a process, after which its programs are dropped; Linux allows 65,530."""
+_MAX_MAPPINGS = 8_000
+"""Pieces of memory of a process, after which its programs are dropped: then it holds about 4 GB."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -13,17 +13,27 @@ from scjax.generate.image_streams import image_streams
 from scjax.generate.model import load_model, save_model
 from scjax.generate.picture_networks import ENCODER_VARIABLE, default_depth, default_image_encoder
 from scjax.models.denoiser.config import ImageCondition
-from tests.factories.image_folders import picture, write_network
+from tests.factories.image_folders import CONFIGS, picture, write_network
 from tests.factories.worlds import tiny_model
 
 PHOTO = picture()
+
+# Pictures are scaled to 518 pixels: attention between cells of 4 x 4 pixels takes 15 GB, of 28 x 28 nothing to speak of.
+_COARSE_DEPTH = {
+    **CONFIGS["depth_anything"],
+    "backbone_config": {**CONFIGS["depth_anything"]["backbone_config"], "patch_size": 28, "image_size": 56},
+}
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """Folders of two encoders and a depth network."""
     folder = tmp_path_factory.mktemp("networks")
-    return {kind: write_network(folder / kind, kind) for kind in ("dinov2", "dinov3_vit", "depth_anything")}
+    return {
+        "dinov2": write_network(folder / "dinov2"),
+        "dinov3_vit": write_network(folder / "dinov3_vit", "dinov3_vit"),
+        "depth_anything": write_network(folder / "depth_anything", "depth_anything", config=_COARSE_DEPTH),
+    }
 
 
 @pytest.fixture
