@@ -9,6 +9,7 @@ cameras and the boxes around them, of nuScenes or Waymo; every camera counts as 
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ from scjax.camera.camera import Camera
 from scjax.camera.photo import Photo, open_photo, photo_from_array
 from scjax.camera.projection import project_points
 from scjax.camera.rig import carried_poses
+from scjax.camera.standard_view import STANDARD_AHEAD, STANDARD_SIZE, standard_camera, standard_view
 from scjax.data.imports import import_log
 from scjax.encoders.dashcam_network import PLACE_SCALE, FineCells
 from scjax.encoders.dashcam_weights import MODEL_TYPE, NETWORK, dashcam_functions
@@ -36,7 +38,6 @@ from scjax.synthetic.pictures import read_rendered
 from scjax.train.picture_loader import picture_rows
 
 _REACH = 40.0  # m
-_MOUNT = 0.2  # m from the middle of the car of the training to its camera
 _SHOWN = 4
 
 
@@ -110,10 +111,10 @@ def _photographs(path: str, cells_of: Any) -> Seen:
     found, distances, errors = [], [], []
     for view in _calibrated(Path(path)):
         cells = cells_of(view.photo)
-        height, width = view.photo.size
+        width, height = STANDARD_SIZE
         rows, columns = cells.depth.shape
         for place, pixel in zip(view.places, view.pixels, strict=True):
-            row, column = int(pixel[1] / height * rows), int(pixel[0] / width * columns)
+            row, column = int((pixel[1] + 0.5) / height * rows), int((pixel[0] + 0.5) / width * columns)
             window = slice(max(row - 1, 0), row + 2), slice(max(column - 1, 0), column + 2)
             around = cells.objects[window].reshape(-1, 7)
             best = around[around[:, 6].argmax()]
@@ -124,7 +125,7 @@ def _photographs(path: str, cells_of: Any) -> Seen:
 
 
 def _calibrated(path: Path) -> Iterator[CalibratedPhoto]:
-    """The photographs of a sample with the vehicles whose middles they show."""
+    """Standard views of the photographs of a sample, with the vehicles whose middles they show."""
     calibration, document = read_calibration(path), json.loads(path.read_text())
     middles, sizes, headings = _world_boxes(path, document)
     for camera in calibration.rig.cameras:
@@ -133,12 +134,17 @@ def _calibrated(path: Path) -> Iterator[CalibratedPhoto]:
         corners = box_corners_3d(middles, headings, sizes)
         local, local_corners = (middles - position) @ rotation, (corners - position) @ rotation
         shown = _shown(camera, local, local_corners)
-        ahead = rotation[:2, 2] / np.hypot(*rotation[:2, 2])
-        offsets = middles[shown, :2] - position[:2]
-        places = np.stack([offsets @ ahead + _MOUNT, offsets @ np.array([-ahead[1], ahead[0]])], -1)
-        photo = open_photo(path.parent / calibration.pictures[camera.name])
-        scale = np.array(photo.size[::-1]) / (camera.width, camera.height)
-        yield CalibratedPhoto(photo, places, project_points(camera, local[shown]).pixels * scale)
+        height = float(calibration.rig.origin[2] + camera.translation[2])
+        yaw = np.arctan2(rotation[1, 2], rotation[0, 2])
+        turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+        mount = np.array([STANDARD_AHEAD, 0.0, height])
+        places = (middles[shown] - position) @ turn.T + mount
+        ahead = dataclasses.replace(camera, rotation=turn @ rotation, translation=mount)
+        view = standard_camera(height)
+        pixels = project_points(view, (places - mount) @ view.rotation).pixels
+        inside = ((pixels >= 0) & (pixels < np.array(STANDARD_SIZE) - 1)).all(1)
+        photo = standard_view(open_photo(path.parent / calibration.pictures[camera.name]), ahead)
+        yield CalibratedPhoto(photo, places[inside, :2], pixels[inside])
 
 
 def _world_boxes(path: Path, document: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

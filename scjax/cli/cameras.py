@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from scjax.camera import CameraCalibration, Rig
+    from scjax.camera import Camera, CameraCalibration, Rig
 
 
 def read_camera_option(camera: str) -> CameraCalibration:
@@ -25,6 +25,19 @@ def read_camera_option(camera: str) -> CameraCalibration:
             f"{', '.join(CAMERA_PRESETS)}"
         )
     return read_calibration(camera)
+
+
+def camera_ahead(camera: str) -> Camera:
+    """The only camera that --camera names, in the frame of the ego.
+
+    Raises:
+      ValueError: as ``read_camera_option``; or there are several, or it looks aside.
+    """
+    from scjax.generate.camera_stream import picture_camera
+
+    rig = read_camera_option(camera).rig
+    only = rig.camera()
+    return picture_camera(rig, (only.height, only.width))
 
 
 def rig_of_photo(calibration: CameraCalibration, rig: Rig, photo: str, option: str) -> Rig:

@@ -33,8 +33,8 @@ _OPTIONS = (
     click.option(
         "--camera",
         metavar="NAME|FILE",
-        help="Camera that took the picture, as of scjax render: the scene is drawn into the picture, too. The network "
-        "does not read it.",
+        help="Camera that took the picture, as of scjax render. Distances are read by it, and the scene is drawn into "
+        "the picture, too. [default: the dashcam of scjax render]",
     ),
     click.option("--camera-name", metavar="NAME", help="Which camera, if --camera has several."),
 )
@@ -62,7 +62,7 @@ class PictureInput(NamedTuple):
     @property
     def fields(self) -> dict[str, Any]:
         """Fields of a condition."""
-        return {"image": self.photo, "depth": self.depth}
+        return {"image": self.photo, "depth": self.depth, "camera": self.rig}
 
     def write_view(self, scene: Scene, path: Path) -> None:
         """Writes the picture beside a scene."""

@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 import msgspec
 from tqdm import tqdm
 
+from scjax.camera.camera import Camera
 from scjax.camera.photo import PHOTO_SUFFIXES, Photo, open_photo
+from scjax.camera.standard_view import standard_view
 from scjax.encoders.depth import DepthProvider, NoDepth
 from scjax.encoders.feature_cache import FeatureCache, depth_key, image_key
 from scjax.encoders.image_network import GROUP
@@ -70,14 +72,19 @@ def embed_images(
     preprocessing: Preprocessing = SQUASH,
     *,
     depth: DepthProvider | None = None,
+    camera: Camera | None = None,
     progress: bool = True,
 ) -> EmbedReport:
     """Keeps features, and depth, of all pictures of a folder and its folders.
 
     Pictures that cannot be read are left out and listed.
 
+    Args:
+      camera: that took all pictures, in the frame of the ego: their standard views are encoded. None: they are encoded
+        as they are.
+
     Raises:
-      ValueError: no picture is there, none can be used, or another process uses ``out``.
+      ValueError: the camera takes pictures of another shape; no picture is there, none can be used, or another process uses ``out``.
       OSError: a file cannot be written; names it.
     """
     folder, out = Path(folder), Path(out)
@@ -93,7 +100,7 @@ def embed_images(
         with tqdm(total=len(files), desc="pictures", unit="picture", disable=not progress) as bar:
             for start in range(0, len(files), GROUP):
                 group = files[start : start + GROUP]
-                photos, found = _usable(folder, group, cache, encoder, provider, preprocessing, skipped)
+                photos, found = _usable(folder, group, cache, encoder, provider, preprocessing, camera, skipped)
                 cache.image_tokens(encoder, list(photos.values()), preprocessing)
                 entries += _entries(photos, encoder, provider, preprocessing)
                 reused += found
@@ -140,6 +147,7 @@ def _usable(
     encoder: ImageEncoder,
     provider: DepthProvider,
     preprocessing: Preprocessing,
+    camera: Camera | None,
     skipped: list[SkippedImage],
 ) -> tuple[dict[str, Photo], int]:
     """Photos of the files that can be used, with their depth in the cache, and how many were in it altogether."""
@@ -148,6 +156,9 @@ def _usable(
     for file in files:
         try:
             photo = open_photo(folder / file)
+            if camera is not None:
+                camera.check_proportions(*photo.size[::-1])
+                photo = standard_view(photo, camera)
             is_known = image_key(encoder, photo, preprocessing) in cache
             if not is_known:
                 _ = photo.pixels

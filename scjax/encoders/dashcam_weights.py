@@ -24,6 +24,11 @@ MODEL_TYPE = "scjax_dashcam"
 _WEIGHTS = "model.safetensors"
 
 
+def takes_standard_views(encoder: str) -> bool:
+    """Whether an encoder of this name reads standard views alone (``camera.standard_view``)."""
+    return encoder.startswith(f"{MODEL_TYPE}-")
+
+
 def dashcam_config(content: Mapping[str, Any]) -> DashcamConfig:
     """Sizes from the content of a ``config.json``.
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 
+from scjax.camera.photo import Photo
+from scjax.camera.standard_view import standard_view
+from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.encoders.depth import DepthProvider, depth_tokens
 from scjax.encoders.preprocessing import Preprocessing
 from scjax.encoders.vision import GridTokens, ImageEncoder
@@ -22,7 +25,8 @@ def image_streams(
 ) -> list[Mapping[str, Stream]]:
     """The streams "image", "depth" and, with a camera, "camera" of every condition; none without a picture.
 
-    Each different picture is encoded once, and each different depth.
+    Each different picture is encoded once, and each different depth. The encoder of the package gets standard views of
+    the pictures, by ``Condition.camera``.
 
     Args:
       encoder: by default the model's (``default_image_encoder``).
@@ -33,7 +37,8 @@ def image_streams(
     if all(condition.image is None for condition in conditions):
         return [{} for _ in conditions]
     preprocessing = model_preprocessing(model)
-    photos = {condition.image.content: condition.image for condition in conditions if condition.image is not None}
+    views = [_encoded_view(condition, model) for condition in conditions]
+    photos = {view.content: view for view in views if view is not None}
     if encoder is None:
         encoder = default_image_encoder(model)
     check_encoder(encoder, model)
@@ -42,12 +47,12 @@ def image_streams(
     features = dict(zip(photos, encoder(list(photos.values()), preprocessing), strict=True))
     depths: dict[tuple[str, str], GridTokens] = {}
     streams: list[Mapping[str, Stream]] = []
-    for condition in conditions:
+    for condition, view in zip(conditions, views, strict=True):
         photo = condition.image
-        if photo is None:
+        if photo is None or view is None:
             streams.append({})
             continue
-        image = features[photo.content]
+        image = features[view.content]
         own = {"image": Stream.from_cells(image)}
         if reads_depth:
             provider: DepthProvider = default_depth(model) if condition.depth is None else condition.depth
@@ -57,10 +62,17 @@ def image_streams(
             own["depth"] = Stream.from_cells(depths[pair])
         elif condition.depth is not None:
             warnings.warn("Condition.depth is not read by this model: the features of its encoder say it", stacklevel=5)
-        if condition.camera is not None:
+        if condition.camera is not None and view is photo:
             own["camera"] = Stream.from_cells(camera_tokens(condition.camera, image.mask, preprocessing))
         streams.append(own)
     return streams
+
+
+def _encoded_view(condition: Condition, model: Model) -> Photo | None:
+    """The picture that the encoder gets."""
+    if condition.image is None or not takes_standard_views(model.image_encoder):
+        return condition.image
+    return standard_view(condition.image, condition.camera)
 
 
 def model_preprocessing(model: Model) -> Preprocessing:

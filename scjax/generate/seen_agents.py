@@ -12,7 +12,7 @@ from jaxtyping import Float, Float64, Int
 
 from scjax.camera.dashcam.materials import AGENT_CLASSES
 from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens
-from scjax.encoders.dashcam_weights import MODEL_TYPE
+from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
 from scjax.models.denoiser.kinds import digits_of
@@ -88,7 +88,7 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
 
 def sees_agents(model: Model) -> bool:
     """Whether pictures of a model are read by the network whose tokens say where agents are."""
-    return model.image_encoder.startswith(f"{MODEL_TYPE}-") and model.views is not None
+    return takes_standard_views(model.image_encoder) and model.views is not None
 
 
 def held_agents(condition: Condition, image: Stream, view: int, domain: int | None, model: Model) -> Scene:

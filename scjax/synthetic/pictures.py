@@ -14,12 +14,11 @@ import numpy as np
 from jaxtyping import UInt8
 from tqdm import tqdm
 
-from scjax.camera.camera import Camera
 from scjax.camera.dashcam import DashcamFrame, DashcamRenderer, Look, random_look
 from scjax.camera.dashcam.cell_targets import CellTargets, cell_targets
-from scjax.camera.presets import preset_rig
 from scjax.camera.raster import require_opencv
 from scjax.camera.rig import Rig
+from scjax.camera.standard_view import STANDARD_HEIGHT, standard_camera
 from scjax.data import records
 from scjax.data.build import load_manifest
 from scjax.data.records import SceneRecord, read_record
@@ -30,13 +29,16 @@ from scjax.scene.files import locked_folder, write_file
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world
 
-SIZE, CELLS = (224, 224), (28, 28)
-"""Width and height of pictures [pixels]; rows and columns of their cells."""
+CELLS = (28, 28)
+"""Rows and columns of cells of pictures."""
 
 _QUALITY = 92  # of JPEG
-_SMOOTH_SHARE = 0.3  # of the worlds, which are drawn with more samples a pixel
-_FOCAL_SPREAD = 0.06  # standard deviation of the logarithm of a picture's focal length
+_SAMPLES = 2  # of a pixel, to each side
+_FOCAL_SPREAD = 0.015  # standard deviation of the logarithm of a picture's focal length: calibrations are not exact
+_HEIGHT_SPREAD, _HEIGHTS = 0.15, (1.1, 2.4)  # of the logarithm of the camera's height, and limits [m]
+_MOUNT_SHARE = 0.25  # of the pitch, roll and height by which looks differ that calibrations do not know of
 _LOOKS = 100_000  # between the numbers of a world's looks
+_LEVEL = {"lens": 0.0, "raise_by": 0.0, "pitch_by": 0.0, "roll_by": 0.0}
 
 
 class RecordPicture(NamedTuple):
@@ -90,15 +92,14 @@ def world_pictures(stored: Any, name: str, rows: list[int]) -> Iterator[RecordPi
     _, seed, number = name.rsplit("-", 2)
     log = to_log(make_world(int(seed), int(number)))
     rng = np.random.default_rng([int(seed), int(number), 0xDA])
-    base = random_look(int(seed) * _LOOKS + int(number))
-    rig = _varied_rig(preset_rig("dashcam"), rng)
+    base = dataclasses.replace(random_look(int(seed) * _LOOKS + int(number)), **_LEVEL)
+    rig = _standard_rig(rng)
     renderer: DashcamRenderer | None = None
     for row in rows:
         record = read_record(stored, row)
         look = _look_of(base, rng)
         if renderer is None:
-            samples = 1 + int(rng.random() < _SMOOTH_SHARE)
-            renderer = DashcamRenderer(log, rig, actor=record.object_index, look=base, supersampling=samples)
+            renderer = DashcamRenderer(log, rig, actor=record.object_index, look=base, supersampling=_SAMPLES)
         own = renderer.carried_by(record.object_index, look)
         frame = own.frame(record.step)
         yield RecordPicture(row, frame, _targets(own, frame, log, record))
@@ -120,22 +121,21 @@ def _targets(renderer: DashcamRenderer, frame: DashcamFrame, log: Log, record: S
     return cell_targets(frame, renderer.pixel_rays, (rotation, position), boxes, scene, CELLS)
 
 
-def _varied_rig(rig: Rig, rng: np.random.Generator) -> Rig:
-    """The rig with pictures of ``SIZE``, squeezed to it, and another focal length."""
-    camera = rig.camera()
-    scale = np.exp(rng.normal(0, _FOCAL_SPREAD))
-    stretch = np.diag([SIZE[0] / camera.width, SIZE[1] / camera.height, 1.0])
-    intrinsic = stretch @ camera.intrinsic
-    intrinsic[[0, 1], [0, 1]] *= scale
-    squeezed: Camera = dataclasses.replace(camera, width=SIZE[0], height=SIZE[1], intrinsic=intrinsic)
-    return dataclasses.replace(rig, cameras=(squeezed,))
+def _standard_rig(rng: np.random.Generator) -> Rig:
+    """The camera of standard views at some height, with nearly its focal length; it does not depend on the carrier."""
+    height = float(np.clip(STANDARD_HEIGHT * np.exp(rng.normal(0, _HEIGHT_SPREAD)), *_HEIGHTS))
+    camera = standard_camera(height)
+    intrinsic = camera.intrinsic.copy()
+    intrinsic[[0, 1], [0, 1]] *= np.exp(rng.normal(0, _FOCAL_SPREAD))
+    return Rig(name="standard", cameras=(dataclasses.replace(camera, intrinsic=intrinsic),))
 
 
 def _look_of(base: Look, rng: np.random.Generator) -> Look:
-    """The look of a world with another mount, exposure and noise."""
+    """The look of a world with another exposure and noise, and a mount that differs a little."""
     own = random_look(int(rng.integers(2**31)))
-    names = ("exposure", "contrast", "vignette", "noise", "raise_by", "pitch_by", "roll_by")
-    return dataclasses.replace(base, **{name: getattr(own, name) for name in names})
+    mount = {name: _MOUNT_SHARE * getattr(own, name) for name in ("raise_by", "pitch_by", "roll_by")}
+    names = ("exposure", "contrast", "vignette", "noise")
+    return dataclasses.replace(base, **{name: getattr(own, name) for name in names}, **mount)
 
 
 @functools.lru_cache(maxsize=2)

@@ -15,12 +15,14 @@ import numpy as np
 from jaxtyping import Float, Integer, UInt8
 
 from scjax.camera.dashcam.cell_targets import CellTargets
+from scjax.camera.photo import BACKGROUND
 from scjax.encoders.preprocessing import DEVIATION, MEAN
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.synthetic.pictures import read_rendered
 
 _PLANNED = 3  # batches that are read while a step runs
+_LEAST_SEEN = 0.55  # share of the height and of the width
 _Y, _SINE, _LEFT = 1, 3, 4  # columns of objects and lanes that change their sign in a mirror
 
 
@@ -50,6 +52,7 @@ class PictureLoaderConfig:
       batch_size: pictures a batch, over all processes.
       mirror: share of pictures that are mirrored.
       brightness, tint: standard deviations of the logarithms of a picture's gain, and of those of its channels.
+      cut: share of pictures of which only a part is seen, as in standard views of cameras that see less.
       seed: of everything random in the stream.
     """
 
@@ -57,6 +60,7 @@ class PictureLoaderConfig:
     mirror: float = 0.5
     brightness: float = 0.2
     tint: float = 0.05
+    cut: float = 0.3
     seed: int = 0
 
 
@@ -120,7 +124,10 @@ class PictureLoader(Iterator[PictureExample]):
         gains = np.exp(rng.normal(0, config.brightness) + rng.normal(0, config.tint, 3))
         if rng.random() < config.mirror:
             pixels, targets = mirrored(pixels, targets)
-        return picture_example(index, pixels * gains.astype(np.float32), targets)
+        pixels = pixels * gains.astype(np.float32)
+        if rng.random() < config.cut:
+            pixels, targets = cut_picture(pixels, targets, rng)
+        return picture_example(index, pixels, targets)
 
 
 def picture_rows(folder: str | Path, split: str) -> list[int]:
@@ -154,3 +161,20 @@ def mirrored(pixels: np.ndarray, targets: CellTargets) -> tuple[np.ndarray, Cell
     objects[..., [_Y, _SINE]] *= -1
     lanes[..., [_Y, _SINE, _LEFT]] *= -1
     return pixels[:, ::-1], CellTargets(targets.classes[:, ::-1], targets.depth[:, ::-1], objects, lanes)
+
+
+def cut_picture(
+    pixels: np.ndarray, targets: CellTargets, rng: np.random.Generator
+) -> tuple[np.ndarray, CellTargets]:
+    """The picture with ``BACKGROUND`` around a part of it; cells whose middles are cut show no object and no lane."""
+    cells = np.array(targets.depth.shape)
+    extent = rng.uniform(_LEAST_SEEN, 1.0, 2)
+    low = rng.uniform(0, 1 - extent)
+    middles = [(np.arange(count) + 0.5) / count for count in (*pixels.shape[:2], *cells)]
+    seen = [(at > low[axis % 2]) & (at < (low + extent)[axis % 2]) for axis, at in enumerate(middles)]
+    shown = (seen[2][:, None] & seen[3])[..., None]
+    pixels = np.where((seen[0][:, None] & seen[1])[..., None], pixels, np.array(BACKGROUND, pixels.dtype))
+    return pixels, targets._replace(
+        objects=np.where(shown, targets.objects, 0).astype(targets.objects.dtype),
+        lanes=np.where(shown, targets.lanes, 0).astype(targets.lanes.dtype),
+    )

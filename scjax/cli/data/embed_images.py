@@ -31,6 +31,12 @@ _SOME_SKIPPED = 3  # exit code
     help="Folder of a Depth Anything, its name in the Hugging Face cache, or a folder of depth files (.npy, .npz, "
     "16-bit .png) with the names of the pictures. Without it there is no depth.",
 )
+@click.option(
+    "--camera",
+    metavar="NAME|FILE",
+    help="Camera that took all pictures, as of scjax render, for the network that ships: it reads standard views. "
+    "[default: they are standard views, as of scjax data dashcam]",
+)
 @click.option("--inverse-depth", is_flag=True, help="The depth files hold inverse depth.")
 @click.option(
     "--depth-size", type=int, default=518, metavar="N", show_default=True, help="Shorter side for the depth network."
@@ -54,6 +60,7 @@ def data_embed_images(
     out: str,
     encoder: str | None,
     depth: str | None,
+    camera: str | None,
     inverse_depth: bool,
     depth_size: int,
     preprocessing: str,
@@ -70,8 +77,10 @@ def data_embed_images(
 
     Example: scjax data embed-images pictures features --encoder facebook/dinov2-small
     """
+    from scjax.cli.cameras import camera_ahead
     from scjax.data.image_features import embed_images
     from scjax.encoders.base import CONFIG_FILE
+    from scjax.encoders.dashcam_weights import takes_standard_views
     from scjax.encoders.depth import load_depth_network
     from scjax.encoders.depth_files import FileDepth
     from scjax.encoders.preprocessing import PREPROCESSINGS
@@ -88,7 +97,10 @@ def data_embed_images(
     elif inverse_depth:
         raise ValueError("--inverse-depth is given without --depth: give the folder of the depth files")
     loaded = load_image_encoder(encoder or EMBEDDED_VISION, compute=compute)  # pyright: ignore[reportArgumentType]
-    report = embed_images(images, out, loaded, PREPROCESSINGS[preprocessing], depth=provider)
+    if camera is not None and (provider is not None or not takes_standard_views(loaded.name)):
+        raise ValueError("--camera is for the network that ships, without --depth: leave out one of them")
+    mounted = None if camera is None else camera_ahead(camera)
+    report = embed_images(images, out, loaded, PREPROCESSINGS[preprocessing], depth=provider, camera=mounted)
     click.echo(f"{report.computed} pictures embedded, {report.reused} were already")
     if provider is not None and report.without_depth:
         click.echo(f"{report.without_depth} pictures have no depth in {depth}", err=True)

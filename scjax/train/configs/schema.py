@@ -199,6 +199,7 @@ class _PictureBatch(_Fields):
     mirror: Share
     brightness: Annotated[float, Meta(ge=0, le=2)]
     tint: Annotated[float, Meta(ge=0, le=2)]
+    cut: Share
     seed: Seed
 
 

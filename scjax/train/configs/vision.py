@@ -38,6 +38,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
         "mirror": 0.5,  # share of mirrored pictures
         "brightness": 0.2,  # standard deviation of the logarithm of a picture's gain
         "tint": 0.05,  # and of those of its channels
+        "cut": 0.3,  # share of pictures of which only a part is seen
         "seed": 0,
     }
     config.optimizer = {

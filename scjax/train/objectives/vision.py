@@ -32,7 +32,8 @@ from scjax.train.resume import params_hash
 _VALIDATION_BATCHES = 16
 _OBJECT_SCALES = (1 / PLACE_SCALE, 1 / PLACE_SCALE, 1.0, 1.0, 0.1, 0.1)
 _LANE_SCALES = (1 / PLACE_SCALE, 1 / PLACE_SCALE, 1.0, 1.0, 0.25)
-_NEAR = 10.0  # m; errors of what is farther away count less, in proportion
+_NEAR = 30.0  # m; errors of what is farther away count less, in proportion
+_SAME = 0.05  # m within which two cells show the same object
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,7 +128,7 @@ class VisionObjective:
 
     @functools.cached_property
     def _validation(self) -> list[PictureExample]:
-        plain = dataclasses.replace(self.loader, mirror=0.0, brightness=0.0, tint=0.0)
+        plain = dataclasses.replace(self.loader, mirror=0.0, brightness=0.0, tint=0.0, cut=0.0)
         loader = PictureLoader(self.pictures, "val", plain)
         return [next(loader) for _ in range(min(_VALIDATION_BATCHES, max(len(loader) // plain.batch_size, 1)))]
 
@@ -160,8 +161,16 @@ def _found(outputs: Array, targets: Array, scales: tuple[float, ...]) -> tuple[A
     """Mean error of the numbers of what is there, and cross-entropy of being there."""
     there = targets[..., -1]
     errors = jnp.abs(outputs[..., :-1] - targets[..., :-1] * jnp.asarray(scales)[None, None, None])
-    weight = there * _NEAR / (_NEAR + jnp.hypot(targets[..., 0], targets[..., 1]))
+    weight = there * _NEAR / (_NEAR + jnp.hypot(targets[..., 0], targets[..., 1])) / jnp.sqrt(_cells_of_same(targets))
     mean = (errors.sum(-1) * weight).sum() / jnp.maximum(weight.sum(), 1.0)
     logits = outputs[..., -1]
     entropy = jnp.maximum(logits, 0) - logits * there + jnp.log1p(jnp.exp(-jnp.abs(logits)))
     return mean, entropy.mean()
+
+
+def _cells_of_same(targets: Array) -> Array:
+    """How many cells of a picture show the object that a cell shows."""
+    places = targets[..., :2].reshape(len(targets), -1, 2)
+    there = targets[..., -1].reshape(len(targets), 1, -1)
+    same = (jnp.abs(places[:, :, None] - places[:, None]) < _SAME).all(-1) & (there > 0)
+    return jnp.maximum(same.sum(-1), 1).reshape(targets.shape[:3])
