@@ -18,6 +18,7 @@ from scjax.generate.conditions import Condition, Stream
 from scjax.models.denoiser.kinds import digits_of
 from scjax.scene import AgentType, Crop, Scene, empty
 from scjax.scene.agent_sizes import CLASS_SIZES
+from scjax.scene.boxes import separations
 from scjax.scene.scene import LARGE_LENGTH
 
 _LEAST = 0.5  # how sure a cell must be that there is an object
@@ -26,6 +27,7 @@ _VOTES = 1.0  # sum of how sure the cells of an agent are, at least
 _REACH = (4.0, 42.0)  # m ahead
 _HALF_WIDTH = 31.0  # m
 _APART = 1.6  # m between agents at least
+_GAP, _MOVES, _MOST_MOVED = 0.1, 8, 1.5  # m between boxes; moves of one box; m that it is moved at most
 _EGO_SIZE = (4.7, 1.9, 1.6)  # m
 _SPEEDS = (0.0, 2.0, 8.0, 14.0)  # m/s, of the classes of speeds
 
@@ -82,7 +84,7 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
         for group in found
     ]
     table = np.array(rows, np.float64).reshape(-1, 6)
-    table = table[_kept(table)]
+    table = _apart(table)
     return SeenAgents(table[:, 0].astype(np.int64), table[:, 1:3], table[:, 3], table[:, 4:6])
 
 
@@ -120,13 +122,27 @@ def held_agents(condition: Condition, image: Stream, view: int, domain: int | No
     return held_scene(seen, np.array(own), int(views.domains[view]) if domain is None else domain)
 
 
-def _kept(table: np.ndarray) -> list[int]:
-    """Rows of agents that stand apart from those before them."""
+def _apart(table: np.ndarray) -> np.ndarray:
+    """The agents without those at the place of a surer one; boxes that overlap a little are moved apart."""
+    boxes = np.zeros((len(table), 9))
+    boxes[:, :2], boxes[:, 6:8] = table[:, 1:3], table[:, 4:6] + _GAP
+    boxes[:, 4], boxes[:, 5] = np.cos(table[:, 3]), np.sin(table[:, 3])
     kept: list[int] = []
-    for row, place in enumerate(table[:, 1:3]):
-        if all(np.hypot(*(place - table[other, 1:3])) > _APART for other in kept):
+    for row in range(len(table)):
+        place = boxes[row, :2].copy()
+        for _ in range(_MOVES):
+            shifts = separations(boxes[[*kept, row]])[:-1, -1]
+            depths = np.hypot(*shifts.T)
+            if not depths.any():
+                break
+            boxes[row, :2] += shifts[depths.argmax()]
+        moved = float(np.hypot(*(boxes[row, :2] - place)))
+        near = np.hypot(*(boxes[kept, :2] - place).T) < _APART
+        if not depths.any() and not near.any() and moved < _MOST_MOVED:
             kept.append(row)
-    return kept
+    table = table[kept]
+    table[:, 1:3] = boxes[kept, :2]
+    return table
 
 
 def held_scene(seen: SeenAgents, speeds: Float[np.ndarray, " agents"], domain: int) -> Scene:

@@ -14,7 +14,28 @@ def overlaps(agents: Float[np.ndarray, "agents 9"]) -> Bool[np.ndarray, "agents 
 
     Separating axis theorem: two convex shapes are disjoint exactly if a normal of one of their edges separates them.
     """
-    agents = np.asarray(agents, np.float64)
+    depths, _ = _depths(np.asarray(agents, np.float64))
+    depth = depths.min(-1)
+    overlap = np.minimum(depth, depth.T) > TOUCH
+    np.fill_diagonal(overlap, False)
+    return overlap
+
+
+def separations(agents: Float[np.ndarray, "agents 9"]) -> Float64[np.ndarray, "agents agents 2"]:
+    """Shortest shift of box j after which it only touches box i [m]; zero where they do not overlap."""
+    depths, axes = _depths(np.asarray(agents, np.float64))
+    own = depths.argmin(-1)[..., None]
+    depth = np.take_along_axis(depths, own, -1)
+    offset = agents[None, :, :2] - agents[:, None, :2]
+    along = np.take_along_axis(axes[:, None], own[..., None], 2)[:, :, 0]
+    shift = depth * along * np.where((offset * along).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    of_other = depth > depth.swapaxes(0, 1)  # an edge of box j separates them at less
+    shift = np.where(of_other, -shift.swapaxes(0, 1), shift)
+    return np.where(overlaps(agents)[..., None], shift, 0.0)
+
+
+def _depths(agents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How deep box j reaches into box i along the axes of box i [i, j, 2 axes]; negative: not. And the axes."""
     ahead = agents[:, 4:6] / np.maximum(np.linalg.norm(agents[:, 4:6], axis=-1, keepdims=True), 1e-12)
     axes = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], -1)], 1)  # [agents, 2 axes, xy]
     half = agents[:, 6:8] / 2
@@ -22,10 +43,7 @@ def overlaps(agents: Float[np.ndarray, "agents 9"]) -> Bool[np.ndarray, "agents 
     distance = np.abs(np.einsum("ijx,iax->ija", offset, axes))  # of the centers along the axes of box i
     cosines = np.abs(np.einsum("iax,jbx->ijab", axes, axes))
     reach = half[:, None, :] + np.einsum("ijab,jb->ija", cosines, half)
-    depth = (reach - distance).min(-1)
-    overlap = np.minimum(depth, depth.T) > TOUCH
-    np.fill_diagonal(overlap, False)
-    return overlap
+    return reach - distance, axes
 
 
 def intersection_areas(

@@ -8,6 +8,7 @@ import pytest
 from scjax.encoders.dashcam_network import FINE, PLACE_SCALE, DashcamConfig
 from scjax.generate.seen_agents import held_scene, seen_agents
 from scjax.scene import AgentType, Crop, validate
+from scjax.scene.boxes import overlaps
 
 CELL = (DashcamConfig().width - DashcamConfig().features) // FINE**2  # numbers of a fine cell
 VEHICLE, PEDESTRIAN = 5, 6  # semantic classes
@@ -50,6 +51,18 @@ def test_order_of_cells_does_not_matter():
     first, second = seen_agents(objects), seen_agents(objects[::-1])
     for one, other in zip(first, second, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+def test_boxes_that_overlap_a_little_are_moved_apart():
+    cars = seen_agents(tokens(*[CAR] * 3, *[(VEHICLE, 12.0, 4.4, 0.5, 4.5, 1.8)] * 2))
+    assert not overlaps(held_scene(cars, np.zeros(3), 0).agents.astype(np.float64)).any()
+    np.testing.assert_allclose(cars.places[0], [12.0, 3.0], atol=1e-4)  # the surer one stays
+    assert 0.1 < np.hypot(*(cars.places[1] - [12.0, 4.4])) < 0.8
+
+
+def test_of_two_boxes_in_one_place_the_surer_one_stays():
+    cars = seen_agents(tokens(*[(VEHICLE, 20.0, 3.0, 0.0, 12.0, 2.5)] * 3, *[(VEHICLE, 23.5, 3.0, 0.0, 4.5, 1.8)] * 2))
+    np.testing.assert_allclose(cars.sizes, [[12.0, 2.5]], atol=1e-4)
 
 
 def test_held_scene_is_valid_and_says_what_is_unknown():

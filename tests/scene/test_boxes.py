@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from scjax.metrics.realism import overlapping_pairs, scene_realism
-from scjax.scene.boxes import corners, intersection_areas, overlaps
+from scjax.scene.boxes import corners, intersection_areas, overlaps, separations
 from tests.factories.traffic import agent, eval_tiles
 
 
@@ -26,6 +26,18 @@ from tests.factories.traffic import agent, eval_tiles
 )
 def test_overlaps_hand_made_pairs(other, expected):
     np.testing.assert_array_equal(overlaps(np.stack([agent(0, 0), other])), [[False, expected], [expected, False]])
+
+
+def test_separations_are_the_least_shifts_that_part_boxes():
+    rng = np.random.default_rng(2)
+    agents = np.stack([agent(*rng.uniform(-5, 5, 2), rng.uniform(-180, 180)) for _ in range(12)]).astype(np.float64)
+    shifts, pairs = separations(agents), overlaps(agents)
+    np.testing.assert_array_equal(np.abs(shifts).sum(-1) > 0, pairs)
+    for one, other in zip(*np.nonzero(pairs), strict=True):
+        for share, expected in ((1.001, False), (0.99, True)):
+            pair = agents[[one, other]].copy()
+            pair[1, :2] += share * shifts[one, other]
+            assert overlaps(pair)[0, 1] == expected
 
 
 def test_overlaps_is_invariant_to_motion_and_order():
