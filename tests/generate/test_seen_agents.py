@@ -54,10 +54,10 @@ def test_order_of_cells_does_not_matter():
 
 
 def test_boxes_that_overlap_a_little_are_moved_apart():
-    cars = seen_agents(tokens(*[CAR] * 3, *[(VEHICLE, 12.0, 4.4, 0.5, 4.5, 1.8)] * 2))
+    cars = seen_agents(tokens(*[CAR] * 3, *[(VEHICLE, 15.7, 5.0, 0.5, 4.5, 1.8)] * 2))
     assert not overlaps(held_scene(cars, np.zeros(3), 0).agents.astype(np.float64)).any()
     np.testing.assert_allclose(cars.places[0], [12.0, 3.0], atol=1e-4)  # the surer one stays
-    assert 0.1 < np.hypot(*(cars.places[1] - [12.0, 4.4])) < 0.8
+    assert 0.1 < np.hypot(*(cars.places[1] - [15.7, 5.0])) < 0.8
 
 
 def test_of_two_boxes_in_one_place_the_surer_one_stays():
