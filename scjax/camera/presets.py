@@ -11,6 +11,7 @@ from scjax.camera.camera import Camera, pinhole
 from scjax.camera.rig import Rig
 
 _PACIFICA = np.array([5.176, 2.297, 1.777])  # m, the car of nuPlan
+_CAR = np.array([4.8, 2.1, 1.65])  # m, of usual size
 _REAR_AXLE = np.array([-1.461, 0.0, 0.35])  # m; the middle of its box is 1.461 m ahead of the axle
 _NUPLAN_LENS = np.array([-0.356123, 0.172545, -0.00213, 0.000464, -0.05231])
 _NUPLAN_A = (
@@ -47,7 +48,12 @@ def _waymo_front() -> Rig:
 
 def _dashcam() -> Rig:
     camera = pinhole("front", 1280, 704, focal_length=1030.0, position=(1.66, 0.0, 1.53), pitch=-1.5)
-    return Rig(name="dashcam", cameras=(camera,), origin=_REAR_AXLE, carrier_size=_PACIFICA)
+    return Rig(
+        name="dashcam",
+        cameras=(camera,),
+        origin=np.array([-1.46, 0.0, 0.0]),
+        carrier_size=_CAR,
+    )
 
 
 def _surround(name: str, size: tuple[int, int], views: dict[str, tuple[float, float, float, float, float]]) -> Rig:

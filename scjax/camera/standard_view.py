@@ -1,13 +1,14 @@
 """The standard view: what a level dashcam of known lens and height would have seen, from the picture of another camera.
 
-How far away a thing is cannot be read from a picture whose lens, height and pitch are not known: five percent more focal
-length bring everything five percent nearer. A network that reads standard views alone need not guess them. Lens, focal
-length and angles follow exactly. The height follows for the ground: rows are stretched about the horizon, so that each
-place of the ground is where the standard camera sees it; what stands on it is stretched, too.
+Distances cannot be read from a picture whose lens, height and pitch are not known: five percent more focal length bring
+everything five percent nearer. A network that reads standard views alone need not guess them. Lens, focal length and
+angles follow exactly. The height follows for the ground: rows are stretched about the horizon, so that each place of
+the ground is where the standard camera sees it; what stands on it is stretched, too.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 
 import numpy as np
@@ -17,7 +18,6 @@ from scjax.camera.camera import Camera, camera_rotation
 from scjax.camera.photo import BACKGROUND, Photo
 from scjax.camera.presets import preset_rig
 from scjax.camera.projection import pixel_rays, project_points
-from scjax.camera.rig import Rig
 
 STANDARD_SIZE = (224, 224)
 """Width and height of standard views [pixels]."""
@@ -32,11 +32,6 @@ _HEIGHTS = (0.5, 4.0)  # m; cameras lower or higher count as so high
 _MOST_SAMPLES = 8  # of a pixel, to each side
 
 
-def dashcam_rig() -> Rig:
-    """The preset of which standard views are made; pictures without a camera count as its own."""
-    return preset_rig("dashcam")
-
-
 def standard_camera(height: float = STANDARD_HEIGHT) -> Camera:
     """The camera of standard views, in the frame of the ego from the middle of its box on the ground.
 
@@ -44,7 +39,7 @@ def standard_camera(height: float = STANDARD_HEIGHT) -> Camera:
       height: at which it really is [m]; then rows are stretched about the horizon as if it were at
         ``STANDARD_HEIGHT``.
     """
-    dashcam = dashcam_rig().camera()
+    dashcam = preset_rig("dashcam").camera()
     squeezed = dashcam.resized(*STANDARD_SIZE)
     intrinsic = squeezed.intrinsic.copy()
     pitch = float(np.arcsin(dashcam.rotation[2, 2]))  # the level camera has the horizon in the same row
@@ -61,18 +56,10 @@ def standard_camera(height: float = STANDARD_HEIGHT) -> Camera:
 
 
 def assumed_camera(size: tuple[int, int]) -> Camera:
-    """The camera of a picture of ``size`` (height, width) of which none is known: the dashcam, squeezed to that shape."""
-    rig = dashcam_rig()
+    """The camera of a picture of ``size`` (height, width) without one: the dashcam, squeezed to that shape."""
+    rig = preset_rig("dashcam")
     camera = rig.camera().resized(size[1], size[0])
-    ground = rig.origin + camera.translation
-    return Camera(
-        name="assumed",
-        width=camera.width,
-        height=camera.height,
-        intrinsic=camera.intrinsic,
-        rotation=camera.rotation,
-        translation=np.array([ground[0], ground[1], STANDARD_HEIGHT]),
-    )
+    return dataclasses.replace(camera, translation=rig.origin + camera.translation)
 
 
 def standard_view(photo: Photo, camera: Camera | None = None) -> Photo:
@@ -108,7 +95,7 @@ def _pixels(pixels: UInt8[np.ndarray, "h w 3"], own: Camera, view: Camera) -> UI
 
 
 def _places(own: Camera, view: Camera, shift: np.ndarray) -> Float64[np.ndarray, "height width 2"]:
-    """Column and row in the picture of what the pixels of the view see, ``shift`` beside their middles; NaN: nothing."""
+    """Column and row in the picture of what pixels of the view see, ``shift`` beside their middles; NaN: nothing."""
     columns, rows = np.meshgrid(np.arange(view.width) + shift[0], np.arange(view.height) + shift[1])
     flat = pixel_rays(view, np.stack([columns, rows], -1))
     rays = np.concatenate([flat, np.ones((*flat.shape[:2], 1))], -1) @ (view.rotation.T @ own.rotation)

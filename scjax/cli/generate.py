@@ -154,7 +154,7 @@ def generate(
             check_reads_pictures(model)
 
     given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
-    given |= {} if picture is None else picture.fields
+    given |= {} if picture is None else picture.fields(model)
 
     def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
         with clock.part("scenes"):

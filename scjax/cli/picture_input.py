@@ -59,10 +59,12 @@ class PictureInput(NamedTuple):
         """For files."""
         return slug(Path(self.photo.name).stem)
 
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Fields of a condition."""
-        return {"image": self.photo, "depth": self.depth, "camera": self.rig}
+    def fields(self, model: Model) -> dict[str, Any]:
+        """Fields of a condition, for a model that may read no cameras."""
+        from scjax.encoders.dashcam_weights import takes_standard_views
+
+        reads_camera = takes_standard_views(model.image_encoder)
+        return {"image": self.photo, "depth": self.depth, "camera": self.rig if reads_camera else None}
 
     def write_view(self, scene: Scene, path: Path) -> None:
         """Writes the picture beside a scene."""

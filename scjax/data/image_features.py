@@ -77,14 +77,14 @@ def embed_images(
 ) -> EmbedReport:
     """Keeps features, and depth, of all pictures of a folder and its folders.
 
-    Pictures that cannot be read are left out and listed.
+    Pictures that cannot be read, or are of another shape than the camera's, are left out and listed.
 
     Args:
       camera: that took all pictures, in the frame of the ego: their standard views are encoded. None: they are encoded
         as they are.
 
     Raises:
-      ValueError: the camera takes pictures of another shape; no picture is there, none can be used, or another process uses ``out``.
+      ValueError: no picture is there, none can be used, or another process uses ``out``.
       OSError: a file cannot be written; names it.
     """
     folder, out = Path(folder), Path(out)

@@ -161,8 +161,9 @@ class Condition:
       depth: of the picture: [height, width] along the camera's axis, inf in the sky, NaN where it is not known; or a
         ``scjax.encoders.DepthProvider``. None: estimated, if the model has a network for it, else not known;
         ``scjax.encoders.NoDepth()``: not known.
-      camera: that took the picture: a ``scjax.camera.Camera`` in the frame of the ego, or a ``Rig`` of one. It becomes
-        the stream "camera", which few models read.
+      camera: that took the picture: a ``scjax.camera.Camera`` in the frame of the ego, its height above the ground, or
+        a ``Rig`` of one. The encoder of the package reads the standard view that follows from it
+        (``camera.standard_view``), by default from the preset "dashcam". For others it becomes the stream "camera".
       hold_seen: whether agents that the picture shows become known elements, for models whose encoder says where they
         are (``generate.seen_agents``), if ``known`` is not given.
       attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",

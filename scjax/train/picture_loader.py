@@ -163,9 +163,7 @@ def mirrored(pixels: np.ndarray, targets: CellTargets) -> tuple[np.ndarray, Cell
     return pixels[:, ::-1], CellTargets(targets.classes[:, ::-1], targets.depth[:, ::-1], objects, lanes)
 
 
-def cut_picture(
-    pixels: np.ndarray, targets: CellTargets, rng: np.random.Generator
-) -> tuple[np.ndarray, CellTargets]:
+def cut_picture(pixels: np.ndarray, targets: CellTargets, rng: np.random.Generator) -> tuple[np.ndarray, CellTargets]:
     """The picture with ``BACKGROUND`` around a part of it; cells whose middles are cut show no object and no lane."""
     cells = np.array(targets.depth.shape)
     extent = rng.uniform(_LEAST_SEEN, 1.0, 2)

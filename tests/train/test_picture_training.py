@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.camera.camera import pinhole
+from scjax.camera.photo import BACKGROUND, photo_from_array
+from scjax.camera.standard_view import STANDARD_SIZE, standard_view
 from scjax.data.build import load_manifest
 from scjax.data.image_features import embed_images
 from scjax.data.measurements import measure_records
@@ -23,10 +26,11 @@ from scjax.language.attributes.vector import feature_names
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
 from scjax.scene import Crop, validate
-from scjax.synthetic.pictures import CELLS, SIZE, read_rendered, render_records
+from scjax.synthetic.pictures import CELLS, read_rendered, render_records
 from scjax.train.configs import vision
 from scjax.train.loop import train
-from scjax.train.picture_loader import PictureLoader, PictureLoaderConfig, mirrored
+from scjax.train.picture_loader import PictureLoader, PictureLoaderConfig, cut_picture, mirrored
+from tests.factories.image_folders import picture
 from tests.factories.small_runs import get_config
 from tests.factories.worlds import tiny_model
 
@@ -62,7 +66,7 @@ def trained(folder):
 
 def test_rendered_pictures_have_targets_and_are_kept(folder):
     pixels, targets = read_rendered(folder / "pictures", "train", 0)
-    assert pixels.shape == (SIZE[1], SIZE[0], 3) and targets.depth.shape == CELLS
+    assert pixels.shape == (*STANDARD_SIZE[::-1], 3) and targets.depth.shape == CELLS
     assert (targets.lanes[..., -1] > 0).any() and (targets.depth > 1).all()
     assert render_records(folder / "records", folder / "pictures", progress=False) == 0
 
@@ -74,6 +78,16 @@ def test_mirror_twice_is_the_picture(folder):
     again = mirrored(*flipped)
     np.testing.assert_array_equal(again[0], pixels)
     chex.assert_trees_all_equal(again[1], targets)
+
+
+def test_cut_pictures_show_nothing_around_a_part(folder):
+    pixels, targets = read_rendered(folder / "pictures", "train", 1)
+    cut, left = cut_picture(pixels, targets, np.random.default_rng(4))
+    shown = (cut != BACKGROUND).any(-1)
+    assert 0.3 < shown.mean() < 1 and np.array_equal(cut[shown], pixels[shown])
+    cells = shown.reshape(28, 8, 28, 8).mean((1, 3))
+    assert not left.lanes[cells == 0].any() and not left.objects[cells == 0].any()
+    np.testing.assert_array_equal(left.lanes[cells == 1], targets.lanes[cells == 1])
 
 
 def test_loader_resumes_at_the_next_batch(folder):
@@ -131,6 +145,18 @@ def test_frozen_denoiser_samples_without_a_picture_as_before(denoiser_run):
     condition = Condition(attributes={"vehicles": 3}, num_lanes=5, num_agents=4)
     scenes = [scjax.sample(jax.random.key(0), condition, model=one, num_steps=2) for one in (base, model)]
     chex.assert_trees_all_equal(scenes[0].to_dict(), scenes[1].to_dict())
+
+
+def test_encoder_reads_the_standard_view_of_a_picture(denoiser_run):
+    """The camera decides what it gets; the model reads no stream of the camera itself."""
+    _, model, encoder = denoiser_run
+    camera = pinhole("one", 320, 180, field_of_view=90.0, pitch=-4.0)
+    photo = photo_from_array(picture(90, 160))
+    known, assumed = image_streams([Condition(image=photo, camera=camera), Condition(image=photo)], model, encoder)
+    for streams, view in ((known, standard_view(photo, camera)), (assumed, standard_view(photo))):
+        np.testing.assert_allclose(streams["image"].tokens, encoder([view])[0].tokens, atol=1e-4)
+        assert "camera" not in streams
+    assert np.abs(known["image"].tokens - assumed["image"].tokens).max() > 0.1
 
 
 def test_picture_decides_the_outline(denoiser_run, folder):

@@ -63,7 +63,7 @@ def get_config(variant: str = "small") -> ml_collections.ConfigDict:
     config.attributes = False
     # Model folder of a denoiser to start from, e.g. the unconditional base of a text model; "shipped": the package's.
     config.init_from = ""
-    config.freeze = False  # whether the parameters that it gives stay as they are
+    config.freeze = False  # whether what it gives stays as it is, but for what reads texts or pictures
     config.seed = 0
     config.sharding = "flat"  # vectors in equal shares over devices; or "fsdp": arrays by rules (nn/sharding.py)
     config.steps = steps

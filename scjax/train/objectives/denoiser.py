@@ -88,7 +88,7 @@ class DenoiserObjective:
       model: sizes of the network.
       loader: the training stream.
       texts, measurements, ahead, images: what batches carry besides scenes.
-      init_params: parameters to begin with; freeze: whether these are frozen.
+      init_params: parameters to begin with; freeze: whether these are frozen, but those of what reads the condition.
       options, penalties: of the loss.
       fit_options, seed: of the position heads.
     """
@@ -184,9 +184,12 @@ class DenoiserObjective:
 
     @functools.cached_property
     def frozen(self) -> frozenset[Path]:
-        """Position heads, and with ``config.freeze`` all parameters of the base model."""
-        frozen = frozenset(flatten(self.init_params)) if self.freeze else frozenset()
-        shapes = jax.eval_shape(self.network.init, jax.random.key(0))
+        """Position heads, and with ``config.freeze`` all of the base model but what reads texts or pictures."""
+        shapes, frozen = jax.eval_shape(self.network.init, jax.random.key(0)), frozenset()
+        if self.freeze:
+            unconditional = denoiser(dataclasses.replace(self.model, condition=None))
+            without = flatten(jax.eval_shape(unconditional.init, jax.random.key(0)))
+            frozen = frozenset(flatten(self.init_params)) & without.keys()
         return frozen | {path for path in flatten(shapes) if path[0] == _HEADS}
 
     @property
