@@ -33,8 +33,10 @@ from experiments.studies.image_control_page import Rows, page_text, save_example
 from experiments.studies.page import command_line, script_parser, write_page
 from experiments.studies.prompts import sample_in_calls
 from scjax.camera.photo import Photo, open_photo
+from scjax.camera.standard_view import standard_camera
 from scjax.data import records
 from scjax.data.loader import clip_counts
+from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.image_streams import image_streams, model_preprocessing
 from scjax.generate.picture_networks import default_image_encoder
@@ -164,10 +166,15 @@ def run_study(
 
 
 def picture_streams(model: scjax.Model, photos: Sequence[Photo]) -> list[Mapping[str, Stream]]:
-    """Streams of pictures as ``Condition(image=...)`` has them, computed once for all rows."""
+    """Streams of pictures as ``Condition(image=...)`` has them, computed once for all rows.
+
+    Pictures of ``scjax data dashcam`` are standard views.
+    """
+    camera = standard_camera() if takes_standard_views(model.image_encoder) else None
     streams: list[Mapping[str, Stream]] = []
     for start in tqdm(range(0, len(photos), _PER_CALL), "pictures", disable=None):
-        streams += image_streams([Condition(image=photo) for photo in photos[start : start + _PER_CALL]], model)
+        some = photos[start : start + _PER_CALL]
+        streams += image_streams([Condition(image=photo, camera=camera) for photo in some], model)
     return streams
 
 

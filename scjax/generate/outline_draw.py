@@ -15,7 +15,7 @@ from scjax.generate.conditions import Condition, Stream
 from scjax.language.attributes.contradictions import least_numbers
 from scjax.language.attributes.table import GROUPS
 from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import NO_KIND, agent_digits, digits_of, scene_kinds
+from scjax.models.denoiser.kinds import FAR, NO_KIND, agent_digits, digits_of, scene_kinds
 from scjax.scene import AgentType, Crop, Scene, pad
 from scjax.scene.per_type import PerType
 
@@ -139,7 +139,10 @@ def _draw_view(
 
 
 def _with_known(kinds: Kinds, known: Kinds, sizes: Sequence[int]) -> Kinds:
-    """The kinds of known agents, the ego first, and the others without the most similar one of each one's class."""
+    """The kinds of known agents, the ego first, and others: the most similar one of each one's class is left out.
+
+    So are those near on the ego's road: a picture would show them.
+    """
     rest = kinds[1:]
     for own in np.stack(digits_of(known[1:], sizes), 1)[..., None]:
         if not len(rest):
@@ -148,7 +151,8 @@ def _with_known(kinds: Kinds, known: Kinds, sizes: Sequence[int]) -> Kinds:
         same = np.where(others[0] == own[0], (others == own).sum(0), -1)
         if same.max() >= 0:
             rest = np.delete(rest, int(same.argmax()))
-    return np.concatenate([known, rest]).astype(kinds.dtype)
+    side, distance = digits_of(rest, sizes)[-2:]
+    return np.concatenate([known, rest[(side == 0) | (distance == FAR)]]).astype(kinds.dtype)
 
 
 def _draw_continuation(

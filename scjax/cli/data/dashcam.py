@@ -17,14 +17,14 @@ from scjax.cli.data.command import CONTINUE, DataCommand, workers_option
 @click.argument("out", metavar="PICTURES")
 @workers_option
 def data_dashcam(records: str, out: str, workers: int) -> int:
-    """Renders what a dashcam on the ego of each record sees, with light, weather, mount and lens of its own.
+    """Renders what a dashcam on the ego of each record sees, with light, weather and height of its own.
 
     \b
     scjax data synthetic runs/records --worlds 1000
     scjax data dashcam runs/records runs/pictures
 
-    PICTURES receives SPLIT-ROW.jpg for every record, 224 x 224 pixels of a picture of 16 : 9, and SPLIT-ROW.npz: depth,
-    classes, objects and lanes of its cells, from which the vision encoder learns.
+    PICTURES receives SPLIT-ROW.jpg for every record, a standard view of 224 x 224 pixels (docs/images.md), and
+    SPLIT-ROW.npz: depth, classes, objects and lanes of its cells, from which the vision network learns.
     """
     from scjax.synthetic.pictures import render_records
 

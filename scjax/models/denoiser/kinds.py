@@ -34,6 +34,9 @@ _BORDER = 2.0  # m from the window's border, where lanes are cut
 _LENGTHS = (10.0, 25.0)  # m
 _SPEEDS = (0.5, 4.0, 12.0)  # m/s
 _DISTANCES = (10.0, 20.0)  # m from the ego
+FAR = len(_DISTANCES)
+"""Last digit of agents that are far from the ego."""
+
 _ON_LANE = 1.4  # m from the middle of a lane
 _ALONG = 0.7  # cosine of the angle to a lane, above which an agent goes along it
 _NEAR = 3.0  # m between a box center and the points of its lane
