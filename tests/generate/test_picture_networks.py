@@ -18,7 +18,7 @@ from tests.factories.worlds import tiny_model
 
 PHOTO = picture()
 
-# Pictures are scaled to 518 pixels: attention between cells of 4 x 4 pixels takes 15 GB, of 28 x 28 nothing to speak of.
+# Pictures are scaled to 518 pixels: attention between cells of 4 x 4 pixels takes 15 GB, of 28 x 28 next to nothing.
 _COARSE_DEPTH = {
     **CONFIGS["depth_anything"],
     "backbone_config": {**CONFIGS["depth_anything"]["backbone_config"], "patch_size": 28, "image_size": 56},

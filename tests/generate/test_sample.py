@@ -40,7 +40,7 @@ def known():
 
 
 def sample(model, condition=None, num_scenes=1, seed=0, **options):
-    return scjax.sample(jax.random.key(seed), condition, model=model, num_scenes=num_scenes, num_steps=3, **options)
+    return scjax.sample(jax.random.key(seed), condition, model=model, num_scenes=num_scenes, num_steps=2, **options)
 
 
 def assert_known(scene, known):
