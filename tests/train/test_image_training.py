@@ -74,7 +74,9 @@ def test_train_on_images_resumes_bit_identical(folder, trained):
     shutil.copytree(folder / "two", folder / "one")  # as it was after its first step
     for later in ("checkpoints/step_2", "model"):
         shutil.rmtree(folder / "one" / later)
-    train(configured(folder), folder / "one")
+    config = configured(folder)
+    config.picture_every = 0  # what is reported may change
+    train(config, folder / "one")
     chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser.params, trained.denoiser.params)
 
 
