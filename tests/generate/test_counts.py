@@ -40,13 +40,13 @@ def seven_lanes():
 
 
 def test_counts_follow_the_prompt(seven_lanes):
-    scene = scjax.sample(jax.random.key(0), Condition(prompt="a road"), model=seven_lanes, num_steps=2)
+    scene = scjax.sample(jax.random.key(0), Condition(prompt="a road"), model=seven_lanes, num_steps=3)
     assert (scene.num_lanes, scene.num_agents) == (7, 3)
 
 
 def test_counts_of_the_condition_win(seven_lanes):
     condition = Condition(prompt="a road", num_agents=5)
-    scene = scjax.sample(jax.random.key(0), condition, model=seven_lanes, num_steps=2)
+    scene = scjax.sample(jax.random.key(0), condition, model=seven_lanes, num_steps=3)
     assert (scene.num_lanes, scene.num_agents) == (7, 5)
 
 

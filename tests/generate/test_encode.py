@@ -36,7 +36,7 @@ def image_model():
 
 
 def sample(model, conditions, seed=0, **options):
-    return scjax.sample(jax.random.key(seed), conditions, model=model, num_steps=2, **options)
+    return scjax.sample(jax.random.key(seed), conditions, model=model, num_steps=3, **options)
 
 
 def text_streams(text, negative=None):

@@ -29,6 +29,14 @@ COUNTS = {"num_lanes": 5, "num_agents": 3}
 PROGRAMS = [value for name, value in vars(compiled).items() if name.endswith("_program")]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_programs():
+    """Scenes have one of two sizes: most of the time of these tests is compiling."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 16), (61, 100)))
+        yield
+
+
 @pytest.fixture(scope="module")
 def model():
     return tiny_model()
@@ -187,7 +195,8 @@ def test_energy_guidance_lowers_the_energy(pointed_model, known):
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     strong = EnergyGuidance(gradient_steps=60, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
     plain, guided = (
-        sample(pointed_model, condition, num_scenes=2, num_steps=3, energy_guidance=option) for option in (False, strong)
+        sample(pointed_model, condition, num_scenes=2, num_steps=3, energy_guidance=option)
+        for option in (False, strong)
     )
     validate(guided)
     assert np.array_equal(guided.agents[0, :3], known.agents) and np.array_equal(guided.lanes[1, :4], known.lanes)
