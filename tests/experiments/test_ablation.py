@@ -17,14 +17,6 @@ from tests.factories.worlds import tiny_model
 ELSEWHERE = [(1, "text", "full"), (0, "image", "full")]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def programs_stay():
-    """Between runs an ablation drops its programs: to compile them again takes seconds here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jax.clear_caches", lambda: None)
-        yield
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, captioned_records):
     return save_inputs(tmp_path_factory.mktemp("ablation"), captioned_records)
