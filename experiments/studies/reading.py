@@ -98,6 +98,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_jax()
     try:
         lines = _read_lines(args.prompts)
+        for line in lines:
+            check_attributes(line.asks)  # before the encoder runs for minutes
         readings = load_reader(args.reader)([line.prompt for line in lines])
         answers = compare_readings([line.asks for line in lines], readings)
     except (ValueError, OSError) as error:

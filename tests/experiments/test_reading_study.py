@@ -52,11 +52,18 @@ def test_page_has_a_row_for_every_style(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line", ["{", '{"style": "terse", "prompt": "a"}', '{"style": "a", "prompt": "b", "asks": {"cars": 1}}']
+    ("line", "message"),
+    [
+        ("{", "line 1"),
+        ('{"style": "terse", "prompt": "a"}', "asks"),
+        ('{"style": "a", "prompt": "b", "asks": {"cars": 1}}', "cars"),
+    ],
 )
-def test_wrong_lines_end_the_command_with_one_line(line, tmp_path):
+def test_wrong_lines_end_the_command_with_one_line(line, message, tmp_path, monkeypatch):
+    """Before any prompt is read."""
+    monkeypatch.setattr(reading, "load_reader", None)
     path = tmp_path / "prompts.jsonl"
     path.write_text(line)
-    with pytest.raises(SystemExit, match=r"^experiments\.studies\.reading: .+"):
+    with pytest.raises(SystemExit, match=rf"^experiments\.studies\.reading: .*{message}"):
         reading.main([str(path), "--out", str(tmp_path / "page")])
     assert not (tmp_path / "page.md").exists()

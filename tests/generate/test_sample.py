@@ -29,6 +29,14 @@ COUNTS = {"num_lanes": 5, "num_agents": 3}
 PROGRAMS = [value for name, value in vars(compiled).items() if name.endswith("_program")]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_programs():
+    """Scenes have one of two sizes: most of the time of these tests is compiling."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 16), (61, 100)))
+        yield
+
+
 @pytest.fixture(scope="module")
 def model():
     return tiny_model()
@@ -39,8 +47,9 @@ def known():
     return unpadded(example_scene(2, agents=3, lanes=4))
 
 
-def sample(model, condition=None, num_scenes=1, seed=0, **options):
-    return scjax.sample(jax.random.key(seed), condition, model=model, num_scenes=num_scenes, num_steps=3, **options)
+def sample(model, condition=None, num_scenes=1, seed=0, num_steps=2, **options):
+    options |= {"num_scenes": num_scenes, "num_steps": num_steps}
+    return scjax.sample(jax.random.key(seed), condition, model=model, **options)
 
 
 def assert_known(scene, known):
@@ -186,7 +195,8 @@ def test_energy_guidance_lowers_the_energy(pointed_model, known):
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     strong = EnergyGuidance(gradient_steps=60, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
     plain, guided = (
-        sample(pointed_model, condition, num_scenes=2, energy_guidance=option) for option in (False, strong)
+        sample(pointed_model, condition, num_scenes=2, num_steps=3, energy_guidance=option)
+        for option in (False, strong)
     )
     validate(guided)
     assert np.array_equal(guided.agents[0, :3], known.agents) and np.array_equal(guided.lanes[1, :4], known.lanes)

@@ -136,8 +136,8 @@ def test_padding_changes_nothing():
     crowd = straight_road()
     for row in range(40):
         crowd.add_agent(-30.0 + row, 12.0)
-    wide = _env([_road(), crowd.scene()], behavior=RouteFollower())
-    narrow = _env(_road(), behavior=RouteFollower())
+    wide = _env([_road(), crowd.scene()])
+    narrow = _env(_road())
     results = [env.reset(seed=1, options={"source": 0})[0] for env in (wide, narrow)]
     for _ in range(10):
         _assert_close(*results)

@@ -20,7 +20,7 @@ SIZES = {"agents": (4, 2), "lanes": (10, 5)}  # latent numbers and points
 
 @functools.cache
 def _batch(seed):
-    """Twelve scenes; both fits read the same 80 batches."""
+    """Twelve scenes; both fits read the same 40 batches."""
     crops = list(Crop)
     scenes = [unpadded(example_scene(seed + k, crop=crops[k % 3]).to_numpy()) for k in range(12)]
     return batch_of([TrainingExample(scene=scene) for scene in scenes], (6, 8))
@@ -51,7 +51,7 @@ def _fit_error(spoilt=0.0):
         }
         return PerType(**{kind: value.astype(np.float32) for kind, value in noise.items()})
 
-    batches, options = (_batch(12 * k) for k in itertools.count()), FitOptions(batches=80, steps=1000)
+    batches, options = (_batch(12 * k) for k in itertools.count()), FitOptions(batches=40, steps=400)
     heads = fit_position_heads(batches, latents_of, jax.random.key(0), options)
     unseen, errors = _batch(10_000).scene, {}
     latents, targets = latents_of(unseen, 0.0), position_targets(unseen)

@@ -51,16 +51,6 @@ def undisturbed(records, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def undisturbed_denoiser(undisturbed, records, tmp_path_factory):
-    """Folder of a denoiser run from start to end."""
-    folder = tmp_path_factory.mktemp("undisturbed_denoiser")
-    config = get_config("denoiser")
-    config.records, config.autoencoder = str(records), str(undisturbed / "model")
-    train(config, folder)
-    return folder
-
-
 def counts_config(folder: Path):
     config = get_config("counts")
     config.records, config.denoiser = str(folder / "records"), str(folder / "text")
@@ -79,9 +69,9 @@ def undisturbed_counts(captioned_records, tmp_path_factory):
     return folder / "run"
 
 
-def start(workdir, records, *flags, objective="autoencoder", limit=None) -> subprocess.Popen:
+def start(workdir, records, *flags, limit=None) -> subprocess.Popen:
     """``python -m experiments.train`` of the smallest stage in a process of its own."""
-    config = f"tests/factories/small_runs.py:{objective}"
+    config = "tests/factories/small_runs.py:counts"
     command = [sys.executable, "-m", "experiments.train", f"--config={config}", f"--workdir={workdir}"]
     if limit:  # no file may grow beyond so many KiB
         command = ["bash", "-c", f'ulimit -f {limit}; exec "$@"', "-", *command]
@@ -134,19 +124,18 @@ def test_train_writes_metrics_pictures_and_a_model(undisturbed):
     assert scjax.load(undisturbed / "model").autoencoder.params
 
 
-def test_train_resumes_bit_identical_after_sigkill(undisturbed, undisturbed_denoiser, records, tmp_path, capsys):
-    process = start(tmp_path, records, f"--config.autoencoder={undisturbed}/model", objective="denoiser")
+def test_train_resumes_bit_identical_after_sigkill(undisturbed_counts, tmp_path, capsys):
+    config = counts_config(undisturbed_counts.parent)
+    process = start(tmp_path, config.records, f"--config.denoiser={config.denoiser}")
     wait_for(tmp_path / "checkpoints" / "step_3", process)
     process.send_signal(signal.SIGKILL)
     process.communicate()
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 9, "scope": "train"}\n{"ste')  # case 21: as of a kill long after the checkpoint
-    config = get_config("denoiser")
-    config.records, config.autoencoder = str(records), str(undisturbed / "model")
     train(config, tmp_path)
     assert "continuing" in capsys.readouterr().err
     assert reported(tmp_path) == [3, 6, 9]
-    assert weights(tmp_path) == weights(undisturbed_denoiser)
+    assert weights(tmp_path) == weights(undisturbed_counts)
 
 
 def test_train_continues_after_a_full_disk_and_sigterm(undisturbed_counts, tmp_path, capsys):
@@ -154,7 +143,7 @@ def test_train_continues_after_a_full_disk_and_sigterm(undisturbed_counts, tmp_p
     for later in ("checkpoints/step_9", "model"):
         shutil.rmtree(tmp_path / later)
     config = counts_config(undisturbed_counts.parent)
-    full = start(tmp_path, config.records, f"--config.denoiser={config.denoiser}", objective="counts", limit=8)
+    full = start(tmp_path, config.records, f"--config.denoiser={config.denoiser}", limit=8)
     text = full.communicate()[0]
     assert full.returncode == 1, text
     *reports, last = text.splitlines()  # threads of orbax print nothing
@@ -171,16 +160,17 @@ def test_train_continues_after_a_full_disk_and_sigterm(undisturbed_counts, tmp_p
     assert weights(tmp_path) == weights(undisturbed_counts)
 
 
-def test_train_stops_at_a_loss_that_is_not_finite(undisturbed, records, tmp_path, monkeypatch):
-    monkeypatch.setattr("scjax.generate.model_checks.MAX_PARAMETER", float("inf"))  # else no such model is saved
-    config = get_config("autoencoder")
-    model = scjax.load(undisturbed / "model")
-    coder = model.autoencoder
-    vast = jax.tree.map(lambda leaf: 1e30 * leaf, coder.params)
-    config.records, config.init_from = str(records), str(tmp_path / "vast")
-    scjax.save(model.with_component("autoencoder", coder.config, vast), config.init_from)
-    with pytest.raises(FloatingPointError, match=r"loss of step \d+ is not finite.*(last good|no) checkpoint"):
-        train(config, tmp_path / "run")
+def test_train_stops_at_a_loss_that_is_not_finite(undisturbed_counts, tmp_path, monkeypatch):
+    loss = CountObjective.loss
+
+    def infinite(self, params, batch, keys):
+        total, terms = loss(self, params, batch, keys)
+        return total + jnp.inf, terms
+
+    monkeypatch.setattr(CountObjective, "loss", infinite)
+    with pytest.raises(FloatingPointError, match=r"loss of step \d+ is not finite; no checkpoint is before it"):
+        train(counts_config(undisturbed_counts.parent), tmp_path)
+    assert not list((tmp_path / "checkpoints").glob("step_*"))
 
 
 def test_train_saves_nothing_of_an_update_that_is_not_finite(undisturbed_counts, tmp_path, monkeypatch):
@@ -325,17 +315,18 @@ def test_config_path_keeps_the_variant():
     assert config_path("denoiser:small").endswith("scjax/train/configs/denoiser.py:small")
 
 
-def test_sample_command_writes_scenes_of_a_trained_denoiser(undisturbed_denoiser, tmp_path):
-    model = undisturbed_denoiser / "model"
+def test_sample_command_writes_scenes(tmp_path):
+    model = scjax.save(tiny_model(), tmp_path / "model")
     sample.main([f"--model={model}", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
     scenes = load_npz(tmp_path / "samples" / "scenes.npz")
     assert scenes.batch_shape == (2,)
     assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
 
 
-def test_sample_command_rejects_an_unknown_domain(undisturbed_denoiser, tmp_path):
+def test_sample_command_rejects_an_unknown_domain(tmp_path):
+    scjax.save(tiny_model(), tmp_path / "model")
     with pytest.raises(SystemExit, match="unknown"):
-        sample.main([f"--model={undisturbed_denoiser / 'model'}", f"--out={tmp_path}/x", "--domain", "mars"])
+        sample.main([f"--model={tmp_path / 'model'}", f"--out={tmp_path}/x", "--domain", "mars"])
 
 
 def test_train_exports_models_of_chosen_steps(undisturbed):
