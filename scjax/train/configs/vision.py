@@ -4,9 +4,9 @@
     scjax data dashcam runs/records runs/pictures
     scjax train --config=vision:small --workdir=runs/vision --config.pictures=runs/pictures
 
-Expected of 4,500 steps on 15,662 pictures that begin with a trained network, 38 minutes on two cores beside other work: of
-held-back pictures 95 % of the cells have the right class, and 93 % of the cells of objects up to 40 m are found, their
-places 1.1 m off (means of medians of batches).
+Expected of 4,500 steps on 15,662 pictures that begin with a trained network, 38 minutes on two cores beside other work:
+of held-back pictures 95 % of the cells have the right class, and 93 % of the cells of objects up to 40 m are found,
+their places 1.1 m off (means of medians of batches).
 """
 
 from __future__ import annotations
