@@ -56,7 +56,7 @@ def test_agents_of_new_tiles_join(result, source):
 
 
 def test_bodies_that_reach_into_a_lane_are_in_the_way():
-    cars = [agent(20.0, 0.0), agent(60.0, 3.0, 90.0), agent(100.0, 5.0), agent(140.0, 0.2, 80.0)]
+    cars = [agent(20.0, 0.0), agent(60.0, 2.4, 90.0), agent(100.0, 5.0), agent(140.0, 0.2, 80.0)]
     kinds = [AgentType.VEHICLE, AgentType.VEHICLE, AgentType.VEHICLE, AgentType.STATIC]
     start = prepare(with_agents([road(200.0)], cars, kinds), 0, np.random.default_rng(0))
     assert bodies_in_the_way(start) == {"a1", "a3"}

@@ -17,16 +17,19 @@ FREE = np.inf
 @pytest.fixture(scope="module")
 def gaps():
     """Gaps that right of way leaves to vehicle 0, from the west, and 1, from the south; both stand."""
-    compiled = jax.jit(yield_leader)
+
+    @jax.jit
+    def gap(network, agents, places, room, waiting):
+        routes = RouteFollower().start(jax.random.key(0), network, agents, places).routes
+        return yield_leader(network, routes, agents, room, waiting).gap
 
     def of(west: float, south: float, room=(FREE, FREE), waiting=(0.0, 0.0)):
         source = crossing([agent(west, 0.0), agent(100.0, south, 90.0)])
         start = prepare(source, 0, np.random.default_rng(0))
-        routes = RouteFollower().start(jax.random.key(0), start.network, start.agents, start.places).routes
         padded = [np.zeros(len(start.agents.x), np.float32) for _ in range(2)]
         for values, some in zip(padded, (room, waiting), strict=True):
             values[:2] = some
-        return np.asarray(compiled(start.network, routes, start.agents, *padded).gap)[:2]
+        return np.asarray(gap(start.network, start.agents, start.places, *padded))[:2]
 
     return of
 
