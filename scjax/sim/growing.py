@@ -31,6 +31,7 @@ SEGMENT = 20  # steps between two looks at what is left of the way
 LOOK_AHEAD = 110.0  # m of the way that must be there
 AROUND = 160.0  # m from the driven agent, within which traffic moves
 _SHAPE = (128, 16384, 1024, 2048)  # as ``Start.shape``, of nearly all moments, so that the loop compiles once
+_SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
 _ROOM = 1.25  # m to the side of a centerline, of a car that passes
 
@@ -103,6 +104,7 @@ class GrowingDrive:
         self._grow()
         start = self.start
         signals = padded_signals([start], steps, self.clock)[0]
+        signals = np.pad(signals, ((0, 0), (0, max(_SIGNALS - signals.shape[1], 0))))
         self.state, self.policy_state, after, terms = drive_segment(
             jax.random.fold_in(self.key, self.number),
             start.network,
