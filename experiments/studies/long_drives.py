@@ -153,6 +153,7 @@ def page(rows: Sequence[dict[str, Any]], meters: float, command: str) -> str:
             f"{row['meters']:.0f}",
             f"{row['seconds']:.0f}",
             f"{100 * row['stands']:.0f}",
+            str(row["draws"]),
             f"{row['complete']} of {row['tiles']}",
             *(str(row[name]) for name in ("collisions", "off_road", "runs_red")),
             f"{row['others']['vehicle_collision']:.1f}",
@@ -161,8 +162,8 @@ def page(rows: Sequence[dict[str, Any]], meters: float, command: str) -> str:
         for row in rows
     ]
     head = [
-        "seed", "m", "s", "stands %", "complete tiles", "collisions", "steps off the road", "red lights",
-        "vehicles that collide %", "core s",
+        "seed", "m", "s", "stands %", "scenes drawn", "complete tiles", "collisions", "steps off the road",
+        "red lights", "vehicles that collide %", "core s",
     ]  # fmt: skip
     return "\n".join(
         [
@@ -171,7 +172,7 @@ def page(rows: Sequence[dict[str, Any]], meters: float, command: str) -> str:
             f"`{command}`",
             "",
             f"{len(far)} of {len(rows)} drives are {meters:.0f} m long; {len(clean)} of these are without a collision,"
-            " a step off the road and a red light passed.",
+            f" a step off the road and a red light passed. The ego stands {_mean(rows, 'stands'):.0f} % of the time.",
             "",
             *table_lines(head, table),
             "",
@@ -181,8 +182,21 @@ def page(rows: Sequence[dict[str, Any]], meters: float, command: str) -> str:
     )
 
 
-_NOTES = """Collisions, steps and lights are those of the driven ego. Core seconds are of all that a drive takes:
-sampling the scene, tiles, and traffic, and compiling what no drive before it had compiled."""
+def _mean(rows: Sequence[dict[str, Any]], name: str) -> float:
+    """Mean of a share, weighted by the time of each drive [%]."""
+    seconds = sum(row["seconds"] for row in rows)
+    return 100 * sum(row[name] * row["seconds"] for row in rows) / max(seconds, 1e-9)
+
+
+_NOTES = """Collisions, steps and lights are those of the driven ego; the vehicles that collide are all others. The ego
+stands below 0.5 m/s. A drive begins with the first scene of its seed from which a road leads the ego out.
+
+The map is not the same from the start to the end: a tile beyond which no road goes on is drawn again, and tiles farther
+than 60 m from the ego may be taken back, with who is on them. Vehicles and obstacles of new tiles that block a lane are
+left out, nobody enters at the border, and who is farther than 160 m from the ego is gone.
+
+Core seconds are of all that a drive takes: sampling the scene, tiles, and traffic, and compiling what no drive before
+it had compiled."""
 
 
 if __name__ == "__main__":
