@@ -84,7 +84,8 @@ def is_duplicate(
 ) -> Bool[np.ndarray, " others"]:
     """Whether a lane runs along each of ``others``: within 1 m and 20 degrees for 70 % of the shorter one."""
     result = np.zeros(len(others), bool)
-    for row, other in enumerate(others):
+    for row in np.flatnonzero(_bounds_meet(points, others)).tolist():
+        other = others[row]
         one, two = sorted((points, other), key=lambda line: cumulative_length(line)[-1])
         low, high = two[:, :2].min(0) - 1.0, two[:, :2].max(0) + 1.0
         inside = ((one[:, :2] > low) & (one[:, :2] < high)).all(-1)
@@ -99,6 +100,18 @@ def is_duplicate(
         beside = ((column > 0) & (column < len(points_two) - 1)) | (np.abs(ahead) < _PAST_END)
         result[row] = (beside & (near.min(1) < 1.0) & (turn < np.deg2rad(20.0))).mean() > 0.7
     return result
+
+
+def _bounds_meet(
+    points: Float64[np.ndarray, "points 3"], others: Sequence[Float64[np.ndarray, "_ 3"]]
+) -> Bool[np.ndarray, " others"]:
+    """Whether the rectangles around lines come within 1 m of that around ``points``."""
+    if not len(others):
+        return np.zeros(0, bool)
+    every = np.concatenate([other[:, :2] for other in others])
+    starts = np.cumsum([0, *(len(other) for other in others)])[:-1]
+    low, high = np.minimum.reduceat(every, starts), np.maximum.reduceat(every, starts)
+    return ((points[:, :2].min(0) < high + 1.0) & (points[:, :2].max(0) > low - 1.0)).all(-1)
 
 
 def _headings(points: np.ndarray) -> np.ndarray:

@@ -104,7 +104,10 @@ def _are_new(
     covered = coverage.contains(lanes[..., :2].reshape(-1, 2), _DEEP).reshape(lanes.shape[:2]).mean(-1)
     others = [lane.points for lane in near_map(map, pose.x, pose.y, HALF * 1.5).lanes]
     long_enough = np.array([cumulative_length(lane)[-1] >= _SHORTEST for lane in lanes])
-    return (covered < _COVERED) & long_enough & np.array([not is_duplicate(lane, others).any() for lane in lanes])
+    kept = (covered < _COVERED) & long_enough
+    for row in np.flatnonzero(kept):
+        kept[row] = not is_duplicate(lanes[row], others).any()
+    return kept
 
 
 def _inner_edges(links: Int[np.ndarray, "lanes lanes"]) -> list[tuple[int, int]]:

@@ -41,9 +41,10 @@ def drive(
     The driven agent moves as a kinematic bicycle (accelerations to 6 m/s^2, curvatures to 0.3 1/m). An action that is
     not finite brakes it.
 
-    With ``grow`` a scene or map grows by tiles whenever less than 90 m of the way are left. Agents of new tiles join
-    the traffic, without vehicles that stand in the way; agents farther than 200 m are gone, and nobody enters at the
-    border. The driven agent follows the route of the map, and the loop ends
+    With ``grow`` a scene or map grows by tiles whenever less than 110 m of the way are left. A tile beyond which no
+    road goes on is drawn again; where that does not help, tiles farther than 60 m from the driven agent are taken back.
+    Agents of new tiles join the traffic, without vehicles and obstacles that stand in the way. Agents farther than
+    160 m are gone, and nobody enters at the border. The driven agent follows the route of the map, and the loop ends
     early where no road goes on.
 
     Args:

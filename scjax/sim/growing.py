@@ -14,25 +14,26 @@ from jaxtyping import Array, Int
 
 from scjax.data.map_joins import connect_lanes
 from scjax.generate.conditions import Condition
-from scjax.outpainting.exits import choose_exit, find_exits
-from scjax.outpainting.extend import extend_map
-from scjax.outpainting.route_search import MAX_TRIES
 from scjax.scene import AgentType, Map, Scene, map_to_log, scene_to_map
+from scjax.sim.agents import LanePlaces
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
 from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
+from scjax.sim.map_growth import MapGrowth, in_front_half
 from scjax.sim.policies import Policy
-from scjax.sim.preparation import Start, prepare
+from scjax.sim.preparation import Start, pad_start, prepare
 from scjax.sim.road_network import NONE
 from scjax.sim.route_follower import RouteFollower
 from scjax.sim.simulate import TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
 SEGMENT = 20  # steps between two looks at what is left of the way
-LOOK_AHEAD = 90.0  # m of the way that must be there
-AROUND = 200.0  # m from the driven agent, within which traffic moves
+LOOK_AHEAD = 110.0  # m of the way that must be there
+AROUND = 160.0  # m from the driven agent, within which traffic moves
+_SHAPE = (128, 16384, 1024, 2048)  # as ``Start.shape``, of nearly all moments, so that the loop compiles once
+_SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
-_IN_THE_WAY = 2.5  # m from a centerline
+_ROOM = 1.25  # m to the side of a centerline, of a car that passes
 
 
 class GrowingDrive:
@@ -59,22 +60,32 @@ class GrowingDrive:
         **outpainting: Any,
     ):
         world = scene_to_map(source) if isinstance(source, Scene) else source
-        self.tile_key, self.key = jax.random.split(key)
-        self.world, self.condition = connect_lanes(world), condition
-        self.way, self.outpainting = outpainting.pop("route", "straight"), outpainting
-        self.world_grows, self.tries, self.goal = True, collections.Counter[str](), ""
+        tile_key, self.key = jax.random.split(key)
+        self.world_grows = True
         if isinstance(behavior, RouteFollower):  # nobody enters at the border: new tiles bring traffic of their own
             behavior = dataclasses.replace(behavior, entry_delay=None)
         self.policy, self.policy_state, self.behavior = policy, policy_state, behavior
         self.clock, self.number, self.has_ended = 0.0, 0, False
-        self.start = prepare(self.world, 0, self._rng())
+        first = connect_lanes(world)
+        self.start = prepare(first, 0, self._rng())
         self.row = actor_row(self.start, actor)
         self.actor = self.start.log.object_ids[self.row]
-        self.yaw = float(self.start.agents.heading[self.row])
+        way, yaw = outpainting.pop("route", "straight"), float(self.start.agents.heading[self.row])
+        self.growth = MapGrowth(tile_key, first, condition, way=way, yaw=yaw, rng=self._rng(), **outpainting)
         self.track = TrackLog(self.start)
         self.terms: list[dict[str, np.ndarray]] = []
         self.seen = set(self.world.agent_ids)
         self._begin(self.start)
+
+    @property
+    def world(self) -> Map:
+        """The map as it is now."""
+        return self.growth.map
+
+    @property
+    def progress(self) -> float:
+        """Distance driven so far [m]."""
+        return sum(float(one["progress"].sum()) for one in self.terms)
 
     def segments(self, steps: int) -> Iterator[None]:
         """Drives on for ``steps`` steps, or until the agent has left the map; pauses every two seconds."""
@@ -93,6 +104,7 @@ class GrowingDrive:
         self._grow()
         start = self.start
         signals = padded_signals([start], steps, self.clock)[0]
+        signals = np.pad(signals, ((0, 0), (0, max(_SIGNALS - signals.shape[1], 0))))
         self.state, self.policy_state, after, terms = drive_segment(
             jax.random.fold_in(self.key, self.number),
             start.network,
@@ -113,40 +125,38 @@ class GrowingDrive:
     def _grow(self) -> None:
         """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on."""
         while self._way_left() < LOOK_AHEAD and self.world_grows:
-            first = self.start.lane_ids[int(np.asarray(self.state.route.lanes)[0, 0])][-1]
-            exits = [one for one in find_exits(self.world, first) if self.tries[one.lane_ids[-1]] < MAX_TRIES]
-            chosen = choose_exit(exits, self._rng(), yaw=self.yaw, way=self.way)
-            if chosen is None:
-                self.world_grows = False
+            first = self._lane_ids()[-1]
+            place = np.array([self.state.agents.x[self.row], self.state.agents.y[self.row]]) + self.start.origin[:2]
+            self.world_grows = self.growth.extend(first, place)
+            if not self.world_grows:
                 return
-            key = jax.random.fold_in(self.tile_key, len(self.world.tiles))
-            pose, number = chosen.pose, self.world.num_lanes
-            world = extend_map(key, self.world, self.condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self.outpainting)
-            if world.num_lanes == number or not world.lane_by_id[chosen.lane_ids[-1]].successors:
-                self.tries[chosen.lane_ids[-1]] += 1
-            else:
-                self.yaw, self.goal = pose.yaw, chosen.lane_ids[-1]
-            self.world = world
-            traffic = self._with_traffic(world)
+            traffic = self._with_traffic(self.world)
             start = self._prepare(traffic)
-            if blocking := vehicles_in_the_way(start) - self.seen:
+            if blocking := bodies_in_the_way(start) - self.seen:
                 start = self._prepare(_without_agents(traffic, blocking))
             self._begin(start)
-            self.seen |= set(world.agent_ids)
+            self.seen |= set(self.world.agent_ids)
 
     def _begin(self, start: Start) -> None:
         """Starts from a moment on a new network."""
-        self.start, self.number = start, self.number + 1
-        self.row = start.log.object_ids.index(self.actor)
+        start = pad_start(start, tuple(max(sizes) for sizes in zip(start.shape, _SHAPE, strict=True)))
+        row, number = start.log.object_ids.index(self.actor), self.number + 1
+        if number > 1:
+            start = dataclasses.replace(start, places=_on_lanes(start, row, self._lane_ids()))
+        self.start, self.number, self.row = start, number, row
         self.state = start_state(
             jax.random.fold_in(self.key, self.number),
             start.network,
             start.agents,
             start.places,
             jnp.int32(self.row),
-            lanes=_route_rows(start, self.row, self.goal),
+            lanes=_route_rows(start, self.row, self.growth.goal),
             behavior=self.behavior,
         )
+
+    def _lane_ids(self) -> tuple[str, ...]:
+        """Lanes of the map that the driven agent is on."""
+        return self.start.lane_ids[int(np.asarray(self.state.route.lanes)[0, 0])]
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng(key_seed(self.key))
@@ -178,6 +188,8 @@ class GrowingDrive:
         types = np.concatenate([types, world.agent_types[fresh]])
         ego = states[ids.index(self.actor), :2]
         near = np.hypot(*(states[:, :2] - ego).T) < AROUND
+        for tile in self.growth.gone:  # who was on it is gone with it, out of sight of the ego
+            near &= ~in_front_half(states[:, :2], tile) | np.isin(ids, [world.agent_ids[row] for row in fresh])
         lanes = tuple(lane for lane in world.lanes if np.hypot(*(lane.points[:, :2] - ego).T).min() < AROUND)
         names = {lane.id for lane in lanes}
         lit = [row for row, lane_id in enumerate(world.signal_lane_ids) if lane_id in names]
@@ -197,15 +209,24 @@ class GrowingDrive:
         )
 
 
-def vehicles_in_the_way(start: Start) -> set[str]:
-    """Ids of vehicles that stand on a lane and follow none, or run against it: queues behind them would not end."""
+def bodies_in_the_way(start: Start) -> set[str]:
+    """Ids of vehicles and obstacles that follow no lane and leave a car no room on one: queues would not end."""
     from scipy.spatial import KDTree
 
-    log = start.log
-    places = np.stack([start.agents.x, start.agents.y], -1)[: log.num_objects]
-    near = KDTree(start.lanes.points[:, :2]).query(places)[0] < _IN_THE_WAY
-    blocks = near & (start.places.lane[: log.num_objects] == NONE) & (log.object_types == AgentType.VEHICLE)
-    return {log.object_ids[row] for row in np.flatnonzero(blocks)}
+    log, count, network = start.log, start.log.num_objects, start.network
+    points = np.unique(np.stack([network.x, network.y], -1), axis=0)  # lanes that swerve where there is room
+    follows_none = start.places.lane[:count] == NONE
+    stands = follows_none & (log.object_types != AgentType.PEDESTRIAN)
+    tree, names = KDTree(points), set[str]()
+    for row in np.flatnonzero(stands):
+        center, heading = np.array([start.agents.x[row], start.agents.y[row]]), float(start.agents.heading[row])
+        half = log.sizes[row, :2] / 2 + _ROOM
+        offset = points[tree.query_ball_point(center, float(np.hypot(*half)))] - center
+        cos, sin = np.cos(heading), np.sin(heading)
+        beside = np.abs(offset @ np.array([[cos, -sin], [sin, cos]])) < half
+        if beside.all(1).any():
+            names.add(log.object_ids[row])
+    return names
 
 
 def _without_agents(map: Map, names: set[str]) -> Map:
@@ -216,6 +237,22 @@ def _without_agents(map: Map, names: set[str]) -> Map:
         agents=map.agents[keep],
         agent_types=map.agent_types[keep],
     )
+
+
+def _on_lanes(start: Start, row: int, names: tuple[str, ...]) -> LanePlaces:
+    """The places with the agent on the nearest of the lanes of these names, whatever lane is nearer to it."""
+    lanes, places = start.lanes, start.places
+    rows = [lane for lane, ids in enumerate(start.lane_ids) if not set(ids).isdisjoint(names)]
+    points = np.flatnonzero(np.isin(lanes.lane, rows))
+    if not len(points):
+        return places
+    offset = np.array([start.agents.x[row], start.agents.y[row]]) - lanes.points[points, :2]
+    point = points[np.hypot(*offset.T).argmin()]
+    fields = {"lane": lanes.lane[point], "along": lanes.along[point], "is_parked": False}
+    changed = {name: np.array(getattr(places, name)) for name in fields}
+    for name, value in fields.items():
+        changed[name][row] = value
+    return places.replace(**changed)
 
 
 def _route_rows(start: Start, row: int, goal: str) -> Int[np.ndarray, " R"]:

@@ -13,7 +13,9 @@ from scjax.sim.bicycle import Action
 from scjax.sim.driver import NORMAL, DriverSettings, idm_acceleration
 from scjax.sim.observation import FAR, ROUTE_DISTANCES, Observation
 
-_SIDE_GAP = 0.4  # m beside bodies on the way
+_SIDE_GAP, _STANDING_SIDE_GAP = 0.3, 0.0  # m beside bodies on the way that move, and that stand
+_END_GAP = 0.3  # m around them
+_FINE, _SPACING = 3, 1.0  # points of the way for each that is seen, and m between them
 _LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.8, 4.0  # s and m ahead of the center to which the vehicle steers
 _PREDICTED = (0.0, 1.0, 2.0)  # s, at which others must not be on the way
 
@@ -64,26 +66,28 @@ def _pursuit(observation: Observation) -> Float[AnyArray, ""]:
 def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float[AnyArray, ""]]:
     """Gap [m] to the first body that is on the route or will be, and its speed along the route [m/s]."""
     x, y, cos, sin, speed, length, width = observation.agents.T[:, None]  # [1, agents], beside points of the route
-    route = observation.route
-    step = jnp.diff(route[:, :2], axis=0)
+    ahead = jnp.linspace(0.0, ROUTE_DISTANCES[-1], _FINE * (len(ROUTE_DISTANCES) - 1) + 1)
+    route = jnp.stack([jnp.interp(ahead, ROUTE_DISTANCES, column) for column in observation.route[:, :2].T], -1)
+    is_way = ahead < jnp.where(observation.route_mask, jnp.asarray(ROUTE_DISTANCES), -1.0).max() + 0.1
+    step = jnp.diff(route, axis=0)
     step = jnp.concatenate([step, step[-1:]])
     tangent = step / jnp.maximum(jnp.linalg.norm(step, axis=-1, keepdims=True), 1e-3)
-    room = 0.5 * observation.size[1] + _SIDE_GAP
-    ahead = jnp.asarray(ROUTE_DISTANCES)
+    room = 0.5 * observation.size[1] + jnp.where(speed > 0.3, _SIDE_GAP, _STANDING_SIDE_GAP)
     gap, lead = jnp.full_like(observation.speed, jnp.inf), jnp.zeros_like(observation.speed)
     for seconds in _PREDICTED:
         # Where somebody will be counts only for those who cross the route.
         d_x = route[:, None, 0] - (x + seconds * speed * cos)
         d_y = route[:, None, 1] - (y + seconds * speed * sin)
-        along = jnp.abs(d_x * cos + d_y * sin) - 0.5 * length - 1.6
-        across = jnp.abs(d_y * cos - d_x * sin) - 0.5 * width - room
         parallel = tangent[:, :1] * cos + tangent[:, 1:] * sin
-        counts = observation.agent_mask[None] & observation.route_mask[:, None] & (x > 0.0)
+        across = jnp.sqrt(jnp.maximum(1.0 - parallel * parallel, 0.0))
+        ahead_gap = jnp.abs(d_x * cos + d_y * sin) - 0.5 * length - room * across
+        side_gap = jnp.abs(d_y * cos - d_x * sin) - 0.5 * width - room * jnp.abs(parallel)
+        counts = observation.agent_mask[None] & is_way[:, None] & (x > 0.0)
         counts = counts & ((seconds == 0.0) | (jnp.abs(parallel) < 0.8))
-        hit = jnp.where((along < 0) & (across < 0) & counts, ahead[:, None], jnp.inf)
+        hit = jnp.where((jnp.maximum(ahead_gap, side_gap) < _END_GAP) & counts, ahead[:, None], jnp.inf)
         first = hit.min(0)
         row = jnp.argmin(first)
-        its_gap = jnp.maximum(first[row] - 0.5 * observation.size[0] - 1.5, 0.1)
+        its_gap = jnp.maximum(first[row] - 0.5 * observation.size[0] - _SPACING + _END_GAP, 0.1)
         its_speed = jnp.maximum(speed[0, row] * parallel[jnp.argmin(hit[:, row]), row], 0.0)
         nearer = its_gap < gap
         gap, lead = jnp.where(nearer, its_gap, gap), jnp.where(nearer, its_speed, lead)

@@ -41,6 +41,7 @@ _RETURN_LENGTH = 12.0  # m over which the way ahead returns to the centerline
 _HEADING_LENGTH = 5.0  # m over which a heading off the lane fades out
 _SIGNAL_BRAKING = 3.0  # m/s^2; who would have to brake harder drives on at amber
 _COMFORT = 1.5  # m/s^2 before bends
+_STANDS = 0.5  # m/s
 _ON_ROAD = 1.8  # m from a centerline, where pedestrians do not stand for long
 
 
@@ -53,6 +54,7 @@ class FollowerState(Replaceable):
       factor: desired speed relative to that of the road.
       ground: height of the box center above the lane [m].
       since_change: time since the last change of lanes [s].
+      waiting: time since the agent moved [s].
       is_parked: never moves.
       pace: of pedestrians where nothing is in the way [m/s].
       ignore: pairs that overlap since the start and do not block each other.
@@ -62,6 +64,7 @@ class FollowerState(Replaceable):
     factor: Float[AnyArray, " N"]
     ground: Float[AnyArray, " N"]
     since_change: Float[AnyArray, " N"]
+    waiting: Float[AnyArray, " N"]
     is_parked: Bool[AnyArray, " N"]
     pace: Float[AnyArray, " N"]
     ignore: Bool[AnyArray, "N N"]
@@ -108,6 +111,7 @@ class RouteFollower:
             factor=factor,
             ground=ground,
             since_change=jnp.full(num, 10.0),
+            waiting=jnp.zeros(num),
             is_parked=places.is_parked,
             pace=usual_pace(agents, _distance_to_lanes(network, agents) < _ON_ROAD),
             ignore=_touching(agents),
@@ -149,11 +153,12 @@ class RouteFollower:
             x=jnp.where(walks, walked.x, jnp.where(follows, x, straight_x)),
             y=jnp.where(walks, walked.y, jnp.where(follows, y, straight_y)),
             z=jnp.where(follows, ground + state.ground, agents.z),
-            heading=jnp.where(follows, heading, agents.heading),
+            heading=jnp.where(walks, walked.heading, jnp.where(follows, heading, agents.heading)),
             speed=jnp.where(walks, walked.speed, speed),
         )
         moved = _keep(agents, moved, state.is_parked | ~agents.valid)
-        state = state.replace(routes=routes, since_change=state.since_change + dt)
+        waiting = jnp.where(agents.speed < _STANDS, state.waiting + dt, 0.0)
+        state = state.replace(routes=routes, since_change=state.since_change + dt, waiting=waiting)
         if self.lane_changes is not None:
             state = apply_lane_changes(change_key, network, state, moved, leaders[0], self.driver, self.lane_changes)
         moved = moved.replace(valid=moved.valid & ~has_left(network, state.routes, moved))
@@ -182,10 +187,11 @@ class RouteFollower:
         stops = ends & ~network.is_exit[routes.last_lane]
         end = Leader(jnp.where(stops, jnp.maximum(rest - front - 0.5, 0.1), jnp.inf), jnp.zeros_like(rest))
         leaders = [lane_leader(network, routes, agents), body, end]
-        if self.driver.yields:
-            leaders.append(yield_leader(network, routes, agents))
         if self.driver.stops_at_red:
             leaders.append(_red_signal(network, routes, agents, signals, front))
+        if self.driver.yields:
+            room = jnp.stack([jnp.where(one.speed < _STANDS, one.gap, jnp.inf) for one in leaders]).min(0)
+            leaders.append(yield_leader(network, routes, agents, room, state.waiting))
         return leaders
 
     def _limits(self, state: FollowerState, agents: Agents, way: WayPoints) -> Float[AnyArray, " N"]:

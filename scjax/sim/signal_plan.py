@@ -12,6 +12,7 @@ from scjax.scene import Signal
 GREEN, AMBER, ALL_RED = 10.0, 3.0, 1.0  # s
 _JUNCTION_SIZE = 40.0  # m between signals of one junction, from one to the next
 _SAME_AXIS = np.deg2rad(30.0)  # approaches of one axis, both directions, share their green
+_MAX_AXES = 3  # phases of a junction; more would keep drivers waiting for minutes
 _FIRST_CHANGES = (2.0, GREEN)  # s, between which the phase of time 0 ends
 
 
@@ -46,7 +47,8 @@ def plan_signals(
     """Phases of all signals, which show ``states`` at time 0 wherever these do not contradict each other.
 
     The signals of a junction take turns by axis: approaches that run the same way or against each other have green
-    together, unless only one of them has it at time 0. The axis that shows GO or CAUTION at time 0 comes first.
+    together, unless only one of them has it at time 0. The axis that shows GO or CAUTION at time 0 comes first. Where
+    more than three axes meet, an approach joins the most similar of these.
 
     Args:
       positions, headings: stop points [m] and directions of travel there [rad].
@@ -94,6 +96,8 @@ def _axes(headings: np.ndarray, states: np.ndarray) -> np.ndarray:
     for row in order.tolist():
         apart = [abs((headings[row] - headings[one] + np.pi / 2) % np.pi - np.pi / 2) for one in firsts]
         near = [k for k, one in enumerate(firsts) if apart[k] < _SAME_AXIS and lit[row] == lit[one]]
+        if not near and len(firsts) == _MAX_AXES:
+            near = [k for k, one in enumerate(firsts) if lit[row] == lit[one]] or list(range(_MAX_AXES))
         if near:
             axes[row] = min(near, key=lambda k: apart[k])
         else:

@@ -1,5 +1,7 @@
 """Pedestrians: they keep their speed and heading, stop before vehicles that come, and walk around what stands.
 
+Who cannot walk around it turns back.
+
 Jitted, one scene.
 """
 
@@ -9,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from scjax.scene import AgentType
+from scjax.scene.geometry import wrap_angle
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
 
@@ -40,14 +43,20 @@ def walk(agents: Agents, pace: Float[AnyArray, " N"], dt: float) -> Agents:
     """
     blocked, side = _ahead(agents, agents.heading)
     heading = agents.heading
-    for turn in (-_AWAY, _AWAY, jnp.pi):  # away from the body, toward it, back
+    for turn in (-_AWAY, _AWAY):  # away from the body, toward it
         other = agents.heading + side * turn
         heading = jnp.where(blocked, other, heading)
         blocked = blocked & _ahead(agents, other)[0]
-    moves = ~blocked & ~_is_threatened(agents)
+    back = agents.heading + jnp.pi
+    turns = blocked & ~_ahead(agents, back)[0]
+    moves = (~blocked | turns) & ~_is_threatened(agents)
     speed = jnp.where(moves, pace, 0.0)
+    heading = jnp.where(turns, back, heading)
     return agents.replace(
-        x=agents.x + speed * dt * jnp.cos(heading), y=agents.y + speed * dt * jnp.sin(heading), speed=speed
+        x=agents.x + speed * dt * jnp.cos(heading),
+        y=agents.y + speed * dt * jnp.sin(heading),
+        heading=jnp.where(turns & moves, wrap_angle(back), agents.heading),
+        speed=speed,
     )
 
 

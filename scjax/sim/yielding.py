@@ -22,6 +22,8 @@ HORIZON = 60.0  # m ahead in which conflicts count
 _STOP_BEFORE = 1.0  # m before the conflict
 _HARD_BRAKING = 4.0  # m/s^2 that drivers still accept in order to give way
 _MARGIN = 1.0  # s between two vehicles
+_STANDS = 0.5  # m/s
+_PATIENCE = 6.0  # s, after which the right of way of a vehicle that stands rises by one rank
 _START_ACCELERATION = 1.5  # m/s^2 of vehicles that set off
 _FAR = 1e6
 _UNIT = 2.0**-12  # m, of distances that are packed with a vehicle
@@ -41,8 +43,23 @@ class Claims(NamedTuple):
     speed: Float[AnyArray, " C"]
 
 
-def yield_leader(network: RoadNetwork, routes: Routes, agents: Agents) -> Leader:
-    """What agents that give way have to stop for or follow, as a leader."""
+def yield_leader(
+    network: RoadNetwork,
+    routes: Routes,
+    agents: Agents,
+    room: Float[AnyArray, " N"],
+    waiting: Float[AnyArray, " N"],
+) -> Leader:
+    """What agents that give way have to stop for or follow, as a leader.
+
+    Three rules dissolve deadlocks. Nobody gives way to a vehicle that something else holds up before the conflict. Of
+    two that stand, the right of way of each rises with the time it has waited. After 6 s nobody waits any longer for a
+    vehicle that stands inside; its body alone counts.
+
+    Args:
+      room: gap of each agent to what stands ahead of it or holds it up, such as a red signal [m].
+      waiting: how long each agent has stood [s].
+    """
     num = agents.x.shape[0]
     mine = _claims(network, routes, agents)
     yours = Claims(*(value[network.conflict_other] for value in mine))
@@ -57,10 +74,13 @@ def yield_leader(network: RoadNetwork, routes: Routes, agents: Agents) -> Leader
     leave = _time(mine.distance + size + length, speed)
     your_leave = _time(yours.distance + your_size + your_length, your_speed)
     meet = (your_arrival < leave + _MARGIN) & (arrival < your_leave + _MARGIN)
-    score = _score(mine.distance, speed, network.conflict_rank, arrival)
+    both_stand = (speed < _STANDS) & (your_speed < _STANDS)
+    patience = jnp.where(both_stand, jnp.floor(waiting[me] / _PATIENCE), 0.0)
+    score = _score(mine.distance, speed, network.conflict_rank + patience, arrival)
     your_score = score[network.conflict_other]
     you_first = (your_score > score) | ((your_score == score) & (you < me))
-    gives_way = (yours.vehicle >= 0) & (me != you) & you_first & meet
+    is_held = (room[you] < yours.distance) & (your_speed < _STANDS)
+    gives_way = (yours.vehicle >= 0) & (me != you) & you_first & meet & ~is_held
 
     stop = jnp.maximum(mine.distance - _STOP_BEFORE, 0.1)
     # Where lanes merge, vehicles follow the other one as if it were ahead. To stop before the conflict is enough.
@@ -69,7 +89,8 @@ def yield_leader(network: RoadNetwork, routes: Routes, agents: Agents) -> Leader
     follow_speed = jnp.where(follow > stop, jnp.where(yours.is_occupied, yours.speed, your_speed), 0.0)
     gap = jnp.where(merges, jnp.maximum(follow, stop), stop)
     lead_speed = jnp.where(merges, follow_speed, 0.0)
-    counts = (mine.vehicle >= 0) & (gives_way | yours.is_occupied)
+    is_occupied = yours.is_occupied & ~((yours.speed < _STANDS) & (speed < _STANDS) & (waiting[me] > _PATIENCE))
+    counts = (mine.vehicle >= 0) & (gives_way | is_occupied)
 
     target = jnp.where(counts, me, num)
     nearest = jnp.full(num + 1, _FAR).at[target].min(gap)
@@ -123,7 +144,7 @@ def _time(distance: Float[AnyArray, "*shape"], speed: Float[AnyArray, "*shape"])
 def _score(
     distance: Float[AnyArray, " C"],
     speed: Float[AnyArray, " C"],
-    rank: Int[AnyArray, " C"],
+    rank: Float[AnyArray, " C"],
     arrival: Float[AnyArray, " C"],
 ) -> Float[AnyArray, " C"]:
     """Order of two vehicles at a conflict: the higher one goes first."""

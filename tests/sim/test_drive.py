@@ -46,6 +46,22 @@ def test_the_default_policy_follows_the_road_and_keeps_its_distance():
     assert result.progress == pytest.approx(travelled, rel=0.02) and travelled > 60.0
 
 
+def test_the_default_policy_passes_a_vehicle_parked_beside_its_lane():
+    source = with_agents([road(200.0)], [agent(20.0, 0.0, speed=8.0), agent(80.0, 1.9)])
+    result = drive(0, source, seconds=15.0)
+    assert result.progress > 80.0 and not result.terms["collides"].any()
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0])
+def test_the_default_policy_stops_behind_what_stands(degrees):
+    source = with_agents(
+        [road(200.0)], [agent(20.0, 0.0, speed=10.0), agent(80.0, 0.0, degrees)], [0, AgentType.STATIC]
+    )
+    log = drive(0, source, seconds=15.0).log
+    front, rear = log.positions[0, -1, 0] + 2.25, 80.0 - (2.25 if degrees == 0.0 else 1.0)
+    assert 0.8 < rear - front < 3.5 and np.hypot(*log.velocities[0, -1]) < 0.2
+
+
 def test_the_default_policy_stops_at_red():
     result = drive(0, signaled_road(Signal.STOP, [agent(20.0, 0.0, speed=10.0)]), seconds=SECONDS)
     assert not result.terms["runs_red"].any()

@@ -7,10 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from scjax.scene import validate_log, validate_map
+from scjax.scene import AgentType, validate_log, validate_map
 from scjax.sim.drive import drive
+from scjax.sim.growing import bodies_in_the_way
+from scjax.sim.preparation import prepare
 from tests.factories.maps import two_tile_map
-from tests.factories.road_maps import agent
+from tests.factories.road_maps import agent, road, with_agents
 
 FEW = {"candidates": 2, "retries": 0, "num_steps": 4}
 
@@ -51,3 +53,10 @@ def test_nobody_jumps_when_a_tile_is_added(result):
 def test_agents_of_new_tiles_join(result, source):
     new = set(result.map.agent_ids) - set(source.agent_ids)
     assert new <= set(result.log.object_ids)
+
+
+def test_bodies_that_reach_into_a_lane_are_in_the_way():
+    cars = [agent(20.0, 0.0), agent(60.0, 2.4, 90.0), agent(100.0, 5.0), agent(140.0, 0.2, 80.0)]
+    kinds = [AgentType.VEHICLE, AgentType.VEHICLE, AgentType.VEHICLE, AgentType.STATIC]
+    start = prepare(with_agents([road(200.0)], cars, kinds), 0, np.random.default_rng(0))
+    assert bodies_in_the_way(start) == {"a1", "a3"}
