@@ -125,26 +125,34 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
 
 
 def _save_beside(model: Model, out: Path) -> bool:
-    """Keeps the files of weights in ``out`` if the model has all their arrays, and writes the others in one more.
+    """Keeps the files of weights in ``out`` of which the model has all arrays, and writes the others in one more.
 
-    So a network that was trained on a frozen one adds its own weights alone. False, and nothing is written, if an
-    array differs.
+    So a network that was trained on a frozen one changes its own weights alone. False, and nothing is written, if no
+    file can stay.
     """
     if not (out / INDEX).is_file():
         return False
     files = json.loads((out / INDEX).read_text())["files"]
-    kept = read_arrays(out, files)
+    stored = {name: read_arrays(out, {name: digest}) for name, digest in files.items()}
     with tempfile.TemporaryDirectory() as folder:
         scjax.save(model, folder, dtype="float16")
         index = json.loads((Path(folder) / INDEX).read_text())
         arrays = safetensors.numpy.load_file(Path(folder) / "weights.safetensors")
-    if not all(
-        name in arrays and np.array_equal(value, arrays[name].astype(value.dtype)) for name, value in kept.items()
-    ):
+    kept = [
+        name
+        for name, own in stored.items()
+        if all(key in arrays and np.array_equal(value, arrays[key].astype(value.dtype)) for key, value in own.items())
+    ]
+    if not kept:
         return False
-    name = f"weights-{len(files) + 1}.safetensors"
-    (out / name).write_bytes(safetensors.numpy.save({key: arrays[key] for key in arrays if key not in kept}))
-    index["files"] = {**files, name: sha256_of(out / name)}
+    others = {key: value for key, value in arrays.items() if not any(key in stored[name] for name in kept)}
+    name = next(f"weights-{k}.safetensors" for k in range(1, len(files) + 2) if f"weights-{k}.safetensors" not in kept)
+    for old in files.keys() - set(kept):
+        (out / old).unlink()
+    index["files"] = {one: files[one] for one in kept}
+    if others:
+        (out / name).write_bytes(safetensors.numpy.save(others))
+        index["files"][name] = sha256_of(out / name)
     index["checked"] = index_hash(index)
     (out / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False))
     return True
