@@ -189,7 +189,7 @@ class DenoiserObjective:
         if self.freeze:
             unconditional = denoiser(dataclasses.replace(self.model, condition=None))
             without = flatten(jax.eval_shape(unconditional.init, jax.random.key(0)))
-            frozen = frozenset(flatten(self.init_params)) & without.keys()
+            frozen = frozenset(flatten(self.init_params)).intersection(without)
         return frozen | {path for path in flatten(shapes) if path[0] == _HEADS}
 
     @property
