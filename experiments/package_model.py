@@ -147,14 +147,14 @@ def _save_beside(model: Model, out: Path) -> bool:
         return False
     others = {key: value for key, value in arrays.items() if not any(key in stored[name] for name in kept)}
     name = next(f"weights-{k}.safetensors" for k in range(1, len(files) + 2) if f"weights-{k}.safetensors" not in kept)
-    for old in files.keys() - set(kept):
-        (out / old).unlink()
     index["files"] = {one: files[one] for one in kept}
     if others:
         (out / name).write_bytes(safetensors.numpy.save(others))
         index["files"][name] = sha256_of(out / name)
     index["checked"] = index_hash(index)
     (out / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False))
+    for old in files.keys() - index["files"].keys():
+        (out / old).unlink()
     return True
 
 

@@ -171,7 +171,7 @@ def page(rows: Sequence[dict[str, Any]], meters: float, command: str) -> str:
             "",
             f"`{command}`",
             "",
-            f"{len(far)} of {len(rows)} drives are {meters:.0f} m long; {len(clean)} of these are without a collision,"
+            f"{len(far)} of {len(rows)} drives are {meters:.0f} m long. {len(clean)} of these are without a collision,"
             f" a step off the road and a red light passed. The ego stands {_mean(rows, 'stands'):.0f} % of the time.",
             "",
             *table_lines(head, table),
@@ -191,9 +191,9 @@ def _mean(rows: Sequence[dict[str, Any]], name: str) -> float:
 _NOTES = """Collisions, steps and lights are those of the driven ego; the vehicles that collide are all others. The ego
 stands below 0.5 m/s. A drive begins with the first scene of its seed from which a road leads the ego out.
 
-The map is not the same from the start to the end: a tile beyond which no road goes on is drawn again, and tiles farther
+The map is not the same from the start to the end. A tile beyond which no road goes on is drawn again. Tiles farther
 than 60 m from the ego may be taken back, with who is on them. Vehicles and obstacles of new tiles that block a lane are
-left out, nobody enters at the border, and who is farther than 160 m from the ego is gone.
+left out. Nobody enters at the border, and who is farther than 160 m from the ego is gone.
 
 Core seconds are of all that a drive takes: sampling the scene, tiles, and traffic, and compiling what no drive before
 it had compiled."""

@@ -56,7 +56,7 @@ def standard_camera(height: float = STANDARD_HEIGHT) -> Camera:
 
 
 def assumed_camera(size: tuple[int, int]) -> Camera:
-    """The camera of a picture of ``size`` (height, width) without one: the dashcam, squeezed to that shape."""
+    """The camera that counts as the one of a picture of ``size`` (height, width): the dashcam, squeezed to it."""
     rig = preset_rig("dashcam")
     camera = rig.camera().resized(size[1], size[0])
     return dataclasses.replace(camera, translation=rig.origin + camera.translation)
@@ -74,12 +74,9 @@ def standard_view(photo: Photo, camera: Camera | None = None) -> Photo:
     height, width = photo.size
     own = camera if (camera.width, camera.height) == (width, height) else camera.resized(width, height)
     view = standard_camera(float(own.translation[2]))
-    parts = [photo.content.encode(), *(np.ascontiguousarray(part).tobytes() for part in _numbers(own))]
+    numbers = own.intrinsic, own.rotation, own.translation, own.distortion
+    parts = [photo.content.encode(), *(np.ascontiguousarray(part).tobytes() for part in numbers)]
     return Photo(photo.name, hashlib.sha256(b"".join(parts)).hexdigest(), lambda: _pixels(photo.pixels, own, view))
-
-
-def _numbers(camera: Camera) -> tuple[np.ndarray, ...]:
-    return camera.intrinsic, camera.rotation, camera.translation, camera.distortion
 
 
 def _pixels(pixels: UInt8[np.ndarray, "h w 3"], own: Camera, view: Camera) -> UInt8[np.ndarray, "height width 3"]:

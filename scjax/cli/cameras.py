@@ -36,8 +36,11 @@ def camera_ahead(camera: str) -> Camera:
     from scjax.generate.camera_stream import picture_camera
 
     rig = read_camera_option(camera).rig
-    only = rig.camera()
-    return picture_camera(rig, (only.height, only.width))
+    try:
+        only = rig.camera()
+        return picture_camera(rig, (only.height, only.width))
+    except ValueError as error:
+        raise ValueError(f"--camera {camera}: {error}") from error
 
 
 def rig_of_photo(calibration: CameraCalibration, rig: Rig, photo: str, option: str) -> Rig:

@@ -15,15 +15,13 @@ def overlaps(agents: Float[np.ndarray, "agents 9"]) -> Bool[np.ndarray, "agents 
     Separating axis theorem: two convex shapes are disjoint exactly if a normal of one of their edges separates them.
     """
     depths, _ = _depths(np.asarray(agents, np.float64))
-    depth = depths.min(-1)
-    overlap = np.minimum(depth, depth.T) > TOUCH
-    np.fill_diagonal(overlap, False)
-    return overlap
+    return _are_deep(depths.min(-1))
 
 
 def separations(agents: Float[np.ndarray, "agents 9"]) -> Float64[np.ndarray, "agents agents 2"]:
     """Shortest shift of box j after which it only touches box i [m]; zero where they do not overlap."""
-    depths, axes = _depths(np.asarray(agents, np.float64))
+    agents = np.asarray(agents, np.float64)
+    depths, axes = _depths(agents)
     own = depths.argmin(-1)[..., None]
     depth = np.take_along_axis(depths, own, -1)
     offset = agents[None, :, :2] - agents[:, None, :2]
@@ -31,7 +29,14 @@ def separations(agents: Float[np.ndarray, "agents 9"]) -> Float64[np.ndarray, "a
     shift = depth * along * np.where((offset * along).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     of_other = depth > depth.swapaxes(0, 1)  # an edge of box j separates them at less
     shift = np.where(of_other, -shift.swapaxes(0, 1), shift)
-    return np.where(overlaps(agents)[..., None], shift, 0.0)
+    return np.where(_are_deep(depth[..., 0])[..., None], shift, 0.0)
+
+
+def _are_deep(depth: np.ndarray) -> np.ndarray:
+    """Pairs that overlap, by the least depth of each box in the other [agents, agents]."""
+    overlap = np.minimum(depth, depth.T) > TOUCH
+    np.fill_diagonal(overlap, False)
+    return overlap
 
 
 def _depths(agents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

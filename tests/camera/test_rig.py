@@ -28,7 +28,7 @@ def test_presets_survive_their_files(name, tmp_path):
 
 
 def test_mount_is_behind_the_windscreen_of_its_own_car():
-    """The rear axle is 1.461 m behind the middle of the box, and the camera 1.66 m ahead of the axle."""
+    """The rear axle is 1.46 m behind the middle of the box, and the camera 1.66 m ahead of the axle."""
     poses = mounted_poses(DASHCAM, DASHCAM.camera(), np.zeros((1, 3)), np.zeros(1), DASHCAM.carrier_size)
     np.testing.assert_allclose(poses.translations[0], [0.2, 0.0, 1.53], atol=1e-12)
 

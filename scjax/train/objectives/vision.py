@@ -33,7 +33,7 @@ _VALIDATION_BATCHES = 16
 _OBJECT_SCALES = (1 / PLACE_SCALE, 1 / PLACE_SCALE, 1.0, 1.0, 0.1, 0.1)
 _LANE_SCALES = (1 / PLACE_SCALE, 1 / PLACE_SCALE, 1.0, 1.0, 0.25)
 _NEAR = 30.0  # m; errors of what is farther away count less, in proportion
-_SAME = 0.05  # m within which two cells show the same object
+_SAME = 0.05  # m within which two cells show the same object or point of a lane
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,7 +169,7 @@ def _found(outputs: Array, targets: Array, scales: tuple[float, ...]) -> tuple[A
 
 
 def _cells_of_same(targets: Array) -> Array:
-    """How many cells of a picture show the object that a cell shows."""
+    """How many cells of a picture show the object, or point of a lane, that a cell shows."""
     places = targets[..., :2].reshape(len(targets), -1, 2)
     there = targets[..., -1].reshape(len(targets), 1, -1)
     same = (jnp.abs(places[:, :, None] - places[:, None]) < _SAME).all(-1) & (there > 0)
