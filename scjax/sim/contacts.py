@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
+from scjax.sim.directions import directions
 
 REPEATS = (1, 3, 5)
 """How often motions are repeated before the bodies are compared."""
@@ -57,10 +58,9 @@ def _touch(
     """Whether bodies at poses overlap those of their neighbors: no edge of one of them lies between the two."""
     x, y, heading = own
     d_x, d_y = others[0][near] - x[:, None], others[1][near] - y[:, None]
-    cos, sin = jnp.cos(heading)[:, None], jnp.sin(heading)[:, None]
-    angle = others[2][near] - heading[:, None]
-    c, s = jnp.abs(jnp.cos(angle)), jnp.abs(jnp.sin(angle))
-    o_cos, o_sin = jnp.cos(others[2])[near], jnp.sin(others[2])[near]
+    cos, sin = (part[:, None] for part in directions(heading))
+    o_cos, o_sin = (part[near] for part in directions(others[2]))
+    c, s = jnp.abs(o_cos * cos + o_sin * sin), jnp.abs(o_sin * cos - o_cos * sin)  # of the angle between both
     a, b = (0.5 * agents.length + _MARGIN)[:, None], (0.5 * agents.width + _MARGIN)[:, None]
     e, f = 0.5 * agents.length[near], 0.5 * agents.width[near]
     along = jnp.abs(d_x * cos + d_y * sin) < a + e * c + f * s

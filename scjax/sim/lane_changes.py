@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scjax.scene import AgentType
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
+from scjax.sim.directions import directions
 from scjax.sim.driver import DriverSettings, idm_acceleration
 from scjax.sim.leaders import FRONT, Leader
 from scjax.sim.road_network import NONE, RoadNetwork
@@ -142,7 +143,7 @@ def _has_room(network: RoadNetwork, fresh: Routes, agents: Agents) -> Bool[AnyAr
     """Whether no body is at the place on the new lane."""
     x, y, _, heading = poses(network, fresh.replace(lateral=jnp.zeros_like(fresh.along)), agents.length, agents.speed)
     d_x, d_y = agents.x[None] - x[:, None], agents.y[None] - y[:, None]
-    cos, sin = jnp.cos(heading)[:, None], jnp.sin(heading)[:, None]
+    cos, sin = (part[:, None] for part in directions(heading))
     along, across = jnp.abs(d_x * cos + d_y * sin), jnp.abs(d_y * cos - d_x * sin)
     reach = 0.5 * (agents.length[:, None] + agents.length[None]) + _BODY_ROOM
     near = (along < reach) & (across < 0.5 * (agents.width[:, None] + agents.width[None]) + 0.3)

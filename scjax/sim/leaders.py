@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from scjax.scene import AgentType
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
+from scjax.sim.directions import directions
 from scjax.sim.road_network import RoadNetwork
 from scjax.sim.routes import AXLE_SHARE, Routes, WayPoints, lane_starts
 
@@ -47,7 +48,7 @@ def body_ahead(
       front: from the origin of the way's distances to the front bumper [m].
       ignore: pairs (agent, body) that do not count.
     """
-    cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
+    cos, sin = directions(agents.heading)
     walks = (agents.kind == AgentType.PEDESTRIAN) & (agents.speed > 0.3)
     ahead = jnp.where(walks, _WALK_AHEAD * agents.speed, 0.0)
     center_x, center_y = agents.x + 0.5 * ahead * cos, agents.y + 0.5 * ahead * sin

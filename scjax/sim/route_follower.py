@@ -13,6 +13,7 @@ from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents, LanePlaces
 from scjax.sim.border import enter_map, has_left
+from scjax.sim.directions import directions
 from scjax.sim.driver import NORMAL, DriverSettings, idm_acceleration
 from scjax.sim.lane_changes import LaneChanges, apply_lane_changes
 from scjax.sim.leaders import FRONT, WINDOW, Leader, body_ahead, lane_leader, way_tangents
@@ -213,7 +214,7 @@ def _distance_to_lanes(network: RoadNetwork, agents: Agents) -> Float[AnyArray, 
 def _touching(agents: Agents) -> Bool[AnyArray, "N N"]:
     """Pairs of which the center of one lies in the box of the other, widened by half the width of the first."""
     d_x, d_y = agents.x[:, None] - agents.x[None], agents.y[:, None] - agents.y[None]
-    cos, sin = jnp.cos(agents.heading), jnp.sin(agents.heading)
+    cos, sin = directions(agents.heading)
     ahead, side = d_x * cos[None] + d_y * sin[None], d_y * cos[None] - d_x * sin[None]
     reach = 0.5 * agents.width[:, None]
     inside = (jnp.abs(ahead) < 0.5 * agents.length[None] + reach) & (jnp.abs(side) < 0.5 * agents.width[None] + reach)
@@ -232,9 +233,10 @@ def _straight_on(way: WayPoints, agents: Agents, has_route: Bool[AnyArray, " N"]
     front = FRONT * agents.length[:, None]
     ahead = 0.5 * agents.length[:, None] + jnp.asarray(WINDOW)[None]
     keep = has_route[:, None]
+    cos, sin = directions(agents.heading)
     return WayPoints(
-        x=jnp.where(keep, way.x, agents.x[:, None] + ahead * jnp.cos(agents.heading)[:, None]),
-        y=jnp.where(keep, way.y, agents.y[:, None] + ahead * jnp.sin(agents.heading)[:, None]),
+        x=jnp.where(keep, way.x, agents.x[:, None] + ahead * cos[:, None]),
+        y=jnp.where(keep, way.y, agents.y[:, None] + ahead * sin[:, None]),
         z=way.z,
         limit=jnp.where(keep, way.limit, jnp.inf),
         distance=jnp.where(keep, way.distance, front + jnp.asarray(WINDOW)[None]),

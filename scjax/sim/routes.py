@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from scjax.scene.geometry import wrap_angle
@@ -63,9 +64,14 @@ class WayPoints(NamedTuple):
 
 
 def lane_starts(network: RoadNetwork, routes: Routes) -> Float[AnyArray, "N R1"]:
-    """Distance of the start of each lane of the route from the start of the first, and of the end of the last [m]."""
+    """Distance of the start of each lane of the route from the start of the first, and of the end of the last [m].
+
+    A matrix product adds up the lengths: XLA would fuse ``cumsum`` into loops over pairs (``scjax.sim.directions``).
+    """
     lengths = jnp.where(routes.lanes >= 0, network.length[routes.lanes], 0.0)
-    return jnp.concatenate([jnp.zeros_like(lengths[:, :1]), jnp.cumsum(lengths, axis=1)], axis=1)
+    count = lengths.shape[1]
+    before = np.triu(np.ones((count, count + 1), np.float32), 1)
+    return jnp.matmul(lengths, before, precision=jax.lax.Precision.HIGHEST)
 
 
 def extend_routes(key: Array, network: RoadNetwork, routes: Routes) -> Routes:

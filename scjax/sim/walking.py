@@ -7,6 +7,7 @@ Jitted, one scene.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
@@ -14,6 +15,7 @@ from scjax.scene import AgentType
 from scjax.scene.geometry import wrap_angle
 from scjax.scene.scene import AnyArray
 from scjax.sim.agents import Agents
+from scjax.sim.directions import directions
 
 _MAX_SPEED = 2.0  # m/s; faster ones are errors of the source
 _USUAL_SPEED, _SLOW = 1.3, 0.8  # m/s, of those who leave the road, and at least of all who walk
@@ -42,13 +44,11 @@ def walk(agents: Agents, pace: Float[AnyArray, " N"], dt: float) -> Agents:
       pace: speed where nothing is in the way [m/s].
     """
     blocked, side = _ahead(agents, agents.heading)
-    heading = agents.heading
-    for turn in (-_AWAY, _AWAY):  # away from the body, toward it
-        other = agents.heading + side * turn
-        heading = jnp.where(blocked, other, heading)
-        blocked = blocked & _ahead(agents, other)[0]
-    back = agents.heading + jnp.pi
-    turns = blocked & ~_ahead(agents, back)[0]
+    away, toward, back = (agents.heading + turn for turn in (-_AWAY * side, _AWAY * side, jnp.pi))
+    is_free = ~jax.vmap(lambda heading: _ahead(agents, heading)[0])(jnp.stack([away, toward, back]))
+    heading = jnp.where(blocked, jnp.where(is_free[0], away, toward), agents.heading)
+    blocked = blocked & ~is_free[0] & ~is_free[1]
+    turns = blocked & is_free[2]
     moves = (~blocked | turns) & ~_is_threatened(agents)
     speed = jnp.where(moves, pace, 0.0)
     heading = jnp.where(turns, back, heading)
@@ -68,27 +68,27 @@ def _others(agents: Agents) -> Bool[AnyArray, "N N"]:
 
 def _ahead(agents: Agents, heading: Float[AnyArray, " N"]) -> tuple[Bool[AnyArray, " N"], Float[AnyArray, " N"]]:
     """Whether a body is a step ahead of each agent, and on which side most of these are: 1 left, -1 right."""
-    x, y = agents.x + _LOOK_AHEAD * jnp.cos(heading), agents.y + _LOOK_AHEAD * jnp.sin(heading)
-    cos, sin = jnp.cos(agents.heading)[None], jnp.sin(agents.heading)[None]
+    look_x, look_y = directions(heading)
+    x, y = agents.x + _LOOK_AHEAD * look_x, agents.y + _LOOK_AHEAD * look_y
+    cos, sin = directions(agents.heading)
     d_x, d_y = x[:, None] - agents.x[None], y[:, None] - agents.y[None]
-    along, across = jnp.abs(d_x * cos + d_y * sin), jnp.abs(d_y * cos - d_x * sin)
+    along, across = jnp.abs(d_x * cos[None] + d_y * sin[None]), jnp.abs(d_y * cos[None] - d_x * sin[None])
     inside = (along < 0.5 * agents.length[None] + _ROOM) & (across < 0.5 * agents.width[None] + _ROOM)
     inside &= _others(agents)
     to_x, to_y = agents.x[None] - agents.x[:, None], agents.y[None] - agents.y[:, None]
-    left = to_y * jnp.cos(heading)[:, None] - to_x * jnp.sin(heading)[:, None]
+    left = to_y * look_x[:, None] - to_x * look_y[:, None]
     sides = jnp.where(inside, jnp.where(left > 0, 1, -1), 0).sum(1)
     return inside.sum(1) > 0, jnp.where(sides >= 0, 1.0, -1.0)
 
 
 def _is_threatened(agents: Agents) -> Bool[AnyArray, " N"]:
     """Whether a vehicle comes that will be at the agent's next steps, but is not there yet."""
-    x = agents.x + _LOOK_AHEAD * jnp.cos(agents.heading)
-    y = agents.y + _LOOK_AHEAD * jnp.sin(agents.heading)
-    cos, sin = jnp.cos(agents.heading)[None], jnp.sin(agents.heading)[None]
+    cos, sin = directions(agents.heading)
+    x, y = agents.x + _LOOK_AHEAD * cos, agents.y + _LOOK_AHEAD * sin
 
     def position(at_x, at_y):
         d_x, d_y = at_x[:, None] - agents.x[None], at_y[:, None] - agents.y[None]
-        return d_x * cos + d_y * sin, jnp.abs(d_y * cos - d_x * sin)
+        return d_x * cos[None] + d_y * sin[None], jnp.abs(d_y * cos[None] - d_x * sin[None])
 
     reach = (0.5 * agents.length + _WAIT_FOR * agents.speed)[None]
     wide = (0.5 * agents.width + _ROOM)[None]

@@ -114,11 +114,12 @@ def _claims(network: RoadNetwork, routes: Routes, agents: Agents) -> Claims:
     waits = exists & (to_start > 0) & (to_start < HORIZON)
     inside = exists & (to_start <= 0) & (to_end + rear > 0)
     vehicle = jnp.broadcast_to(jnp.arange(agents.x.shape[0])[:, None, None], rows.shape)
-    next_key = jnp.where(waits, _packed(to_start, vehicle), _NOBODY)
-    last_key = jnp.where(inside, _packed(to_end + rear, vehicle), NONE)
-    nearest = jnp.full(count + 1, _NOBODY).at[jnp.where(waits, rows, count)].min(next_key)[:count]
-    rest = jnp.full(count + 1, NONE).at[jnp.where(inside, rows, count)].max(last_key)[:count]
-    is_claimed, is_occupied = nearest < _NOBODY, rest >= 0
+    # One scatter finds both: the nearest vehicle of each conflict, and behind them the last one inside, negative.
+    key = jnp.where(waits, _packed(to_start, vehicle), -_packed(to_end + rear, vehicle))
+    row = jnp.where(waits, rows, jnp.where(inside, count + rows, 2 * count))
+    least = jnp.full(2 * count, _NOBODY).at[row].min(key, mode="drop")
+    nearest, rest = least[:count], -least[count:]
+    is_claimed, is_occupied = nearest < _NOBODY, rest > -_NOBODY
     return Claims(
         vehicle=jnp.where(is_claimed, nearest % MAX_SIMULATED, NONE),
         distance=jnp.where(is_claimed, (nearest // MAX_SIMULATED) * _UNIT, _FAR),
