@@ -40,6 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
     given = os.environ.get("XLA_FLAGS", "").split()
     os.environ["XLA_FLAGS"] = " ".join([*given, *(flag for flag in _QUICK if flag not in given)])
     gc.set_threshold(100_000, 20, 100)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers keep all cores busy
     tunables = ":".join(f"glibc.malloc.{name}={value}" for name, value in _KEEP_FREED.items())
     os.environ.setdefault("GLIBC_TUNABLES", tunables)  # for workers, which start after this, and child processes
     jax.config.update("jax_traceback_in_locations_limit", 0)  # else every operation gets the lines that called it
@@ -73,6 +74,16 @@ def every_program_is_stored():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stored_program, "_MAX_FILES", 10_000)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_padded_size():
+    """Scenes that tests sample are padded to one size: for every other one each model would be compiled once more."""
+    from scjax.generate import batching
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batching, "BUCKETS", batching.BUCKETS[-1:])
         yield
 
 

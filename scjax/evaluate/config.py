@@ -135,6 +135,7 @@ def get_config(variant: str = "standard") -> ConfigDict:
     config.compat = True  # also the tables of the reference code
     config.gains = _GAINS if variant == "prompts" else ()  # (method, other): difference in control with its interval
     config.bootstrap = 300  # bootstrap samples
+    config.pictures = True  # distributions, scenes side by side and galleries: most of the time of few scenes
     config.side_by_side = 12  # references in the picture that shows methods side by side
     config.gallery = 4  # best, median and worst scenes in each gallery
 

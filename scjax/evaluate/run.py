@@ -66,14 +66,16 @@ def run_evaluation(config: Any, workdir: Path, functions: ModelFunctions | None 
     if measured is None:
         return None
     sections = _sections(config, builder, measured)
-    pictures = draw_pictures(
-        workdir / "pictures",
-        measured.real,
-        measured.stats,
-        measured.methods,
-        side_by_side=config.side_by_side,
-        gallery=config.gallery,
-    )
+    pictures = {}
+    if config.pictures:
+        pictures = draw_pictures(
+            workdir / "pictures",
+            measured.real,
+            measured.stats,
+            measured.methods,
+            side_by_side=config.side_by_side,
+            gallery=config.gallery,
+        )
     facts = _facts(config, builder, specs, measured)
     write_report(workdir, config.title, {**facts, "took": f"{time.perf_counter() - begin:.0f} s"}, sections, pictures)
     return workdir / "report.html"

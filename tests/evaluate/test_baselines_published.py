@@ -89,7 +89,7 @@ def test_floor_is_as_published(tiles, scenes):
 def count_only(tiles, tmp_path_factory):
     """Statistics of a generator that knows only counts, for two samples; statistics and rows of the references."""
     folder = tmp_path_factory.mktemp("count-only")
-    reference = ChosenRows(tiles, range(0, len(tiles.clusters), 5))
+    reference = ChosenRows(tiles, range(0, len(tiles.clusters), 10))
     builder = MethodBuilder(reference, tiles, len(reference.clusters), folder, consensus=2)
     population = builder.population(parse_method("other scene, same counts"))
     other = Population("other", population.siblings[0], reference, population.rows)

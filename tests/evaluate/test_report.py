@@ -20,6 +20,7 @@ def workdir(worlds, tmp_path_factory):
         worlds,
         consensus=3,
         novelty=5,
+        pictures=True,
         gains=(("copy", "other scene, same counts"),),
         more=f"name=unpaired, source=npz:{copies}; name=matched, source=npz:{copies}, pairing=count-matched; "
         f"name=paired, source=npz:{copies}, pairing=in_order",

@@ -41,11 +41,11 @@ def save_batch(folder: Path, scenes: Sequence[Scene] = SCENES) -> Path:
 
 
 def evaluation_config(worlds: Path, variant: str = "baselines", **fields: Any) -> ConfigDict:
-    """A config whose references and retrieval set are ``worlds``: one process, small pictures, few draws."""
+    """A config whose references and retrieval set are ``worlds``: one process, no pictures, few draws."""
     config = get_config(variant)
     config.reference = config.retrieval_set = f"npz:{worlds}"
     config.workers, config.bootstrap, config.side_by_side, config.gallery = 0, 5, 1, 1
-    config.novelty = 0
+    config.pictures, config.novelty = False, 0
     config.update(fields)
     return config
 

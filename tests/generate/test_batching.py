@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scjax.generate import batching
 from scjax.generate.batching import BUCKETS, in_batches, least_size, padded_size
+
+
+@pytest.fixture(scope="module", autouse=True)
+def all_buckets():
+    """Those of users, which other tests do without."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batching, "BUCKETS", BUCKETS)
+        yield
 
 
 @given(st.lists(st.tuples(st.integers(0, 61), st.integers(0, 100)), max_size=30), st.integers(1, 5))

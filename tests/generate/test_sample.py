@@ -33,7 +33,7 @@ PROGRAMS = [value for name, value in vars(compiled).items() if name.endswith("_p
 def few_programs():
     """Scenes have one of two sizes: most of the time of these tests is compiling."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 16), (61, 100)))
+        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 28), (61, 100)))
         yield
 
 

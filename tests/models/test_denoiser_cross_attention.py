@@ -95,9 +95,9 @@ def _training(name, kind):
     return jax.jit(jax.value_and_grad(loss, (0, 1), has_aux=True, allow_int=True)), arguments
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ["saap", "deformable", "squeezed", "cross_global"])
 def test_image_training_program_exports(name):
-    """Lowered without running; a gradient for every parameter."""
+    """Lowered without running; a gradient for every parameter. These make most of the operations of all."""
     function, arguments = _training(name, "image")
     exported = jax.export.export(function)(*arguments)
     (_, terms), (of_params, _) = jax.tree.unflatten(exported.out_tree, exported.out_avals)

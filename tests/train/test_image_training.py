@@ -1,8 +1,6 @@
-"""A denoiser on what stands in for images, end to end: trained, resumed, sampled with an image and without."""
+"""A denoiser on what stands in for images, end to end: trained, sampled with an image and without."""
 
 from __future__ import annotations
-
-import shutil
 
 import chex
 import jax
@@ -37,7 +35,7 @@ def configured(folder, crops=(1.0, 0.0, 1.0)):
     config.records, config.autoencoder = str(folder / "records"), str(folder / "autoencoder")
     config.condition, config.batch.crops = "image", crops
     config.optimizer.schedule = "constant"  # a linear one ends after its warm-up
-    config.steps, config.checkpoint_every, config.picture_every, config.evaluate_every = 2, 1, 2, 2
+    config.steps, config.checkpoint_every, config.picture_every, config.evaluate_every = 2, 2, 2, 2
     return config
 
 
@@ -68,16 +66,6 @@ def test_batches_carry_images_of_their_jittered_windows(folder):
 def trained(folder):
     train(configured(folder), folder / "two")
     return scjax.load(folder / "two" / "model")
-
-
-def test_train_on_images_resumes_bit_identical(folder, trained):
-    shutil.copytree(folder / "two", folder / "one")  # as it was after its first step
-    for later in ("checkpoints/step_2", "model"):
-        shutil.rmtree(folder / "one" / later)
-    config = configured(folder)
-    config.picture_every = 0  # what is reported may change
-    train(config, folder / "one")
-    chex.assert_trees_all_equal(scjax.load(folder / "one" / "model").denoiser.params, trained.denoiser.params)
 
 
 def test_train_on_images_draws_samples(folder, trained):
