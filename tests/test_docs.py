@@ -29,7 +29,7 @@ SMALLER = {
     "-n 20": "-n 5",
     " -n 4": " -n 1 --best-of 1",
 }
-_SLOTS = ((16, 28), (61, 100))
+_SLOTS = ((32, 64),)
 NOT_RUN = ("pip install", "scjax demo")  # the two commands of the README: .ci/run runs them
 
 

@@ -83,11 +83,54 @@ def undecorated(target):
     return dataclasses.dataclass(frozen=True)(type(target.__name__, (), names))
 
 
+def adder(start, make):
+    """A function inside of another, with checks: a new one at every call."""
+
+    @make
+    def add(number: int, *, times: int = 1) -> int:
+        return start + times * number
+
+    return add
+
+
+def scaler(weights, make):
+    @make
+    def scale(rows: Float[np.ndarray, "n d"], by: Float[np.ndarray, " d"] = weights) -> Float[np.ndarray, "n d"]:
+        return rows * by if len(rows) < 3 else rows[:1]
+
+    return scale
+
+
 @pytest.mark.parametrize("decorator", [jaxtyped, quick_jaxtyped])
 @pytest.mark.parametrize(("target", "arguments", "is_refused"), CASES)
 def test_quick_jaxtyped_refuses_the_same(decorator, target, arguments, is_refused):
     checked = decorator(typechecker=beartype.beartype)(undecorated(target))
     assert refuses(checked, *arguments) == is_refused
+
+
+@pytest.mark.parametrize("decorator", [jaxtyped, quick_jaxtyped])
+def test_functions_of_one_def_share_checks_and_no_values(decorator):
+    make = decorator(typechecker=beartype.beartype)
+    first, second = adder(1, make), adder(10, make)
+    assert (first(2), second(2), second(2, times=3), first(number=2)) == (3, 12, 16, 3)
+    assert refuses(second, "2") and refuses(first, 2, times="3") and refuses(adder(0.5, make), 2)
+    one, two = scaler(TWO, make), scaler(2 * TWO, make)
+    assert one(np.ones((1, 2))).sum() == 2 and two(np.ones((1, 2))).sum() == 4
+    assert refuses(one, np.ones((1, 3)), TWO) and refuses(two, np.ones((3, 2)))  # it returns one row of three
+
+
+def test_a_function_in_a_function_may_call_others_of_its_def():
+    make = quick_jaxtyped(typechecker=beartype.beartype)
+
+    def counter(other):
+        @make
+        def count_down(number: int) -> int:
+            return number if other is None else 1 + other(number)
+
+        return count_down
+
+    assert counter(counter(counter(None)))(3) == 5
+    assert refuses(counter(counter(None)), 3.5)
 
 
 def test_the_package_is_checked():

@@ -1,7 +1,9 @@
 """Checks of argument and return types in ``scjax``: those of jaxtyping with beartype, at less cost.
 
 ``jaxtyped`` binds the arguments of a call and checks them twice, whatever the annotations are, and makes two functions
-of each that it decorates. Beartype alone states the same; where there are arrays, within one table of sizes.
+of each that it decorates. Beartype alone states the same; where there are arrays, within one table of sizes. A function
+inside of another is a new one at every call of that: its checks are made once and shared, since to make them takes a
+thousand times as long as to run them.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import threading
 import typing
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +39,16 @@ def quick_jaxtyped(*, typechecker: Callable) -> Callable:
 def _checked(function: Callable, typechecker: Callable) -> Callable:
     if hasattr(function, "__wrapped__") or not function.__annotations__:
         return function
-    types = {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
+    if "<locals>" not in function.__qualname__:
+        return _with_checks(function, typechecker)
+    key = function.__code__, function.__module__, repr(function.__annotations__), typechecker
+    if key not in _SHARED_CHECKS:
+        _SHARED_CHECKS[key] = _SharedChecks(function, typechecker)
+    return _SHARED_CHECKS[key].of(function)
+
+
+def _with_checks(function: Callable, typechecker: Callable) -> Callable:
+    types = _types(function)
     if inspect.isgeneratorfunction(function):
         return jaxtyped(function, typechecker=typechecker)  # beartype alone would check at the first element
     function.__annotations__ = types
@@ -50,6 +62,41 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
             return checked(*arguments, **named)
 
     return with_sizes
+
+
+def _types(function: Callable) -> dict[str, Any]:
+    return {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
+
+
+class _SharedChecks:
+    """The checks of all functions of one ``def`` inside of a function."""
+
+    def __init__(self, function: Callable, typechecker: Callable):
+        self._called = threading.local()  # the functions that are called, the innermost last
+        function.__annotations__ = _types(function)
+
+        @functools.wraps(function)
+        def call(*arguments: Any, **named: Any) -> Any:
+            return self._called.functions[-1](*arguments, **named)
+
+        self._checked_call = _with_checks(call, typechecker)
+
+    def of(self, function: Callable) -> Callable:
+        """``function`` with the checks."""
+
+        @functools.wraps(function)
+        def checked(*arguments: Any, **named: Any) -> Any:
+            functions = self._called.__dict__.setdefault("functions", [])
+            functions.append(function)
+            try:
+                return self._checked_call(*arguments, **named)
+            finally:
+                functions.pop()
+
+        return checked
+
+
+_SHARED_CHECKS: dict[Any, _SharedChecks] = {}
 
 
 def _resolved(hint: Any, names: dict[str, Any]) -> Any:
