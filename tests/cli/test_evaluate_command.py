@@ -1,7 +1,8 @@
 """``scjax evaluate`` and ``python -m experiments.evaluate``: configs, overrides, errors in one line."""
 
-import subprocess
+import runpy
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -10,6 +11,8 @@ from scjax.cli.config_flags import load_config
 from scjax.cli.evaluate import evaluate
 from scjax.evaluate.config import get_config
 from tests.factories.evaluations import save_worlds
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_load_config_sets_fields_of_every_type():
@@ -77,15 +80,14 @@ def test_evaluate_command_writes_a_report(tmp_path):
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
 
 
-def test_experiments_evaluate_reports_errors_in_one_line(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "experiments.evaluate",
-        "--config=experiments/configs/evaluate.py:baselines",
-        f"--workdir={tmp_path / 'out'}",
-        "--config.reference=npz:nowhere",
-    ]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode == 1 and "Traceback" not in result.stderr
-    assert "scjax: npz:nowhere: there is no .npz file" in result.stderr
+@pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")  # ml_collections loads config files by it
+def test_experiments_evaluate_reports_errors_in_one_line(tmp_path, monkeypatch, capsys):
+    config = ROOT / "experiments/configs/evaluate.py"
+    words = [f"--config={config}:baselines", f"--workdir={tmp_path / 'out'}", "--config.reference=npz:nowhere"]
+    monkeypatch.setattr("scjax.nn.startup.start_jax", lambda: None)  # it has started
+    monkeypatch.setattr(sys, "argv", ["experiments.evaluate", *words])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_module("experiments.evaluate", run_name="__main__")
+    error = capsys.readouterr().err
+    assert stop.value.code == 1 and "Traceback" not in error
+    assert "scjax: npz:nowhere: there is no .npz file" in error

@@ -23,8 +23,8 @@ from tests.factories.damage import damaged_bytes
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     root = tmp_path_factory.mktemp("captions")
-    build_records(Worlds(2, 4), root / "records")
-    assert main(["caption", str(root / "records"), "--texts", "9"]) == 0
+    build_records(Worlds(2, 2), root / "records")
+    assert main(["caption", str(root / "records"), "--texts", "9", "--workers", "1"]) == 0
     return root / "records"
 
 
@@ -34,16 +34,6 @@ def test_captions_cover_every_record(folder):
     assert len(captions) == len(tiles)
     assert all(len(caption.texts) == 9 for caption in captions)
     assert not list(folder.glob(".captions*"))
-
-
-def test_captions_do_not_depend_on_workers(folder):
-    path = folder / "captions-train.jsonl.gz"
-    original = path.read_bytes()
-    try:
-        assert main(["caption", str(folder), "--texts", "9", "--workers", "0"]) == 0
-        assert gzip.decompress(path.read_bytes()) == gzip.decompress(original)  # the fixture's are by two
-    finally:
-        path.write_bytes(original)
 
 
 def test_captions_ask_for_what_their_records_show(folder):
@@ -63,8 +53,8 @@ def test_captions_are_in_many_styles_and_languages(folder):
 def test_captions_follow_rebuilt_records(tmp_path):
     for seed in (1, 2):
         shutil.rmtree(tmp_path / "records", ignore_errors=True)
-        build_records(Worlds(seed, 3), tmp_path / "records")
-        assert main(["caption", str(tmp_path / "records"), "--workers", "0"]) == 0
+        build_records(Worlds(seed, 1), tmp_path / "records")
+        assert main(["caption", str(tmp_path / "records"), "--texts", "2", "--workers", "0"]) == 0
         tiles = records.open_records(tmp_path / "records", "train")
         captions = list(read_captions(tmp_path / "records", "train"))
         assert len(captions) == len(tiles)
@@ -88,7 +78,7 @@ def test_read_captions_refuses_other_records(folder, tmp_path):
 
 
 def test_captions_again_are_equal_bytes(folder):
-    """Otherwise features of the captions would be thrown away; gzip writes the time, by default."""
+    """By this process or by a worker. Otherwise features of the captions would be thrown away; gzip writes the time."""
     path = folder / "captions-train.jsonl.gz"
     original = path.read_bytes()
     assert original[:10] == b"\x1f\x8b\x08\x00\x00\x00\x00\x00\x02\xff"  # no flags, no time

@@ -15,6 +15,12 @@ CONFIG = DashcamConfig(stem=8, fine=8, fine_layers=1, hidden_size=12, layers=1, 
 
 
 @pytest.fixture(scope="module")
+def apply():
+    """The network, compiled: operation by operation it takes hundreds of programs."""
+    return jax.jit(dashcam_functions(CONFIG).apply, static_argnames="method")
+
+
+@pytest.fixture(scope="module")
 def params():
     rng = np.random.default_rng(0)
     return jax.tree.map(
@@ -32,31 +38,28 @@ def folder(tmp_path_factory, params):
     return DashcamWeights(CONFIG, params, {"steps": 3}).save(tmp_path_factory.mktemp("vision") / "model")
 
 
-def test_network_gives_tokens_and_fine_cells(params, pixels):
-    network = dashcam_functions(CONFIG)
-    tokens = network.apply(params, pixels)
-    cells = network.apply(params, pixels, method="cells")
+def test_network_gives_tokens_and_fine_cells(apply, params, pixels):
+    tokens = apply(params, pixels)
+    cells = apply(params, pixels, method="cells")
     assert tokens.shape == (3, 12, CONFIG.width)
     assert cells.classes.shape == (3, 8, 6, NUMBERS["classes"]) and cells.objects.shape == (3, 8, 6, 7)
-    depth = network.apply(params, pixels, method="depth")
+    depth = apply(params, pixels, method="depth")
     np.testing.assert_allclose(depth, np.exp(cells.depth), rtol=1e-5)
 
 
-def test_tokens_hold_the_numbers_of_their_fine_cells(params, pixels):
+def test_tokens_hold_the_numbers_of_their_fine_cells(apply, params, pixels):
     """The first number of a token after its features is the first class logit of its upper left fine cell."""
-    network = dashcam_functions(CONFIG)
-    tokens = np.asarray(network.apply(params, pixels)).reshape(3, 4, 3, -1)
-    cells = network.apply(params, pixels, method="cells")
+    tokens = np.asarray(apply(params, pixels)).reshape(3, 4, 3, -1)
+    cells = apply(params, pixels, method="cells")
     np.testing.assert_allclose(tokens[..., CONFIG.features], cells.classes[:, ::2, ::2, 0], atol=1e-5)
 
 
-def test_picture_alone_equals_in_a_batch(params, pixels):
-    network = dashcam_functions(CONFIG)
-    batch = np.asarray(network.apply(params, pixels))
-    np.testing.assert_allclose(batch[1:2], network.apply(params, pixels[1:2]), atol=2e-5)
+def test_picture_alone_equals_in_a_batch(apply, params, pixels):
+    batch = np.asarray(apply(params, pixels))
+    np.testing.assert_allclose(batch[1:2], apply(params, pixels[1:2]), atol=2e-5)
 
 
-def test_folder_loads_as_encoder_and_as_depth_network(folder, params, pixels):
+def test_folder_loads_as_encoder_and_as_depth_network(folder, apply, params):
     picture = np.random.default_rng(2).integers(0, 256, (90, 160, 3)).astype(np.uint8)
     encoder = load_image_encoder(folder)
     assert encoder.width == CONFIG.width and encoder.name.startswith("scjax_dashcam-")
@@ -66,9 +69,9 @@ def test_folder_loads_as_encoder_and_as_depth_network(folder, params, pixels):
     grid = Preprocessing("own", 4, 3)
     (tokens,) = encoder([picture], grid)
     prepared = jnp.asarray(prepare_image(photo_from_array(picture), grid, CONFIG.patch_size).pixels)
-    np.testing.assert_allclose(tokens.tokens, dashcam_functions(CONFIG).apply(params, prepared[None])[0], atol=2e-5)
+    np.testing.assert_allclose(tokens.tokens, apply(params, prepared[None])[0], atol=2e-5)
     depth = load_depth_network(folder)(photo_from_array(picture))
-    expected = dashcam_functions(CONFIG).apply(params, prepared[None], method="depth")[0]
+    expected = apply(params, prepared[None], method="depth")[0]
     np.testing.assert_allclose(depth, expected, rtol=1e-4)
 
 

@@ -111,7 +111,7 @@ for turn in range(30):
 
 def test_processes_share_a_cache(tmp_path):
     command = [sys.executable, "-c", _FILL, str(tmp_path)]
-    processes = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(3)]
+    processes = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     texts = [process.communicate()[1] for process in processes]
-    assert [process.returncode for process in processes] == [0] * 3, texts
+    assert [process.returncode for process in processes] == [0] * 2, texts
     assert len(list(tmp_path.rglob("*.safetensors"))) == 5 and not list(tmp_path.rglob("*.part"))

@@ -164,10 +164,10 @@ def test_find_in_processes_that_start_together(made, package, tmp_path):
     stale.mkdir(parents=True)
     started = [
         subprocess.Popen([sys.executable, "-c", _FETCH, *arguments], cwd=ROOT, stderr=subprocess.PIPE, text=True)
-        for _ in range(5)
+        for _ in range(3)
     ]
     texts = [process.communicate()[1] for process in started]
-    assert [process.returncode for process in started] == [0] * 5, texts
+    assert [process.returncode for process in started] == [0] * 3, texts
     assert [path.name for path in cache.iterdir()] == [package.name]
 
 

@@ -65,21 +65,21 @@ def test_control_is_full_for_a_copy_and_none_for_chance(tiles):
 
 def test_control_intervals_resample_locations(tiles):
     scenes, clusters, _ = tiles
-    frame = ControlFrame.of(describe(scenes), clusters, np.random.default_rng(0), pairs=20_000)
+    frame = ControlFrame.of(describe(scenes), clusters, np.random.default_rng(0), pairs=5_000)
     assert all(
         low == pytest.approx(1) == high
         for name, (low, high) in frame.intervals(describe(scenes), clusters, draws=20).items()
         if name.endswith(("CCS", "CSC"))
     )
     raw = describe([scenes[i] for i in np.random.default_rng(2).permutation(len(scenes))])
-    values, bounds = frame(raw), frame.intervals(raw, clusters, draws=100)
+    values, bounds = frame(raw), frame.intervals(raw, clusters, draws=40)
     assert set(values) == set(bounds)
     for name, value in values.items():
         low, high = bounds[name]
         assert low < high and low - 0.5 * (high - low) < value < high + 0.5 * (high - low), name
     samples, of_copy = (frame.bootstrap_samples(x, clusters, draws=5) for x in (raw, describe(scenes)))
     assert samples.keys() == bounds.keys() and all((samples[name] < of_copy[name]).all() for name in samples)
-    wide = frame.intervals(raw, [k % 3 for k in range(len(scenes))], draws=100)["agent CCS"]
+    wide = frame.intervals(raw, [k % 3 for k in range(len(scenes))], draws=40)["agent CCS"]
     assert wide != bounds["agent CCS"]  # three locations are drawn, not many
     assert np.isnan(frame.intervals(raw, ["one"] * len(scenes), draws=3)["lane CCS"]).all()
 

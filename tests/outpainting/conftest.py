@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from tests.factories.few_programs import use_few_programs
+
 
 @pytest.fixture(scope="module", autouse=True)
 def few_programs():
-    """Windows have one of two sizes."""
+    """Windows have one size, sampled with the model's own number of steps: these programs are those of the docs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 28), (61, 100)))
+        use_few_programs(patch)
         yield

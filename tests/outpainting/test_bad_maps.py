@@ -14,7 +14,7 @@ from scjax.outpainting.window import MAX_KNOWN, WindowPose, cut_window
 from scjax.scene import Map, MapLane, TileStatus, save_map
 from tests.factories.maps import map_lane, street_grid, two_tile_map
 
-FEW = {"candidates": 2, "retries": 0, "num_steps": 4, "max_tiles": 1}
+FEW = {"candidates": 2, "retries": 0, "max_tiles": 1}
 
 
 def _with_lanes(*lanes: MapLane, **changes) -> Map:

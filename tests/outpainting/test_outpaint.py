@@ -17,7 +17,7 @@ from scjax.scene import Crop, TileStatus, measure_seam, save_map
 from scjax.scene.io import save_npz
 from tests.factories.maps import two_tile_map
 
-FEW = {"candidates": 2, "retries": 0, "num_steps": 4}
+FEW = {"candidates": 2, "retries": 0}
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_only_forward_scenes_have_a_rear_to_complete(forward):
 
 def test_the_command_completes_the_rear(run, tmp_path, forward):
     save_npz(forward, tmp_path / "forward.npz")
-    options = ("--candidates", "2", "--retries", "0", "--num-steps", "4", "--json")
+    options = ("--candidates", "2", "--retries", "0", "--json")
     code, out, err = run("outpaint", "--start", "forward.npz", "--rear", *options)
     assert code == 0, err
     assert len(json.loads(out)["tiles"]) == 1

@@ -48,7 +48,7 @@ def test_the_default_policy_follows_the_road_and_keeps_its_distance():
 
 def test_the_default_policy_passes_a_vehicle_parked_beside_its_lane():
     source = with_agents([road(200.0)], [agent(20.0, 0.0, speed=8.0), agent(80.0, 1.9)])
-    result = drive(0, source, seconds=15.0)
+    result = drive(0, source, seconds=SECONDS)
     assert result.progress > 80.0 and not result.terms["collides"].any()
 
 
@@ -57,7 +57,7 @@ def test_the_default_policy_stops_behind_what_stands(degrees):
     source = with_agents(
         [road(200.0)], [agent(20.0, 0.0, speed=10.0), agent(80.0, 0.0, degrees)], [0, AgentType.STATIC]
     )
-    log = drive(0, source, seconds=15.0).log
+    log = drive(0, source, seconds=SECONDS).log
     front, rear = log.positions[0, -1, 0] + 2.25, 80.0 - (2.25 if degrees == 0.0 else 1.0)
     assert 0.8 < rear - front < 3.5 and np.hypot(*log.velocities[0, -1]) < 0.2
 

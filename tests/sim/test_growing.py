@@ -11,10 +11,11 @@ from scjax.scene import AgentType, validate_log, validate_map
 from scjax.sim.drive import drive
 from scjax.sim.growing import bodies_in_the_way
 from scjax.sim.preparation import prepare
+from tests.factories.few_programs import use_few_programs
 from tests.factories.maps import two_tile_map
 from tests.factories.road_maps import agent, road, with_agents
 
-FEW = {"candidates": 2, "retries": 0, "num_steps": 4}
+FEW = {"candidates": 2, "retries": 0}
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def source():
 @pytest.fixture(scope="module")
 def result(source):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("scjax.generate.batching.BUCKETS", ((16, 28), (61, 100)))
+        use_few_programs(patch)
         return drive(0, source, seconds=4.0, actor="ego", grow="", **FEW)
 
 

@@ -18,12 +18,13 @@ from scjax.sim.simulate import simulate
 from tests.factories.behaviors import small_weights
 from tests.factories.logs import example_log
 
-SECONDS = 1.0
+SECONDS = 2.0
 
 
 @pytest.fixture(scope="module")
 def behavior():
-    return LearnedBehavior(small_weights())
+    """That of the package: smaller networks take as long to compile."""
+    return LearnedBehavior(load_behavior())
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,8 @@ def test_same_key_gives_same_arrays(behavior, rollout):
     assert not np.array_equal(other.positions, rollout.positions)
 
 
-def test_equal_weights_are_one_behavior(behavior):
+def test_equal_weights_are_one_behavior():
+    behavior = LearnedBehavior(small_weights())
     assert behavior == LearnedBehavior(small_weights())
     assert hash(behavior) == hash(LearnedBehavior(small_weights()))
     assert behavior != LearnedBehavior(small_weights(seed=1))
@@ -109,11 +111,11 @@ def test_damaged_weights_are_refused(tmp_path):
         load_behavior(folder)
 
 
-def test_behavior_of_the_package_drives():
-    weights = load_behavior()
+def test_behavior_of_the_package_drives(behavior):
+    weights = behavior.weights
     assert weights.notes["data"].startswith("scjax's own synthetic worlds")
     assert sum(path.stat().st_size for path in DEFAULT_BEHAVIOR.iterdir()) < 8e6
-    log = simulate(0, example_log(), seconds=2.0, behavior=LearnedBehavior(weights), step=5)
+    log = simulate(0, example_log(), seconds=SECONDS, behavior=behavior, step=5)
     speed = np.linalg.norm(log.velocities[:2], axis=-1)
     assert log.valid[:2].all() and (speed > 3).all() and (speed < 17).all()  # from 10 m/s on an empty road
     assert np.abs(log.positions[0, :, 1] - 200.0).max() < 1.5  # it keeps to its lane

@@ -7,16 +7,16 @@ import pytest
 
 from scjax.metrics.driving import driving_sums
 from scjax.scene import AgentType, Signal
-from scjax.sim.driver import ADVERSARIAL, CALM, DriverSettings
+from scjax.sim.driver import ADVERSARIAL, DriverSettings
 from scjax.sim.route_follower import RouteFollower
 from scjax.sim.simulate import simulate
 from tests.factories.road_maps import agent, crossing, merge, road, signaled_road, with_agents
 
 STEADY = DriverSettings(speed_deviation=0.0)
-LONG = 90.0  # s; all others take 20 s: another number of steps is another program, which takes seconds to compile
+SECONDS = 50.0  # another number of steps is another program, which takes seconds to compile
 
 
-def _simulate(source, seconds=20.0, driver=STEADY, key=0, **options):
+def _simulate(source, seconds=SECONDS, driver=STEADY, key=0, **options):
     return simulate(key, source, seconds=seconds, behavior=RouteFollower(driver, entry_delay=None, **options))
 
 
@@ -25,7 +25,7 @@ def _speed(log, row):
 
 
 def test_a_free_road_is_driven_at_its_speed():
-    log = _simulate(with_agents([road(3000.0)], [agent(5.0, 0.0)]), LONG)
+    log = _simulate(with_agents([road(3000.0)], [agent(5.0, 0.0)]))
     assert _speed(log, 0)[-1] == pytest.approx(14.0, rel=0.01)
 
 
@@ -34,8 +34,7 @@ def test_equilibrium_gap_behind_a_leader_at_constant_speed():
     driver = STEADY
     log = _simulate(
         with_agents([road(3000.0)], [agent(10.0, 0.0, speed=8.0), agent(40.0, 0.0, speed=8.0)], [0, AgentType.CYCLIST]),
-        LONG,
-        driver,
+        driver=driver,
     )
     speed = _speed(log, 1)[-1]
     gap = log.positions[1, -1, 0] - log.positions[0, -1, 0] - 4.5
@@ -44,7 +43,7 @@ def test_equilibrium_gap_behind_a_leader_at_constant_speed():
     assert gap == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.parametrize("driver", [STEADY, CALM, ADVERSARIAL])
+@pytest.mark.parametrize("driver", [STEADY, ADVERSARIAL])
 def test_a_platoon_never_collides(driver):
     cars = [agent(10.0 + 8.0 * k, 0.0, speed=12.0) for k in range(9)]
     log = _simulate(with_agents([road(400.0)], [*cars, agent(180.0, 0.0)], None), driver=driver)
@@ -63,7 +62,7 @@ def test_vehicles_stop_before_a_red_signal(speed):
 
 
 def test_signals_run_through_phases_and_vehicles_go_on_at_green():
-    log = _simulate(signaled_road(Signal.STOP, [agent(20.0, 0.0, speed=8.0)]), LONG)
+    log = _simulate(signaled_road(Signal.STOP, [agent(20.0, 0.0, speed=8.0)]))
     assert set(log.signal_states[0].tolist()) == {Signal.GO, Signal.CAUTION, Signal.STOP}
     assert log.signal_states[0, 0] == Signal.STOP
     assert not log.valid[0, -1] or log.positions[0, -1, 0] > 110.0
@@ -117,7 +116,7 @@ def test_vehicles_change_lanes_to_pass_a_slower_one():
     )
     bicycle = agent(60.0, 0.0, speed=5.0, size=(1.8, 0.7, 1.7))
     source = with_agents(lanes, [agent(20.0, 0.0, speed=12.0), bicycle], [0, AgentType.CYCLIST])
-    log = _simulate(source, lane_changes=LaneChanges())
+    log = _simulate(source, 20.0, lane_changes=LaneChanges())
     assert driving_sums(log)["collision"][0] == 0
     assert log.positions[0, -1, 0] > log.positions[1, -1, 0] + 10.0
     assert log.positions[0, :, 1].max() == pytest.approx(3.5, abs=0.3)

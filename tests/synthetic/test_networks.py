@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
 
 import numpy as np
 import pytest
@@ -14,15 +14,16 @@ from scjax.synthetic.junctions import MAX_STOP_DISTANCE, InfeasiblePlan, stop_di
 from scjax.synthetic.network import Lane, Network
 from scjax.synthetic.network_types import NETWORK_BUILDERS, draw_network
 
-_NUM_NETWORKS = 12  # per network type
+_NUM_NETWORKS = 8  # per network type
 _BORDER = 90.0  # m from the center to where roads may end
 
 
-def networks_of(network_type: str) -> Iterator[Network]:
+@functools.cache
+def networks_of(network_type: str) -> list[Network]:
     """Networks of one type, in the styles of all domains that have it."""
     styles = [domain.style for domain in DOMAINS if network_type in domain.networks]
-    for k in range(_NUM_NETWORKS):
-        yield draw_network(network_type, styles[k % len(styles)], np.random.default_rng([3, k]))
+    seeds = range(_NUM_NETWORKS)
+    return [draw_network(network_type, styles[k % len(styles)], np.random.default_rng([3, k])) for k in seeds]
 
 
 def max_bend(points: np.ndarray) -> float:

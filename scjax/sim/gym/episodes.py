@@ -31,6 +31,8 @@ from scjax.sim.track_log import TrackLog
 
 DrivingSource = Log | Map | Scene
 
+_MOMENTS = 64  # signals are padded to multiples: episodes of other lengths are no further program
+
 
 @pytree
 class SourceTable(Replaceable):
@@ -105,7 +107,8 @@ class EpisodeBatch:
         self.starts = [pad_start(start, shape) for start in starts]
         parts = ("network", "agents", "places")
         stacks = {name: stack_records([getattr(start, name) for start in self.starts]) for name in parts}
-        signals = padded_signals(self.starts, self.steps + 1)
+        moments = -(-(self.steps + 1) // _MOMENTS) * _MOMENTS
+        signals = padded_signals(self.starts, moments)
         self._table: SourceTable = jax.device_put(SourceTable(**stacks, signals=signals, row=np.array(rows, np.int32)))
         self._slots = _empty_slots(self._table, count, self.behavior)
         self.number = np.zeros(count, int)
