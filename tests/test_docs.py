@@ -29,6 +29,7 @@ SMALLER = {
     "--worlds 1800": "--worlds 1",
     " --gif": "",
     "-n 20": "-n 5",
+    " --seed 4": " --seed 4 --seconds 1.5",
     " -n 4": " -n 1 --best-of 1",
 }
 WITH_WORKERS = ("build", "synthetic", "caption", "attributes", "logs", "dashcam")  # none here: they take long to start

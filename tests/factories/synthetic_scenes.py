@@ -13,7 +13,7 @@ from scjax.scene import Scene
 from scjax.synthetic.recording import object_index, to_log
 from scjax.synthetic.world import Ego, World, make_world
 
-NUM_WORLDS = 14
+NUM_WORLDS = 30
 SEED = 8
 
 

@@ -18,7 +18,7 @@ def scene_events() -> list[tuple[str | None, set[str]]]:
     """The event that each scene shows, and those that the rules detect."""
     return [
         (ego.event, set(measure_attributes(scene)["event"]))
-        for k in range(12)
+        for k in range(24)
         for ego, scene in scenes_of(make_world(11, k, event_share=1.0))
     ]
 
@@ -52,7 +52,7 @@ def test_worlds_without_events_show_few():
     """Some traffic stands for reasons that a scene does not show."""
     shown = [
         bool(measure_attributes(scene)["event"])
-        for k in range(10)
+        for k in range(30)
         for _, scene in scenes_of(make_world(11, k, event_share=0.0))
     ]
     assert len(shown) > 60 and sum(shown) / len(shown) < 0.06

@@ -63,7 +63,7 @@ def test_worlds_reject_shares_above_one():
 
 @pytest.mark.parametrize("events", [("jaywalker",), ("jaywalker", "wrong-way")])
 def test_worlds_show_chosen_events_only(events):
-    labels = [label for log in load_all(Worlds(5, 8, events=events)) for label in log.labels]
+    labels = [label for log in load_all(Worlds(5, 12, events=events)) for label in log.labels]
     counts = collections.Counter(label["event"] for label in labels if label["event"])
     assert set(counts) == set(events) and counts.total() >= 5
 
