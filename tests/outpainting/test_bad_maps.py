@@ -104,7 +104,7 @@ def test_more_lanes_than_the_network_knows_are_cut_to_the_nearest():
 
 
 def test_large_maps_grow_at_one_place():
-    """2 km x 2 km of streets, 1,680 lanes."""
-    map = street_grid(2000.0)
-    grown = scjax.outpaint(0, map, area=(1900.0, 2100.0, 1900.0, 2100.0), at=(0.0, -2.0, 0.0), **FEW)
+    """5 km x 5 km of streets, 10,200 lanes."""
+    map = street_grid(5000.0)
+    grown = scjax.outpaint(0, map, area=(4900.0, 5100.0, 4900.0, 5100.0), at=(0.0, -2.0, 0.0), **FEW)
     assert len(grown.tiles) == 1 and grown.num_lanes >= map.num_lanes
