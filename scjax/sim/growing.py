@@ -16,6 +16,7 @@ from scjax.data.map_joins import connect_lanes
 from scjax.generate.conditions import Condition
 from scjax.scene import AgentType, Map, Scene, map_to_log, scene_to_map
 from scjax.sim.agents import LanePlaces
+from scjax.sim.arrivals import arrivals_too_near
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
 from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
@@ -33,7 +34,7 @@ AROUND = 160.0  # m from the driven agent, within which traffic moves
 _SHAPE = (128, 16384, 1024, 2048)  # as ``Start.shape``, of nearly all moments, so that the loop compiles once
 _SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
-_ROOM = 1.25  # m to the side of a centerline, of a car that passes
+_ROOM = 1.35  # m to the side of a centerline, of a car that passes; lanes that swerve leave 1.4 m
 
 
 class GrowingDrive:
@@ -132,8 +133,9 @@ class GrowingDrive:
                 return
             traffic = self._with_traffic(self.world)
             start = self._prepare(traffic)
-            if blocking := bodies_in_the_way(start) - self.seen:
-                start = self._prepare(_without_agents(traffic, blocking))
+            new = set(traffic.agent_ids) - self.seen
+            if excluded := (bodies_in_the_way(start) | arrivals_too_near(start, new)) & new:
+                start = self._prepare(_without_agents(traffic, excluded))
             self._begin(start)
             self.seen |= set(self.world.agent_ids)
 
@@ -220,11 +222,11 @@ def bodies_in_the_way(start: Start) -> set[str]:
     tree, names = KDTree(points), set[str]()
     for row in np.flatnonzero(stands):
         center, heading = np.array([start.agents.x[row], start.agents.y[row]]), float(start.agents.heading[row])
-        half = log.sizes[row, :2] / 2 + _ROOM
-        offset = points[tree.query_ball_point(center, float(np.hypot(*half)))] - center
+        half = log.sizes[row, :2] / 2
+        offset = points[tree.query_ball_point(center, float(np.hypot(*half)) + _ROOM)] - center
         cos, sin = np.cos(heading), np.sin(heading)
-        beside = np.abs(offset @ np.array([[cos, -sin], [sin, cos]])) < half
-        if beside.all(1).any():
+        outside = np.maximum(np.abs(offset @ np.array([[cos, -sin], [sin, cos]])) - half, 0.0)
+        if (np.hypot(*outside.T) < _ROOM).any():
             names.add(log.object_ids[row])
     return names
 
