@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Bool, Float64
 
@@ -17,23 +15,29 @@ _NEAR = 60.0  # m from new agents, within which others count
 _BRAKING = 3.0  # m/s^2 that drivers accept
 _SECONDS = np.arange(0.25, 2.6, 0.25)
 _MARGIN = 0.4  # m by which boxes are longer and wider
+_WAY = np.arange(1.0, 17.0)  # m of the way past parked bodies
+_RETURN_LENGTH = 12.0  # m over which vehicles return to the centerline
 
 
-def arrivals_too_near(start: Start, new: set[str]) -> set[str]:
-    """Those of the new agents that overlap others, or that collide with them within 2.5 s even if one of both brakes.
+def arrivals_too_near(start: Start, new: set[str], gone: set[str]) -> set[str]:
+    """Those of the new agents that overlap others, collide with them within 2.5 s, or keep them from moving.
 
-    Of two new agents the later one is too near. Vehicles keep to their lane; other agents stay where they are.
+    A collision counts if neither of both could brake. Vehicles that stand beside their centerline, close behind a
+    parked body, could not set off. Of two new agents the later one is too near. Vehicles keep to their lane; other
+    agents stay where they are.
 
     Args:
       new: ids of agents of ``start``.
+      gone: ids of agents that do not count.
     """
     ids = start.log.object_ids
     arrives = np.array([name in new for name in ids], bool)
+    counts = np.array([name not in gone for name in ids], bool)
     places = np.array(start.log.positions[:, 0, :2])
-    if not arrives.any():
+    if not (arrives & counts).any():
         return set()
-    apart = np.hypot(*np.moveaxis(places[:, None] - places[None, arrives], -1, 0)).min(1)
-    rows = np.flatnonzero(apart < _NEAR)
+    apart = np.hypot(*np.moveaxis(places[:, None] - places[None, arrives & counts], -1, 0)).min(1)
+    rows = np.flatnonzero(counts & (apart < _NEAR))
     rows = np.concatenate([rows[~arrives[rows]], rows[arrives[rows]]])  # who was there before comes first
     meets, count = _meetings(start, rows), int((~arrives[rows]).sum())
     stays = np.ones(len(rows), bool)
@@ -43,56 +47,67 @@ def arrivals_too_near(start: Start, new: set[str]) -> set[str]:
 
 
 def _meetings(start: Start, rows: np.ndarray) -> Bool[np.ndarray, "n n"]:
-    """Pairs of agents that overlap now, or collide whichever of them brakes while the other drives on."""
-    now = _boxes(start, rows, np.zeros(len(rows)))
-    meets = overlaps(now)
-    now[:, 6:8] += _MARGIN
-    speed, count = now[:, 3], len(rows)
+    """Pairs of agents that overlap now, that collide whichever of them brakes, or of which one is parked in the way."""
+    ways = _Ways(start, rows)
+    now = ways.boxes(np.zeros(len(rows)))
+    meets, speed, count = overlaps(now), now[:, 3], len(rows)
     fails = np.zeros((count, count), bool)  # i brakes, j drives on
     for seconds in _SECONDS:
         until = np.minimum(seconds, speed / _BRAKING)
-        both = [_boxes(start, rows, speed * until - _BRAKING * until**2 / 2), _boxes(start, rows, speed * seconds)]
+        both = [ways.boxes(speed * until - _BRAKING * until**2 / 2), ways.boxes(speed * seconds)]
         moved = np.concatenate(both)
         moved[:, 6:8] += _MARGIN
         fails |= overlaps(moved)[:count, count:]
-    np.fill_diagonal(fails, False)
-    return meets | (fails & fails.T)
+    meets |= fails & fails.T
+    walks = np.asarray(start.agents.kind)[rows] == AgentType.PEDESTRIAN
+    blocked = np.zeros((count, count), bool)  # i drives, j is parked
+    for distance in _WAY:
+        blocked |= overlaps(ways.boxes(np.full(count, distance)))
+    blocked &= ways.drives[:, None] & ~(ways.drives | walks)[None]
+    meets |= blocked | blocked.T
+    np.fill_diagonal(meets, False)
+    return meets
 
 
-def _boxes(start: Start, rows: np.ndarray, distance: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 9"]:
-    """Columns of ``Scene.agents`` after vehicles have driven ``distance`` along their lanes [m]."""
-    agents, places = start.agents, start.places
-    columns = [agents.x, agents.y, agents.z, agents.speed, np.cos(agents.heading), np.sin(agents.heading)]
-    columns += [agents.length, agents.width, agents.height]
-    out = np.stack([np.asarray(column, np.float64)[rows] for column in columns], -1)
-    drives = (np.asarray(places.lane)[rows] != NONE) & ~np.asarray(places.is_parked)[rows]
-    drives &= np.asarray(agents.kind)[rows] != AgentType.PEDESTRIAN
-    out[~drives, 3] = 0.0
-    for k in np.flatnonzero(drives):
-        lane, along = int(places.lane[rows[k]]), float(places.along[rows[k]])
-        before, after = _LaneView.of(start, lane).at(along), _LaneView.of(start, lane).at(along + distance[k])
-        angle = float(agents.heading[rows[k]]) + wrap_to_pi(after[2] - before[2])
-        out[k, :2] += after[:2] - before[:2]
-        out[k, 4:6] = np.cos(angle), np.sin(angle)
-    return out
+class _Ways:
+    """Where agents get on their lanes.
 
+    Attributes:
+      drives: which of them follow a lane.
+    """
 
-@dataclasses.dataclass(frozen=True)
-class _LaneView:
-    """One lane of the start: points [m], headings [rad] and arc length [m]."""
+    def __init__(self, start: Start, rows: np.ndarray):
+        agents, places, lanes = start.agents, start.places, start.lanes
+        columns = [agents.x, agents.y, agents.z, agents.speed, np.cos(agents.heading), np.sin(agents.heading)]
+        columns += [agents.length, agents.width, agents.height]
+        self._states = np.stack([np.asarray(column, np.float64)[rows] for column in columns], -1)
+        self._lane, self._along = np.asarray(places.lane)[rows], np.asarray(places.along, np.float64)[rows]
+        self.drives = self._lane != NONE
+        self._states[~self.drives, 3] = 0.0
+        count = len(lanes.points)  # the network has points of padding, and lanes that swerve
+        self._points = np.stack([start.network.x[:count], start.network.y[:count]], -1).astype(np.float64)
+        self._spans = [slice(first, first + more + 1) for first, more in zip(lanes.first, lanes.intervals, strict=True)]
+        self._lanes = lanes
 
-    points: Float64[np.ndarray, "points 2"]
-    headings: Float64[np.ndarray, " points"]
-    along: Float64[np.ndarray, " points"]
+    def boxes(self, distance: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 9"]:
+        """Columns of ``Scene.agents`` after vehicles have driven ``distance`` [m]; they return to the centerline."""
+        out = self._states.copy()
+        for row in np.flatnonzero(self.drives):
+            before, after = (
+                self._pose(int(self._lane[row]), float(self._along[row] + more)) for more in (0.0, distance[row])
+            )
+            turn, share = after[2] - before[2], np.exp(-distance[row] / _RETURN_LENGTH)
+            x, y = share * (out[row, :2] - before[:2])
+            angle = before[2] + turn + share * wrap_to_pi(np.arctan2(out[row, 5], out[row, 4]) - before[2])
+            cos, sin = np.cos(turn), np.sin(turn)
+            out[row, :2] = after[:2] + [cos * x - sin * y, sin * x + cos * y]
+            out[row, 4:6] = np.cos(angle), np.sin(angle)
+        return out
 
-    @classmethod
-    def of(cls, start: Start, lane: int) -> _LaneView:
-        lanes = start.lanes
-        rows = slice(lanes.first[lane], lanes.first[lane] + lanes.intervals[lane] + 1)
-        return cls(lanes.points[rows, :2], np.unwrap(lanes.headings[rows]), lanes.along[rows])
-
-    def at(self, distance: float) -> np.ndarray:
-        """x, y, heading; straight on beyond the end."""
-        x, y = (np.interp(distance, self.along, column) for column in self.points.T)
-        heading, beyond = np.interp(distance, self.along, self.headings), max(distance - self.along[-1], 0.0)
+    def _pose(self, lane: int, along: float) -> np.ndarray:
+        """x, y [m] and heading [rad] on a lane; straight on beyond its end."""
+        span = self._spans[lane]
+        arc, headings = self._lanes.along[span], np.unwrap(self._lanes.headings[span])
+        x, y = (np.interp(along, arc, column) for column in self._points[span].T)
+        heading, beyond = np.interp(along, arc, headings), max(along - arc[-1], 0.0)
         return np.array([x + beyond * np.cos(heading), y + beyond * np.sin(heading), heading])

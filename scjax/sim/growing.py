@@ -134,7 +134,8 @@ class GrowingDrive:
             traffic = self._with_traffic(self.world)
             start = self._prepare(traffic)
             new = set(traffic.agent_ids) - self.seen
-            if excluded := (bodies_in_the_way(start) | arrivals_too_near(start, new)) & new:
+            blocking = bodies_in_the_way(start) & new
+            if excluded := blocking | arrivals_too_near(start, new, blocking):
                 start = self._prepare(_without_agents(traffic, excluded))
             self._begin(start)
             self.seen |= set(self.world.agent_ids)

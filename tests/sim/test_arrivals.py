@@ -12,7 +12,7 @@ from tests.factories.road_maps import agent, crossing, road, with_agents
 
 def _too_near(map) -> set[str]:
     """Of agents of which all but the first are new."""
-    return arrivals_too_near(prepare(map, 0, np.random.default_rng(0)), set(map.agent_ids[1:]))
+    return arrivals_too_near(prepare(map, 0, np.random.default_rng(0)), set(map.agent_ids[1:]), set())
 
 
 @pytest.mark.parametrize(("gap", "excluded"), [(1.0, {"a1"}), (20.0, set())])
@@ -38,3 +38,9 @@ def test_of_two_arrivals_that_overlap_the_first_stays():
 def test_oncoming_arrivals_stay_in_their_lanes():
     lanes = [road(), road(y=3.5, name="back")]
     assert not _too_near(with_agents(lanes, [agent(50.0, 0.0, speed=10.0), agent(62.0, 3.5, 180.0, speed=10.0)]))
+
+
+def test_arrivals_that_a_parked_car_keeps_from_setting_off_stay_away():
+    """The lane leaves room beside the parked car, but who stands close behind it does not get to its middle."""
+    parked, near, far = agent(60.0, -2.2), agent(54.0, -1.2), agent(30.0, -1.2)
+    assert _too_near(with_agents([road()], [parked, near, far])) == {"a1"}
