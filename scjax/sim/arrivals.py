@@ -92,7 +92,7 @@ class _Ways:
     def boxes(self, distance: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 9"]:
         """Columns of ``Scene.agents`` after vehicles have driven ``distance`` [m]; they return to the centerline."""
         out = self._states.copy()
-        for row in np.flatnonzero(self.drives):
+        for row in np.flatnonzero(self.drives).tolist():
             before, after = (
                 self._pose(int(self._lane[row]), float(self._along[row] + more)) for more in (0.0, distance[row])
             )
@@ -100,13 +100,13 @@ class _Ways:
             x, y = share * (out[row, :2] - before[:2])
             angle = before[2] + turn + share * wrap_to_pi(np.arctan2(out[row, 5], out[row, 4]) - before[2])
             cos, sin = np.cos(turn), np.sin(turn)
-            out[row, :2] = after[:2] + [cos * x - sin * y, sin * x + cos * y]
+            out[row, :2] = after[0] + cos * x - sin * y, after[1] + sin * x + cos * y
             out[row, 4:6] = np.cos(angle), np.sin(angle)
         return out
 
-    def _pose(self, lane: int, along: float) -> np.ndarray:
-        """x, y [m] and heading [rad] on a lane; straight on beyond its end."""
-        span = self._spans[lane]
+    def _pose(self, row: int, ahead: float) -> np.ndarray:
+        """x, y [m] and heading [rad] of the lane of an agent ``ahead`` of it [m]; straight on beyond the end."""
+        span, along = self._spans[int(self._lane[row])], float(self._along[row]) + ahead
         arc, headings = self._lanes.along[span], np.unwrap(self._lanes.headings[span])
         x, y = (np.interp(along, arc, column) for column in self._points[span].T)
         heading, beyond = np.interp(along, arc, headings), max(along - arc[-1], 0.0)
