@@ -93,9 +93,7 @@ class _Ways:
         """Columns of ``Scene.agents`` after vehicles have driven ``distance`` [m]; they return to the centerline."""
         out = self._states.copy()
         for row in np.flatnonzero(self.drives).tolist():
-            before, after = (
-                self._pose(int(self._lane[row]), float(self._along[row] + more)) for more in (0.0, distance[row])
-            )
+            before, after = (self._pose(row, float(more)) for more in (0.0, distance[row]))
             turn, share = after[2] - before[2], np.exp(-distance[row] / _RETURN_LENGTH)
             x, y = share * (out[row, :2] - before[:2])
             angle = before[2] + turn + share * wrap_to_pi(np.arctan2(out[row, 5], out[row, 4]) - before[2])
