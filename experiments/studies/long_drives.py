@@ -22,7 +22,14 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.page import add_sampling_options, command_line, script_parser, table_lines, write_page
+from experiments.studies.page import (
+    add_sampling_options,
+    command_line,
+    rounded,
+    script_parser,
+    table_lines,
+    write_page,
+)
 from scjax.data.map_joins import connect_lanes
 from scjax.generate.arguments import sampling_key
 from scjax.metrics.driving import driving_sums, driving_table
@@ -59,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         rows = [_row(args, args.seed + k) for k in tqdm(range(args.drives), "drives", disable=None)]
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.long_drives: {error}")
-    write_page(args.out, page(rows, args.meters, command_line("long_drives", arguments)), rows)
+    write_page(args.out, page(rows, args.meters, command_line("long_drives", arguments)), rounded(rows))
 
 
 def _row(args: Any, seed: int) -> dict[str, Any]:
@@ -192,8 +199,9 @@ _NOTES = """Collisions, steps and lights are those of the driven ego; the vehicl
 stands below 0.5 m/s. A drive begins with the first scene of its seed from which a road leads the ego out.
 
 The map is not the same from the start to the end. A tile beyond which no road goes on is drawn again. Tiles farther
-than 60 m from the ego may be taken back, with who is on them. Vehicles and obstacles of new tiles that block a lane are
-left out. Nobody enters at the border, and who is farther than 160 m from the ego is gone.
+than 60 m from the ego may be taken back, with who is on them. Of the agents of new tiles some are left out: vehicles
+and obstacles that block a lane, who comes so near to others that braking does not help, and vehicles that a parked one
+would keep from setting off. Nobody enters at the border, and who is farther than 160 m from the ego is gone.
 
 Core seconds are of all that a drive takes: sampling the scene, tiles, and traffic, and compiling what no drive before
 it had compiled."""

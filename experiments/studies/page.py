@@ -57,6 +57,15 @@ def write_page(out: Path, text: str, content: Any, figure: Figure | None = None)
     write_text(out.with_name(f"{out.name}.md"), text)
 
 
+def rounded(content: Any, digits: int = 5) -> Any:
+    """Content of a page whose numbers have as many significant digits as anybody reads: files stay small."""
+    if isinstance(content, dict):
+        return {name: rounded(value, digits) for name, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [rounded(value, digits) for value in content]
+    return float(f"{content:.{digits}g}") if isinstance(content, float) else content
+
+
 def new_figure(width: float, height: float) -> Figure:
     """A figure [inches] that needs no display."""
     figure = Figure(figsize=(width, height), layout="constrained")

@@ -24,7 +24,7 @@ import numpy as np
 from tqdm import tqdm
 
 import scjax
-from experiments.studies.page import command_line, script_parser, table_lines, write_page
+from experiments.studies.page import command_line, rounded, script_parser, table_lines, write_page
 from scjax.metrics.distributions import Sums
 from scjax.metrics.driving import driving_sums, driving_table
 from scjax.metrics.realism_of_motion import realism_of_motion, realism_of_motion_table
@@ -76,7 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         }
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.rollouts: {error}")
-    write_page(args.out, page(rows, len(recordings), len(scenes), args, command_line("rollouts", arguments)), rows)
+    write_page(
+        args.out, page(rows, len(recordings), len(scenes), args, command_line("rollouts", arguments)), rounded(rows)
+    )
 
 
 def read_recordings(number: int) -> list[Log]:
