@@ -68,7 +68,7 @@ class GrowingDrive:
         self.policy, self.policy_state, self.behavior = policy, policy_state, behavior
         self.clock, self.number, self.has_ended = 0.0, 0, False
         first = connect_lanes(world)
-        self.start = prepare(first, 0, self._rng())
+        self.start = prepare(with_first_stop_lines(first), 0, self._rng())
         self.row = actor_row(self.start, actor)
         self.actor = self.start.log.object_ids[self.row]
         way, yaw = outpainting.pop("route", "straight"), float(self.start.agents.heading[self.row])
@@ -184,6 +184,7 @@ class GrowingDrive:
 
     def _with_traffic(self, world: Map) -> Map:
         """``world`` with the agents as they are now, and those of tiles that have not been seen; lanes near the ego."""
+        world = with_first_stop_lines(world)
         ids, states, types = self.track.present(self.start, self.state.agents)
         fresh = [row for row, name in enumerate(world.agent_ids) if name not in self.seen]
         states = np.concatenate([states, world.agents[fresh]])
@@ -210,6 +211,25 @@ class GrowingDrive:
             agents=states[near],
             agent_types=types[near],
         )
+
+
+def with_first_stop_lines(map: Map) -> Map:
+    """``map`` without signals of lanes that only lanes with a signal lead into.
+
+    Lanes that go on across a seam take over the state of the signal before them, but not its phases: a second stop line
+    inside of the junction, at which traffic would stop in the way of others.
+    """
+    lit, before = set(map.signal_lane_ids), collections.defaultdict[str, set[str]](set)
+    for lane in map.lanes:
+        for following in lane.successors:
+            before[following].add(lane.id)
+    rows = [k for k, name in enumerate(map.signal_lane_ids) if not before[name] or not before[name] <= lit]
+    return dataclasses.replace(
+        map,
+        signal_lane_ids=tuple(map.signal_lane_ids[row] for row in rows),
+        signal_states=map.signal_states[rows],
+        signal_positions=map.signal_positions[rows],
+    )
 
 
 def bodies_in_the_way(start: Start) -> set[str]:

@@ -9,10 +9,10 @@ import pytest
 
 from scjax.scene import AgentType, validate_log, validate_map
 from scjax.sim.drive import drive
-from scjax.sim.growing import bodies_in_the_way
+from scjax.sim.growing import bodies_in_the_way, with_first_stop_lines
 from scjax.sim.preparation import prepare
 from tests.factories.few_programs import use_few_programs
-from tests.factories.maps import two_tile_map
+from tests.factories.maps import map_lane, two_tile_map
 from tests.factories.road_maps import agent, road, with_agents
 
 FEW = {"candidates": 2, "retries": 0}
@@ -61,3 +61,20 @@ def test_bodies_that_reach_into_a_lane_are_in_the_way():
     kinds = [AgentType.VEHICLE, AgentType.VEHICLE, AgentType.VEHICLE, AgentType.STATIC]
     start = prepare(with_agents([road(200.0)], cars, kinds), 0, np.random.default_rng(0))
     assert bodies_in_the_way(start) == {"a1", "a3"}
+
+
+def test_of_stop_lines_in_a_row_the_first_stays():
+    lanes = [
+        map_lane("in", (0.0, 0.0, 0.0), (50.0, 0.0, 0.0), successors=("mid",)),
+        map_lane("mid", (50.0, 0.0, 0.0), (80.0, 0.0, 0.0), predecessors=("in",), successors=("out",)),
+        map_lane("out", (80.0, 0.0, 0.0), (150.0, 0.0, 0.0), predecessors=("mid",)),
+        map_lane("alone", (80.0, 9.0, 0.0), (150.0, 9.0, 0.0)),
+    ]
+    names = ("mid", "out", "alone")
+    places = np.array([[50.0, 0.0, 0.0], [80.0, 0.0, 0.0], [80.0, 9.0, 0.0]])
+    map = with_agents(
+        lanes, [], signal_lane_ids=names, signal_states=np.array([3, 3, 1], np.int32), signal_positions=places
+    )
+    after = with_first_stop_lines(map)
+    assert after.signal_lane_ids == ("mid", "alone") and after.signal_states.tolist() == [3, 1]
+    assert validate_map(after).lanes == map.lanes
