@@ -57,7 +57,7 @@ def write_page(out: Path, text: str, content: Any, figure: Figure | None = None)
     write_text(out.with_name(f"{out.name}.md"), text)
 
 
-def rounded(content: Any, digits: int = 5) -> Any:
+def rounded(content: Any, digits: int = 4) -> Any:
     """Content of a page whose numbers have as many significant digits as anybody reads: files stay small."""
     if isinstance(content, dict):
         return {name: rounded(value, digits) for name, value in content.items()}
