@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from scjax.scene.scene import AnyArray
 from scjax.sim.bicycle import Action
@@ -17,7 +17,7 @@ from scjax.sim.observation import FAR, ROUTE_DISTANCES, Observation
 _SIDE_GAP, _STANDING_SIDE_GAP = 0.6, 0.2  # m beside bodies on the way that move, and that stand
 _END_GAP = 0.3  # m before and behind them
 _FINE, _SPACING = 3, 1.0  # points of the way for each that is seen, and m between them
-_LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.8, 4.0  # s and m ahead of the center to which the vehicle steers
+_LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.4, 2.0  # s and m ahead of the center to which the vehicle steers
 _PREDICTED = (0.0, 1.0, 2.0)  # s, at which others must not be on the way
 
 
@@ -56,10 +56,11 @@ def _pursuit(observation: Observation) -> Float[AnyArray, ""]:
     """Curvature of the circle from the rear axle to a point of the route ahead [1/m]."""
     base = 0.3 * observation.size[0]
     target = jnp.maximum(_LOOK_AHEAD * observation.speed, _MIN_LOOK_AHEAD)
-    distance = jnp.hypot(observation.route[:, 0], observation.route[:, 1])
-    usable = observation.route_mask & (observation.route[:, 0] > 1.0)
+    route = _fine_route(observation)
+    distance = jnp.hypot(route[:, 0], route[:, 1])
+    usable = _is_way(observation) & (route[:, 0] > 1.0)
     choice = jnp.argmin(jnp.where(usable, jnp.abs(distance - target), jnp.inf))
-    x, y = observation.route[choice, 0] + base, observation.route[choice, 1]
+    x, y = route[choice, 0] + base, route[choice, 1]
     curvature = 2 * y / jnp.maximum(x * x + y * y, 1.0)
     return jnp.where(usable.any(), curvature, 0.0)
 
@@ -67,9 +68,7 @@ def _pursuit(observation: Observation) -> Float[AnyArray, ""]:
 def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float[AnyArray, ""]]:
     """Gap [m] to the first body that is on the route or will be, and its speed along the route [m/s]."""
     x, y, cos, sin, speed, length, width = observation.agents.T[:, None]  # [1, agents], beside points of the route
-    ahead = jnp.linspace(0.0, ROUTE_DISTANCES[-1], len(_BETWEEN))
-    route = _fine_route(observation)
-    is_way = ahead < jnp.where(observation.route_mask, jnp.asarray(ROUTE_DISTANCES), -1.0).max() + 0.1
+    route, is_way, ahead = _fine_route(observation), _is_way(observation), jnp.asarray(_FINE_DISTANCES)
     step = jnp.diff(route, axis=0)
     step = jnp.concatenate([step, step[-1:]])
     tangent = step / jnp.maximum(jnp.linalg.norm(step, axis=-1, keepdims=True), 1e-3)
@@ -100,6 +99,12 @@ def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float
     return gap, lead
 
 
+def _is_way(observation: Observation) -> Bool[AnyArray, " points"]:
+    """Which of the points of ``_fine_route`` are on the route."""
+    end = jnp.where(observation.route_mask, jnp.asarray(ROUTE_DISTANCES), -1.0).max()
+    return jnp.asarray(_FINE_DISTANCES) < end + 0.1
+
+
 def _fine_route(observation: Observation) -> Float[AnyArray, "points 2"]:
     """Points of the route, ``_SPACING`` apart, on curves through those that are seen: chords would cut bends [m]."""
     mask, points = observation.route_mask, observation.route[:, :2]
@@ -122,3 +127,4 @@ def _catmull_rom(count: int, parts: int) -> Float[np.ndarray, "points count"]:
 
 
 _BETWEEN = _catmull_rom(len(ROUTE_DISTANCES), _FINE)
+_FINE_DISTANCES = np.linspace(0.0, ROUTE_DISTANCES[-1], len(_BETWEEN)).astype(np.float32)
