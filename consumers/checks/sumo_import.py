@@ -15,11 +15,9 @@ from pathlib import Path
 
 NETCONVERT = (
     "--opendrive.import-all-lanes",  # also those that are not for cars
-    *("--default.junctions.radius", "0"),  # [m]; the file says where junctions end
-    *("--geometry.max-grade", "25"),  # [%]; some streets are steeper than 10
-    *("--geometry.min-radius", "2"),  # [m]; some lanes are bent more than 9
-    *("--junctions.limit-turn-speed.warn.straight", "100"),  # [m/s]; bends in junctions may be slow
-    *("--junctions.limit-turn-speed.warn.turn", "100"),
+    "--junctions.endpoint-shape",  # the file says where junctions end
+    *("--geometry.min-radius", "3"),  # [m]; some lanes are bent more than 9
+    *("--junctions.limit-turn-speed.warn.straight", "10"),  # [m/s]; a file without speed limits gets 50 km/h
 )
 _PROGRAM = re.compile("Guessing signalID|cycle time of")
 """About programs of traffic lights that netconvert makes up, since OpenDRIVE holds none."""
@@ -32,7 +30,7 @@ def main(files: list[str]) -> None:
 
 
 def import_net(file: str) -> dict:
-    """Warnings of netconvert, by their words; as it is, and with the thresholds of ``NETCONVERT``."""
+    """Warnings of netconvert, by their words; as it is, and with the options of ``NETCONVERT``."""
     _, plain, _ = _converted(file)
     status, lines, text = _converted(file, *NETCONVERT)
     programs = [line for line in lines if _PROGRAM.search(line)]
