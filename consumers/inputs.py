@@ -1,8 +1,8 @@
 """Makes the inputs of the page of results: python -m consumers.inputs [--number N] [--prompts FILE] [--out DIR]
 
+- generated: one scene, repaired, for every fifth prompt of ``--prompts``, simulated for ``--seconds``.
 - worlds: logs of synthetic worlds of every kind.
 - recordings: files spread evenly over those of each data set in the shared data (``SCJAX_DATA_DIR``).
-- generated: one scene, repaired, for every fifth prompt of ``--prompts``, simulated for ``--seconds``.
 
 A line of ``--prompts`` is a prompt, or JSON with "prompt" and "id". Files that are there stay as they are.
 """
@@ -48,7 +48,7 @@ def make_inputs(folder: Path, prompts: Path = PROMPTS, *, number: int = NUMBER, 
       ValueError: there are not enough prompts.
     """
     generated = _generated(folder / "generated", read_prompts(prompts, number), seconds)
-    return [*_worlds(folder / "worlds"), *_recordings(folder / "recordings"), *generated]
+    return [*generated, *_worlds(folder / "worlds"), *_recordings(folder / "recordings")]
 
 
 def read_prompts(path: Path, number: int) -> dict[str, str]:

@@ -30,8 +30,8 @@ def main(files: list[str]) -> None:
 
 
 def import_net(file: str) -> dict:
-    """Warnings of netconvert, by their words; as it is, and with the options of ``NETCONVERT``."""
-    _, plain, _ = _converted(file)
+    """Warnings of netconvert, by their words; with its own thresholds, and with those of ``NETCONVERT``."""
+    _, plain, _ = _converted(file, *NETCONVERT[:2])
     status, lines, text = _converted(file, *NETCONVERT)
     programs = [line for line in lines if _PROGRAM.search(line)]
     lines = [line for line in lines if not _PROGRAM.search(line)]
@@ -39,7 +39,7 @@ def import_net(file: str) -> dict:
         "consumer": "netconvert",
         "ok": status == 0 and not lines and bool(text),
         "warnings": _kinds(lines),
-        "warnings_by_default": _kinds(plain),
+        "warnings_by_default": _kinds([line for line in plain if not _PROGRAM.search(line)]),
         "signal_program_notes": _kinds(programs),
         "example": lines[:3],
         "edges": len(re.findall(r"<edge (?![^>]*function=)", text)),
