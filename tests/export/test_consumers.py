@@ -83,4 +83,4 @@ def test_page_counts_and_lists_faults(tmp_path):
     text = (tmp_path / "page.md").read_text()
     assert "2 worlds, 1 generated" in text and "| netconvert | 1 of 2 |  |" in text
     assert "| MetaDrive | not installed | not installed |" in text
-    assert '- 1-worlds-b.xodr, netconvert: {"example": ["x"]}' in text and "1 of 2 files give a warning" in text
+    assert '- worlds-b.xodr, netconvert: {"example": ["x"]}' in text and "1 of 2 files give a warning" in text
