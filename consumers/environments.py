@@ -52,8 +52,8 @@ def make_environment(name: str, root: Path | None = None) -> Path:
 def _write_stub_assets(folder: Path) -> None:
     """The two files without which MetaDrive downloads its textures at the first reset; replay needs none of them."""
     assets = next(folder.glob("lib/python*/site-packages/metadrive")) / "assets"
-    pins = (FOLDER / "requirements-metadrive.txt").read_text().split("==")
+    pin = (FOLDER / "requirements-metadrive.txt").read_text().split()[0]
     texture = assets / "textures" / "grass1" / "GroundGrassGreen002_COL_1K.jpg"
     texture.parent.mkdir(parents=True, exist_ok=True)
     texture.touch()
-    (assets / "version.txt").write_text(pins[1].strip())
+    (assets / "version.txt").write_text(pin.partition("==")[2])

@@ -15,11 +15,9 @@ from pathlib import Path
 
 NETCONVERT = (
     "--opendrive.import-all-lanes",  # also those that are not for cars
-    *("--default.junctions.radius", "0"),  # [m]; the file says where junctions end
-    *("--geometry.max-grade", "25"),  # [%]; some streets are steeper than 10
-    *("--geometry.min-radius", "2"),  # [m]; some lanes are bent more than 9
-    *("--junctions.limit-turn-speed.warn.straight", "100"),  # [m/s]; bends in junctions may be slow
-    *("--junctions.limit-turn-speed.warn.turn", "100"),
+    "--junctions.endpoint-shape",  # the file says where junctions end
+    *("--geometry.min-radius", "3"),  # [m]; some lanes are bent more than 9
+    *("--junctions.limit-turn-speed.warn.straight", "10"),  # [m/s]; a file without speed limits gets 50 km/h
 )
 _PROGRAM = re.compile("Guessing signalID|cycle time of")
 """About programs of traffic lights that netconvert makes up, since OpenDRIVE holds none."""
@@ -32,8 +30,8 @@ def main(files: list[str]) -> None:
 
 
 def import_net(file: str) -> dict:
-    """Warnings of netconvert, by their words; as it is, and with the thresholds of ``NETCONVERT``."""
-    _, plain, _ = _converted(file)
+    """Warnings of netconvert, by their words; with its own thresholds, and with those of ``NETCONVERT``."""
+    _, plain, _ = _converted(file, *NETCONVERT[:2])
     status, lines, text = _converted(file, *NETCONVERT)
     programs = [line for line in lines if _PROGRAM.search(line)]
     lines = [line for line in lines if not _PROGRAM.search(line)]
@@ -41,7 +39,7 @@ def import_net(file: str) -> dict:
         "consumer": "netconvert",
         "ok": status == 0 and not lines and bool(text),
         "warnings": _kinds(lines),
-        "warnings_by_default": _kinds(plain),
+        "warnings_by_default": _kinds([line for line in plain if not _PROGRAM.search(line)]),
         "signal_program_notes": _kinds(programs),
         "example": lines[:3],
         "edges": len(re.findall(r"<edge (?![^>]*function=)", text)),

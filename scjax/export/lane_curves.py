@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from scjax.export.lane_network import line_headings
 from scjax.scene.polyline import cumulative_length
 
-TOLERANCE = 0.02
+TOLERANCE = 0.05
 """Distance between a curve and the points that it is fitted to [m]."""
 
 _HEIGHT_TOLERANCE = 0.02  # m

@@ -1,7 +1,8 @@
-"""OpenDRIVE 1.7 (ASAM): a road for every lane, junctions, heights and traffic lights; no traffic."""
+"""OpenDRIVE 1.7 (ASAM): roads of one lane, junctions, heights and traffic lights; no traffic."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -10,10 +11,12 @@ import numpy as np
 
 from scjax.export.base import Export, Losses
 from scjax.export.crossings import lane_crossings
-from scjax.export.lane_curves import LaneCurve, fit_curve, piece_length
+from scjax.export.lane_curves import LaneCurve, curve_line, fit_curve, piece_length
 from scjax.export.lane_network import LaneNetwork, lane_network
 from scjax.export.lane_nodes import lane_nodes, meeting_lines
-from scjax.export.road_plan import PlannedRoad, plan_roads
+from scjax.export.lane_widths import road_widths
+from scjax.export.planned_road import PlannedRoad
+from scjax.export.road_plan import plan_roads
 from scjax.export.traffic import LANE_WIDTH
 from scjax.export.xml_text import XmlElement, add_element, write_xml
 from scjax.scene import Log
@@ -21,6 +24,8 @@ from scjax.scene import Log
 _LANE_TYPES = {"bike_lane": "biking", "bus_lane": "bus", "not_for_cars": "restricted", "undefined": "restricted"}
 _LIGHT = "1000001"  # three lamps, in the standard's own catalog
 _SAME_SLOPE = 1e-6
+_SAME_HEIGHT = 1e-6  # m
+_CHORD, _LEVEL_FACTOR = 2.0, 2.0  # m between points that netconvert puts on a curve; share of what they miss
 _LIGHT_HEIGHT = 5.0  # m above the road
 
 
@@ -79,7 +84,8 @@ def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
     lines, headings = meeting_lines(lanes, nodes)
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]
     lit = {row for row, lane in enumerate(lanes.lanes) if lane.id in log.signal_lane_ids}
-    roads = plan_roads(curves, nodes, lane_crossings(curves), lit)
+    kinds = [lane.lane_type for lane in lanes.lanes]
+    roads = plan_roads(curves, nodes, lane_crossings(curves), kinds, lit)
     return OpenDriveRoads(lanes, roads, _signals(log, lanes, roads, losses))
 
 
@@ -107,8 +113,8 @@ def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
     (west, south), (east, north) = corners.min(0).tolist(), corners.max(0).tolist()
     header = {"revMajor": 1, "revMinor": 7, "name": name, "version": "1.00", "vendor": "scjax"}
     add_element(root, "header", **header, north=north, south=south, east=east, west=west)
-    for road in network.roads:
-        _add_road(root, road, network)
+    for road, (first, last) in zip(network.roads, road_widths(network.roads).tolist(), strict=True):
+        _add_road(root, road, (first, last), network)
     for junction in sorted({road.junction for road in network.roads} - {0}):
         element = add_element(root, "junction", id=_junction_id(network, junction), name=f"junction {junction}")
         ways = [road for road in network.roads if road.junction == junction]
@@ -130,13 +136,14 @@ def _junction_id(network: OpenDriveRoads, junction: int) -> int:
     return len(network.roads) + junction
 
 
-def _add_road(root: XmlElement, road: PlannedRoad, network: OpenDriveRoads) -> None:
+def _add_road(root: XmlElement, road: PlannedRoad, widths: tuple[float, float], network: OpenDriveRoads) -> None:
     lane = network.lanes.lanes[road.lane]
-    pieces = [piece for piece in road.curve.pieces]
+    pieces = list(road.curve.pieces)
     lengths = [piece_length(piece) for piece in pieces]
     junction = _junction_id(network, road.junction) if road.junction else -1
+    length = float(np.sum(lengths))
     element = add_element(
-        root, "road", name=lane.id, length=float(np.sum(lengths)), id=road.id, junction=junction, rule="RHT"
+        root, "road", name=_road_name(network, road), length=length, id=road.id, junction=junction, rule="RHT"
     )
     links = add_element(element, "link")
     ends = (
@@ -150,16 +157,17 @@ def _add_road(root: XmlElement, road: PlannedRoad, network: OpenDriveRoads) -> N
             add_element(links, tag, elementType="junction", elementId=_junction_id(network, junction_there))
     add_element(element, "type", s=0.0, type="motorway" if lane.lane_type == "freeway" else "town")
     plan = add_element(element, "planView")
-    start = 0.0
-    for piece, length in zip(pieces, lengths, strict=True):
-        _add_geometry(plan, piece, start, length)
-        start += length
+    for piece, start, size in zip(pieces, np.cumsum([0.0, *lengths[:-1]]).tolist(), lengths, strict=True):
+        _add_geometry(plan, piece, start, size)
     _add_heights(element, road.curve)
-    _add_lane(element, road, _LANE_TYPES.get(lane.lane_type or "", "driving"))
-    signals = network.signals.get(road.id, [])
-    group = add_element(element, "signals") if signals else None
+    slope = (widths[1] - widths[0]) / length
+    _add_lane(element, road, _LANE_TYPES.get(lane.lane_type or "", "driving"), widths[0], slope)
+    if road.id in network.signals:
+        _add_signals(add_element(element, "signals"), network.signals[road.id])
+
+
+def _add_signals(group: XmlElement, signals: Sequence[PlacedSignal]) -> None:
     for signal in signals:
-        assert group is not None
         light = add_element(
             group,
             "signal",
@@ -168,6 +176,11 @@ def _add_road(root: XmlElement, road: PlannedRoad, network: OpenDriveRoads) -> N
             **{"value": -1.0, "width": 0.3, "height": 0.9, "hOffset": 0.0},
         )
         add_element(light, "validity", fromLane=-1, toLane=-1)
+
+
+def _road_name(network: OpenDriveRoads, road: PlannedRoad) -> str:
+    """The ids of the lanes of a road; of a way through a junction that of the lane that it leads to."""
+    return "+".join(network.lanes.lanes[row].id for row in ((road.lane,) if road.junction else road.lanes))
 
 
 def _add_geometry(plan: XmlElement, piece: np.ndarray, start: float, length: float) -> None:
@@ -188,9 +201,17 @@ def _add_geometry(plan: XmlElement, piece: np.ndarray, start: float, length: flo
 
 
 def _add_heights(element: XmlElement, curve: LaneCurve) -> None:
+    """The heights; the last bit is level, so that programs that measure along chords end at the same height."""
+    table = curve.heights
+    end, top = table[-1].tolist()
+    level = max(end - _LEVEL_FACTOR * _chord_deficit(curve), end / 2)
+    place = float(np.interp(level, *table.T))
+    if abs(place - top) > _SAME_HEIGHT:
+        inner = table[:, 0] < level - _SAME_HEIGHT
+        table = np.concatenate([table[inner], [[level, top], [end, top]]])
     profile = add_element(element, "elevationProfile")
     before = None
-    for (s, z), (end, top) in zip(curve.heights[:-1].tolist(), curve.heights[1:].tolist(), strict=True):
+    for (s, z), (end, top) in zip(table[:-1].tolist(), table[1:].tolist(), strict=True):
         slope = (top - z) / max(end - s, 1e-9)
         if before is not None and abs(slope - before) < _SAME_SLOPE:
             continue  # the record before goes on
@@ -198,10 +219,20 @@ def _add_heights(element: XmlElement, curve: LaneCurve) -> None:
         add_element(profile, "elevation", s=s, a=z, b=slope, c=0.0, d=0.0)
 
 
-def _add_lane(element: XmlElement, road: PlannedRoad, kind: str) -> None:
-    """The lane of the road, with its middle on the reference line."""
+def _chord_deficit(curve: LaneCurve) -> float:
+    """How much shorter a polyline with points every 2 m is than the curve [m]."""
+    points, arc = curve_line(curve, _CHORD)
+    return float(arc[-1] - np.hypot(*np.diff(points[:, :2], axis=0).T).sum())
+
+
+def _add_lane(element: XmlElement, road: PlannedRoad, kind: str, width: float, slope: float) -> None:
+    """The lane of the road, with its middle on the reference line.
+
+    Args:
+      width, slope: at the start [m], and its change for each meter.
+    """
     lanes = add_element(element, "lanes")
-    add_element(lanes, "laneOffset", s=0.0, a=LANE_WIDTH / 2, b=0.0, c=0.0, d=0.0)
+    add_element(lanes, "laneOffset", s=0.0, a=width / 2, b=slope / 2, c=0.0, d=0.0)
     section = add_element(lanes, "laneSection", s=0.0)
     middle = add_element(add_element(section, "center"), "lane", id=0, type="none", level="false")
     add_element(middle, "link")
@@ -211,7 +242,7 @@ def _add_lane(element: XmlElement, road: PlannedRoad, kind: str) -> None:
         add_element(links, "predecessor", id=-1)
     if road.after:
         add_element(links, "successor", id=-1)
-    add_element(lane, "width", sOffset=0.0, a=LANE_WIDTH, b=0.0, c=0.0, d=0.0)
+    add_element(lane, "width", sOffset=0.0, a=width, b=slope, c=0.0, d=0.0)
 
 
 OPENDRIVE_EXPORT = Export("OpenDRIVE", ".xodr", "SUMO, esmini, CARLA, RoadRunner", write_opendrive)

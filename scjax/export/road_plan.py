@@ -1,55 +1,34 @@
-"""Lanes -> roads of one lane each and junctions, in the form that consumers of OpenDRIVE accept.
+"""Lanes -> roads with one lane each and junctions, in the form that consumers of OpenDRIVE accept.
 
-Lanes that follow each other one by one are roads with links. Every fork and merge is a junction, and so is every place
-where lanes cross. A short lane from a fork to a merge is a road of the junction as a whole; of other lanes the part at
-the fork, merge or crossing is cut off for it. Junctions that share such a road are one.
+Lanes of one kind that follow each other one by one are one road. Every fork and merge is a junction, and so is every
+place where lanes cross. A short lane from a fork to a merge is a road of the junction as a whole; of other lanes the
+part at the fork, merge or crossing is cut off for it. Junctions that share such a road are one.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 
 from scjax.export.crossings import LaneCrossing
 from scjax.export.junction_spans import JunctionSpan, junction_spans
 from scjax.export.lane_curves import LaneCurve, cut_curve, join_curves
 from scjax.export.lane_nodes import LaneNode, NodeKind
-
-
-@dataclasses.dataclass
-class PlannedRoad:
-    """A road of one lane.
-
-    Attributes:
-      id: from 1.
-      curve: middle of the lane.
-      lane: index of the lane; of the one that follows for a way between two lanes.
-      start: arc length on the lane at which the road begins [m].
-      junction: id of the junction that it lies in, 0 outside of junctions.
-      before, after: ids of the roads at its ends, 0 where a junction or nothing is.
-      junction_before, junction_after: ids of the junctions at its ends, 0 where a road or nothing is.
-    """
-
-    id: int
-    curve: LaneCurve
-    lane: int
-    start: float
-    junction: int = 0
-    before: int = 0
-    after: int = 0
-    junction_before: int = 0
-    junction_after: int = 0
+from scjax.export.planned_road import PlannedRoad
+from scjax.export.road_chains import join_chains
 
 
 def plan_roads(
     curves: Sequence[LaneCurve],
     nodes: Sequence[LaneNode],
     crossings: Sequence[LaneCrossing],
+    kinds: Sequence[Hashable],
     lit: Collection[int] = (),
 ) -> list[PlannedRoad]:
     """The roads for lanes with these curves.
 
     Args:
+      kinds: of all lanes; lanes of two kinds share no road.
       lit: lanes with a traffic light; a junction begins where they begin.
     """
     spans = junction_spans(curves, nodes, crossings, lit)
@@ -62,7 +41,7 @@ def plan_roads(
             if span is not None and span.is_shared:
                 continue
             whole = start == 0 and end == curve.length
-            road = PlannedRoad(len(roads) + 1, curve if whole else cut_curve(curve, start, end), lane, start)
+            road = PlannedRoad(len(roads) + 1, curve if whole else cut_curve(curve, start, end), lane, start, (lane,))
             if span is not None:
                 road.junction = numbers.setdefault(span.junction, len(numbers) + 1)
             roads.append(road)
@@ -76,11 +55,12 @@ def plan_roads(
                 continue
             tail, head = spans[i][-1], spans[j][0]
             way = join_curves([cut_curve(curves[i], tail.start, tail.end), cut_curve(curves[j], head.start, head.end)])
-            road = PlannedRoad(len(roads) + 1, way, j, 0.0, numbers.setdefault(head.junction, len(numbers) + 1))
+            number = numbers.setdefault(head.junction, len(numbers) + 1)
+            road = PlannedRoad(len(roads) + 1, way, j, 0.0, (i, j), number)
             roads.append(road)
             _connect(parts[i][-1], road)
             _connect(road, parts[j][0])
-    return _without_doubles(roads)
+    return _without_doubles(join_chains(roads, kinds, lit))
 
 
 def _without_doubles(roads: list[PlannedRoad]) -> list[PlannedRoad]:

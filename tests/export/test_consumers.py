@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
+from collections import Counter
 
 import pytest
 
 from consumers.check import CHECKS, CONSUMERS, run_consumer
 from consumers.environments import make_environment
+from consumers.inputs import read_prompts
 from consumers.page import write_page
 from scjax.export import export_log
 from tests.factories.exports import consumer_python, crossing_log, two_lane_log
@@ -64,12 +66,21 @@ def test_unknown_consumer_is_refused(tmp_path):
         make_environment("carla", tmp_path)
 
 
+def test_every_fifth_prompt_is_an_input(tmp_path):
+    path = tmp_path / "prompts.txt"
+    path.write_text("".join(f'{{"id": "p{k}", "prompt": "road {k}"}}\n' if k else "a road\n" for k in range(12)))
+    assert read_prompts(path, 3) == {"line-1": "a road", "p5": "road 5", "p10": "road 10"}
+    with pytest.raises(ValueError, match="has 3 prompts, every fifth line counted: 4 are needed"):
+        read_prompts(path, 4)
+
+
 def test_page_counts_and_lists_faults(tmp_path):
     rows = [
-        {"consumer": "netconvert", "ok": True, "file": "a.xodr", "warnings_by_default": {"x": 1}},
-        {"consumer": "netconvert", "ok": False, "file": "b.xodr", "warnings_by_default": {}, "example": ["a grade"]},
+        {"consumer": "netconvert", "ok": True, "file": "0-worlds-a.xodr", "warnings_by_default": {"x": 1}},
+        {"consumer": "netconvert", "ok": False, "file": "1-worlds-b.xodr", "warnings_by_default": {}, "example": ["x"]},
     ]
-    write_page(tmp_path / "page.md", "Two maps.", rows, {}, [], ["MetaDrive"], 2)
+    write_page(tmp_path / "page.md", rows, {}, [], ["MetaDrive"], Counter({"worlds": 2, "generated": 1}))
     text = (tmp_path / "page.md").read_text()
-    assert "Two maps.\n" in text and "| netconvert | 2 | 1 |" in text and "| MetaDrive | 0 | not installed |" in text
-    assert '- b.xodr, netconvert: {"example": ["a grade"]}' in text and "1 of 2 files give a warning" in text
+    assert "2 worlds, 1 generated" in text and "| netconvert | 1 of 2 |  |" in text
+    assert "| MetaDrive | not installed | not installed |" in text
+    assert '- worlds-b.xodr, netconvert: {"example": ["x"]}' in text and "1 of 2 files give a warning" in text

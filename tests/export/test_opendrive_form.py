@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from xml.etree import ElementTree
 
@@ -11,7 +12,11 @@ import pytest
 from scjax.export import export_log
 from scjax.export.base import Losses
 from scjax.export.lane_curves import curve_line
+from scjax.export.lane_widths import road_widths
 from scjax.export.opendrive import road_network
+from scjax.export.planned_road import PlannedRoad
+from scjax.export.road_chains import join_chains
+from scjax.scene import MapLane
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world
 from tests.factories.exports import crossing_log, two_lane_log
@@ -66,6 +71,39 @@ def test_no_two_roads_lead_from_a_junction_to_the_same_one(roads):
         (road.junction_before, road.junction_after) for road in roads if road.junction_before * road.junction_after
     ]
     assert len(set(pairs)) == len(pairs) and all(a != b for a, b in pairs)
+
+
+def test_lanes_of_one_type_in_a_row_are_one_road(tmp_path):
+    line = two_lane_log().lanes[1].points
+    rows = {"a": ("freeway", 0, 20), "b": ("freeway", 20, 35), "c": ("bike_lane", 35, 50)}
+    lanes = tuple(
+        MapLane(name, kind, line[i : j + 1], *((other,) if other in rows else () for other in map(chr, beside)))
+        for (name, (kind, i, j)), beside in zip(rows.items(), ((0, 98), (97, 99), (98, 0)), strict=True)
+    )
+    log = dataclasses.replace(two_lane_log(), lanes=lanes)
+    first, second = road_network(log, Losses()).roads
+    assert (first.lanes, second.lanes) == ((0, 1), (2,)) and first.after == second.id and second.before == first.id
+    path = export_log(log, tmp_path / "map.xodr", "opendrive").paths[0]
+    assert [road.get("name") for road in ElementTree.parse(path).getroot().iter("road")] == ["a+b", "c"]
+
+
+def test_ring_of_roads_stays_as_it_is():
+    curve = road_network(two_lane_log(), Losses()).roads[0].curve
+    ring = [PlannedRoad(k + 1, curve, k, 0.0, (k,), 0, (k - 1) % 3 + 1, (k + 1) % 3 + 1) for k in range(3)]
+    assert [(road.before, road.after) for road in join_chains(ring, [None] * 3)] == [(3, 2), (1, 3), (2, 1)]
+
+
+def test_roads_beside_each_other_leave_a_gap():
+    widths = road_widths(road_network(two_lane_log(), Losses()).roads)
+    np.testing.assert_allclose(widths, 3.4, atol=0.05)
+
+
+def test_bent_road_is_level_at_its_end(tmp_path):
+    path = export_log(two_lane_log(), tmp_path / "map.xodr", "opendrive").paths[0]
+    for road in ElementTree.parse(path).getroot().iter("road"):
+        *_, before, last = road.findall("elevationProfile/elevation")
+        assert (float(last.get("a")), float(last.get("b"))) == (5.0, 0.0) and float(before.get("b")) > 0
+        assert 0 < float(road.get("length")) - float(last.get("s")) < 0.2
 
 
 def test_lanes_that_cross_share_a_junction():
