@@ -38,13 +38,13 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
     # Model folder of an unconditional denoiser with the sizes of training; "": train it first, with the first seed.
     config.base = ""
-    config.base_steps = 2 if smoke else 2_500 if pictures else 6_000
+    config.base_steps = 2 if smoke else 1_000 if pictures else 6_000
     config.modalities = MODALITIES if variant == "standard" else ("image",) if pictures else ("text",)
     config.entries = _ENTRIES[variant]
     config.seeds = (0,) if smoke else (0, 1, 2)  # of initialization, data order, noise and samples
     config.more = ()  # ablation.json files with further seeds or modalities for the report
     config.out = ""  # path of the report without ending; "": WORKDIR/ablation
-    config.samples = 4 if smoke else 250  # held-out records; those within the buckets below are used
+    config.samples = 4 if smoke else 160 if pictures else 250  # held-out records; those within the buckets below are used
     config.sampler = "dpm++"
     config.sampler_steps = 2 if smoke else 10
     config.guidance = 4.0
@@ -52,10 +52,10 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     training = denoiser.get_config(
         "tiny"
     )  # of every run; records, autoencoder, condition and mechanism are set per run
-    training.steps = 3 if smoke else 600 if pictures else 1_600  # 600 steps are too few to learn the condition
+    training.steps = 3 if smoke else 450 if pictures else 1_600  # 600 steps are too few to learn the condition
     # One small bucket saves compilation; it drops the farthest elements in a fifth of the synthetic worlds.
     training.batch.buckets = ((61, 100),) if smoke else ((16, 28),)
-    training.optimizer.warmup = 1 if smoke else 100
+    training.optimizer.warmup = 1 if smoke else 50 if pictures else 100
     training.optimizer.learning_rate = 1e-3  # at twice the rate, texts are learned later and the base is forgotten more
     training.evaluate_every = training.picture_every = 0
     training.log_every = 1 if smoke else 50
