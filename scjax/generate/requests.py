@@ -16,7 +16,7 @@ from scjax.generate.counts import CountTables
 from scjax.generate.model import Model
 from scjax.generate.outline_draw import draw_outline, view_row
 from scjax.generate.seen_agents import held_agents, sees_agents
-from scjax.generate.seen_space import SeenSpace, move_from_empty
+from scjax.generate.seen_picture import SeenPicture
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
 from scjax.scene.per_type import PerType
@@ -47,7 +47,7 @@ class Request:
     """One scene to sample; everything but its latents is decided.
 
     Attributes:
-      space: what a picture shows of space, where the known agents are those that it shows; None: any space may be used.
+      picture: what a picture shows, where the known agents are those that it shows; None: nothing is seen.
       fixed_number: whether the number of agents is the user's.
     """
 
@@ -61,7 +61,7 @@ class Request:
     kinds: PerType | None = None
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     negative_attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    space: SeenSpace | None = None
+    picture: SeenPicture | None = None
     fixed_number: bool = False
 
     @property
@@ -76,11 +76,9 @@ class Request:
         return [self, *others]
 
     def finish(self, scene: Scene) -> Scene:
-        """A sampled scene without padding, with the known elements, and no vehicle where the picture shows none."""
+        """A sampled scene without padding, with the known elements, and in agreement with what is seen."""
         scene = self.restore_known(scene)
-        if self.space is None:
-            return scene
-        return move_from_empty(scene, self.known_counts[0], self.space, self.fixed_number)
+        return scene if self.picture is None else self.picture.fit(scene, self.known_counts[0], self.fixed_number)
 
     def restore_known(self, scene: Scene) -> Scene:
         """A sampled scene without padding, whose known elements are exactly the user's, in the user's order."""
@@ -118,11 +116,11 @@ def draw_request(
     most, reads = model.denoiser.config.max_agents, tables.read_attributes
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
     rng = np.random.default_rng(seed.astype(np.uint32))
-    view, space = view_row(rng, condition, streams.get("image"), model), None
+    view, picture = view_row(rng, condition, streams.get("image"), model), None
     if view is not None and condition.hold_seen and sees_agents(model):
         known = model.codec.select(held_agents(condition, streams["image"], view, domain, model))
         num_known = len(known.agent_mask), 0
-        space = SeenSpace.of_cells(np.asarray(streams["image"].grid()))
+        picture = SeenPicture.of_cells(np.asarray(streams["image"].grid()))
     table = tables(streams.get("text"), condition.attributes, domain, condition.crop)
     num_agents = condition.num_agents if reads else _num_agents(condition, num_known[0], most)
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
@@ -153,7 +151,7 @@ def draw_request(
         kinds=kinds,
         attributes=condition.attributes,
         negative_attributes=condition.negative_attributes,
-        space=space,
+        picture=picture,
         fixed_number=condition.num_agents is not None or any(name in condition.attributes for name in _AGENT_COUNTS),
     )
 

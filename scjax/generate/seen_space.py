@@ -30,6 +30,8 @@ _ACROSS = np.linspace(0.0, 1.0, 7)[1:-1]  # points of a box's silhouette
 _UP = np.array([0.1, 0.35, 0.6, 0.85])
 _GAP = 2.0  # m before and behind a vehicle that is moved
 
+Cells = tuple[np.ndarray, np.ndarray]  # rows and columns
+
 
 @dataclasses.dataclass(frozen=True)
 class SeenSpace:
@@ -89,7 +91,9 @@ class SeenSpace:
         is_near = np.hypot(*np.moveaxis(self.places[cells] - agent[:2], -1, 0)) < _NEAR + _SPREAD * reach
         return bool((objects[cells] * is_near).max() < _LEAST)
 
-    def _covered(self, agent: Float64[np.ndarray, " 9"]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, float, float]:
+    def _covered(
+        self, agent: Float64[np.ndarray, " 9"]
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, float, float]:
         """Rows and columns of the cells of points of a box's silhouette, their depths, the share of the points that lie
         in the picture, and how far away the box is [m]."""
         camera = standard_camera()
@@ -107,13 +111,13 @@ class SeenSpace:
         column, row = (image.pixels[inside] * (columns / size[0], rows / size[1])).astype(int).T
         return (row, column), image.depth[inside], float(inside.mean()), reach
 
-    def _are_hidden(self, cells: tuple[np.ndarray, np.ndarray], depth: np.ndarray) -> np.ndarray:
+    def _are_hidden(self, cells: Cells, depth: np.ndarray) -> np.ndarray:
         """Which points lie behind what their cells show."""
         return self.depth[cells] < (1 - _DEPTH_SHARE) * depth - _DEPTH_ERROR
 
 
-def move_from_empty(scene: Scene, first: int, space: SeenSpace, keeps_number: bool) -> Scene:
-    """The scene without vehicles where the picture shows that there is none.
+def move_misplaced(scene: Scene, first: int, space: SeenSpace, keeps_number: bool) -> Scene:
+    """The scene without vehicles where the picture shows that there is none, or inside the ego or agents that are seen.
 
     Each goes to the nearest place of a lane that is out of sight. Where there is no such place it is left out.
 
@@ -123,12 +127,13 @@ def move_from_empty(scene: Scene, first: int, space: SeenSpace, keeps_number: bo
       keeps_number: whether vehicles without such a place stay where they are.
     """
     agents = np.asarray(scene.agents, np.float64).copy()
-    is_empty = space.shows_empty(agents, agents[1:first]) & (np.asarray(scene.agent_types) == AgentType.VEHICLE)
-    is_empty[:first] = False
-    if not is_empty.any():
+    misplaced = space.shows_empty(agents, agents[1:first]) | overlaps(agents)[:first].any(0)
+    misplaced &= np.asarray(scene.agent_types) == AgentType.VEHICLE
+    misplaced[:first] = False
+    if not misplaced.any():
         return scene
-    places, kept = _lane_places(scene), ~is_empty
-    for row in np.flatnonzero(is_empty):
+    places, kept = _lane_places(scene), ~misplaced
+    for row in np.flatnonzero(misplaced):
         order = np.argsort(np.hypot(*(places[:, :2] - agents[row, :2]).T), kind="stable")
         for place in places[order]:
             box = agents[row].copy()
@@ -150,4 +155,3 @@ def _lane_places(scene: Scene) -> Float64[np.ndarray, "places 5"]:
     steps, middles = lanes[:, 1:] - lanes[:, :-1], (lanes[:, 1:] + lanes[:, :-1]) / 2
     lengths = np.maximum(np.linalg.norm(steps[..., :2], axis=-1, keepdims=True), 1e-6)
     return np.concatenate([middles, steps[..., :2] / lengths], -1).reshape(-1, 5)
-

@@ -7,8 +7,8 @@ All runs start from one unconditional base and train all weights, also the entry
 more steps. (--config.training.freeze=True is the regime of the paper, in which only the mechanism learns.)
 
 standard: all mechanisms on texts and images. pictures: the ten mechanisms on rendered pictures, with the features of
---config.training.images=runs/features (scjax data dashcam, then embed-images), in short trainings. recipe: ways to train cross-global on texts (condition dropout, frozen
-base). smoke: a few steps, to check that everything runs.
+--config.training.images=runs/features (scjax data dashcam, then embed-images), in short trainings. recipe: ways to
+train cross-global on texts (condition dropout, frozen base). smoke: a few steps, to check that everything runs.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     config.seeds = (0,) if smoke else (0, 1, 2)  # of initialization, data order, noise and samples
     config.more = ()  # ablation.json files with further seeds or modalities for the report
     config.out = ""  # path of the report without ending; "": WORKDIR/ablation
-    config.samples = 4 if smoke else 160 if pictures else 250  # held-out records; those within the buckets below are used
+    config.samples = (
+        4 if smoke else 160 if pictures else 250
+    )  # held-out records; those within the buckets below are used
     config.sampler = "dpm++"
     config.sampler_steps = 2 if smoke else 10
     config.guidance = 4.0
