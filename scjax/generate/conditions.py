@@ -164,8 +164,9 @@ class Condition:
       camera: that took the picture: a ``scjax.camera.Camera`` in the frame of the ego, its height above the ground, or
         a ``Rig`` of one. The encoder of the package reads the standard view that follows from it
         (``camera.standard_view``), by default from the preset "dashcam". For others it becomes the stream "camera".
-      hold_seen: whether agents that the picture shows become known elements, for models whose encoder says where they
-        are (``generate.seen_agents``), if ``known`` is not given.
+      hold_seen: whether what the picture shows holds, for models whose encoder says where it is and if ``known`` is not
+        given: agents become known elements (``generate.seen_agents``), lanes are shifted onto those that are seen, and
+        no vehicle stands where none is seen (``generate.seen_picture``).
       attributes: what the scene shall show, name -> value, range or list of values, such as ``{"layout": "T",
         "vehicles": (3, 5)}``; docs/attributes.md lists them. A missing one, None and "unspecified" ask nothing.
         What a prompt asks for joins them where the model takes prompts as requests (``generate.readings``). A model

@@ -16,6 +16,7 @@ from scjax.generate.counts import CountTables
 from scjax.generate.model import Model
 from scjax.generate.outline_draw import draw_outline, view_row
 from scjax.generate.seen_agents import held_agents, sees_agents
+from scjax.generate.seen_picture import SeenPicture
 from scjax.models.counts.prior import draw_counts
 from scjax.scene import Crop, Scene, permute, unpadded
 from scjax.scene.per_type import PerType
@@ -43,7 +44,12 @@ class KnownElements:
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """One scene to sample; everything but its latents is decided."""
+    """One scene to sample; everything but its latents is decided.
+
+    Attributes:
+      picture: what a picture shows, where the known agents are those that it shows; None: nothing is seen.
+      fixed_number: whether the number of agents is the user's.
+    """
 
     key: Array
     streams: Mapping[str, Stream]
@@ -55,6 +61,8 @@ class Request:
     kinds: PerType | None = None
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     negative_attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    picture: SeenPicture | None = None
+    fixed_number: bool = False
 
     @property
     def known_counts(self) -> tuple[int, int]:
@@ -66,6 +74,11 @@ class Request:
         key = jax.random.fold_in(self.key, _CANDIDATES_KEY)
         others = [dataclasses.replace(self, key=jax.random.fold_in(key, k)) for k in range(1, number)]
         return [self, *others]
+
+    def finish(self, scene: Scene) -> Scene:
+        """A sampled scene without padding, with the known elements, and in agreement with what is seen."""
+        scene = self.restore_known(scene)
+        return scene if self.picture is None else self.picture.fit(scene, self.known_counts[0], self.fixed_number)
 
     def restore_known(self, scene: Scene) -> Scene:
         """A sampled scene without padding, whose known elements are exactly the user's, in the user's order."""
@@ -103,10 +116,11 @@ def draw_request(
     most, reads = model.denoiser.config.max_agents, tables.read_attributes
     seed = np.asarray(jax.random.key_data(jax.random.fold_in(key, _COUNTS_KEY)))
     rng = np.random.default_rng(seed.astype(np.uint32))
-    view = view_row(rng, condition, streams.get("image"), model)
+    view, picture = view_row(rng, condition, streams.get("image"), model), None
     if view is not None and condition.hold_seen and sees_agents(model):
         known = model.codec.select(held_agents(condition, streams["image"], view, domain, model))
         num_known = len(known.agent_mask), 0
+        picture = SeenPicture.of_cells(np.asarray(streams["image"].grid()))
     table = tables(streams.get("text"), condition.attributes, domain, condition.crop)
     num_agents = condition.num_agents if reads else _num_agents(condition, num_known[0], most)
     elements = None if known is None else KnownElements(known, *sort_tokens(known))
@@ -137,6 +151,8 @@ def draw_request(
         kinds=kinds,
         attributes=condition.attributes,
         negative_attributes=condition.negative_attributes,
+        picture=picture,
+        fixed_number=condition.num_agents is not None or any(name in condition.attributes for name in _AGENT_COUNTS),
     )
 
 

@@ -222,7 +222,7 @@ def _sample_latents_and_decode(
     for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP, least):
         batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config)
         sampled = sample_batch(model, settings, batch)
-        scenes.update({index: requests[index].restore_known(sampled[row]) for row, index in enumerate(indices)})
+        scenes.update({index: requests[index].finish(sampled[row]) for row, index in enumerate(indices)})
     return [scenes[index] for index in range(len(requests))]
 
 

@@ -21,9 +21,9 @@ from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.boxes import separations
 from scjax.scene.scene import LARGE_LENGTH
 
-_LEAST = 0.4  # how sure a cell must be that there is an object
-_RADIUS, _SPREAD = 1.2, 0.04  # m, and share of the distance, within which cells agree
-_VOTES = 1.0  # sum of how sure the cells of an agent are, at least
+_LEAST = 0.3  # how sure a cell must be that there is an object
+_RADIUS, _SPREAD = 1.2, 0.05  # m, and share of the distance, within which cells agree
+_VOTES = 1.75  # sum of how sure the cells of an agent are, at least
 _REACH = (4.0, 42.0)  # m ahead
 _HALF_WIDTH = 31.0  # m
 _APART = 1.6  # m between agents at least

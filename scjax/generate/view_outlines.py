@@ -22,7 +22,9 @@ _POOLED = (4, 7)  # parts of a picture, rows and columns, whose features are ave
 _FIRST_ROW = 0.15  # share of the picture above the parts
 _RIDGE = 30.0
 _NEAREST = 4  # outlines among which one is drawn
-_FIRST = 1e6  # distance of a lane or agent too many or too few, where their number is given
+_LANE, _AGENT = 10.0, 0.3
+"""Distance of a lane and an agent too many or too few, where their number is given. Layouts of lanes that look like the
+picture and have nearly this number serve better than those of this number that look least unlike it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +143,7 @@ class ViewOutlines:
 
         Args:
           tokens: of the cells of the picture, row-major; grid: its rows and columns.
-          num_lanes, num_agents: nearest in these first, if given.
+          num_lanes, num_agents: near in these, too, if given.
 
         Raises:
           ValueError: the picture has other features than those that were fitted.
@@ -151,9 +153,9 @@ class ViewOutlines:
             raise ValueError(f"view outlines: a picture has {len(features)} features, not {len(self.weights)}")
         estimate = features @ self.weights
         distances = (((self._numbers - estimate) / self.deviations) ** 2).sum(1)
-        for kinds, number in ((self.lanes, num_lanes), (self.agents, num_agents)):
+        for kinds, number, each in ((self.lanes, num_lanes, _LANE), (self.agents, num_agents, _AGENT)):
             if number is not None:
-                distances = distances + _FIRST * np.abs((kinds >= 0).sum(1) - number)
+                distances = distances + each * np.abs((kinds >= 0).sum(1) - number)
         return int(rng.choice(np.argsort(distances, kind="stable")[:_NEAREST]))
 
     @functools.cached_property

@@ -52,10 +52,18 @@ def test_draw_finds_an_outline_with_the_numbers_of_the_picture(data, views):
         assert np.abs(known[drawn] - known[row]).sum() <= nearest[-1]
 
 
-def test_draw_keeps_given_numbers(data, views):
+def test_draw_follows_given_numbers_where_the_picture_says_little(data, views):
     lanes, _, pictures = data
-    drawn = views.draw(np.random.default_rng(0), pictures[0], GRID, num_lanes=6)
+    unsure = dataclasses.replace(views, deviations=10 * np.ones_like(views.deviations))
+    drawn = unsure.draw(np.random.default_rng(0), pictures[0], GRID, num_lanes=6)
     assert (lanes[drawn] >= 0).sum() == 6
+
+
+def test_draw_follows_the_picture_before_given_numbers(data, views):
+    _, _, pictures = data
+    certain = dataclasses.replace(views, deviations=1e-3 * np.ones_like(views.deviations))
+    draws = [certain.draw(np.random.default_rng(0), pictures[0], GRID, num_lanes=number) for number in (None, 6)]
+    assert draws[0] == draws[1]
 
 
 def test_files_hold_the_outlines(views):

@@ -6,8 +6,9 @@
 All runs start from one unconditional base and train all weights, also the entry ``none``; so gains do not come from
 more steps. (--config.training.freeze=True is the regime of the paper, in which only the mechanism learns.)
 
-standard: all mechanisms on texts and images. recipe: ways to train cross-global on texts (condition dropout, frozen
-base). smoke: a few steps, to check that everything runs.
+standard: all mechanisms on texts and images. pictures: the ten mechanisms on rendered pictures, with the features of
+--config.training.images=runs/features (scjax data dashcam, then embed-images), in short trainings. recipe: ways to
+train cross-global on texts (condition dropout, frozen base). smoke: a few steps, to check that everything runs.
 """
 
 from __future__ import annotations
@@ -15,29 +16,37 @@ from __future__ import annotations
 import ml_collections
 
 from experiments.studies.ablation.entries import MECHANISMS, MODALITIES, RECIPES
+from scjax.nn.cross_attention import OPTIONS
 from scjax.train.configs import denoiser
 
-VARIANTS = ("standard", "recipe", "smoke")
-_ENTRIES = {"standard": tuple(MECHANISMS), "recipe": tuple(RECIPES), "smoke": ("none", "full")}
+VARIANTS = ("standard", "pictures", "recipe", "smoke")
+_ENTRIES = {
+    "standard": tuple(MECHANISMS),
+    "pictures": tuple(OPTIONS),
+    "recipe": tuple(RECIPES),
+    "smoke": ("none", "full"),
+}
 
 
 def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     """The config of a variant; every field can be changed with --config.FIELD=VALUE."""
     if variant not in VARIANTS:
         raise ValueError(f"unknown variant {variant!r} of the ablation: choose one of {', '.join(VARIANTS)}")
-    smoke = variant == "smoke"
+    smoke, pictures = variant == "smoke", variant == "pictures"
     config = ml_collections.ConfigDict()
     config.records = "runs/records"  # captioned and embedded for texts
     config.autoencoder = "runs/autoencoder/model"  # model folder of stage 1
     # Model folder of an unconditional denoiser with the sizes of training; "": train it first, with the first seed.
     config.base = ""
-    config.base_steps = 2 if smoke else 6_000
-    config.modalities = MODALITIES if variant == "standard" else ("text",)
+    config.base_steps = 2 if smoke else 1_000 if pictures else 6_000
+    config.modalities = MODALITIES if variant == "standard" else ("image",) if pictures else ("text",)
     config.entries = _ENTRIES[variant]
     config.seeds = (0,) if smoke else (0, 1, 2)  # of initialization, data order, noise and samples
     config.more = ()  # ablation.json files with further seeds or modalities for the report
     config.out = ""  # path of the report without ending; "": WORKDIR/ablation
-    config.samples = 4 if smoke else 250  # held-out records; those within the buckets below are used
+    config.samples = (
+        4 if smoke else 160 if pictures else 250
+    )  # held-out records; those within the buckets below are used
     config.sampler = "dpm++"
     config.sampler_steps = 2 if smoke else 10
     config.guidance = 4.0
@@ -45,15 +54,16 @@ def get_config(variant: str = "standard") -> ml_collections.ConfigDict:
     training = denoiser.get_config(
         "tiny"
     )  # of every run; records, autoencoder, condition and mechanism are set per run
-    training.steps = 3 if smoke else 1_600  # 600 steps are too few to learn the condition
+    training.steps = 3 if smoke else 450 if pictures else 1_600  # 600 steps are too few to learn the condition
     # One small bucket saves compilation; it drops the farthest elements in a fifth of the synthetic worlds.
     training.batch.buckets = ((61, 100),) if smoke else ((16, 28),)
-    training.optimizer.warmup = 1 if smoke else 100
+    training.optimizer.warmup = 1 if smoke else 50 if pictures else 100
     training.optimizer.learning_rate = 1e-3  # at twice the rate, texts are learned later and the base is forgotten more
     training.evaluate_every = training.picture_every = 0
     training.log_every = 1 if smoke else 50
     training.checkpoint_every = 3 if smoke else 250
     training.tensorboard = False
+    training.image_depth = not pictures  # features of the network that ships say how far things are
     if smoke:
         training.batch.batch_size = 2
     config.training = training

@@ -79,6 +79,7 @@ def sample_to_file(
                 sampler=settings.name,
                 num_steps=settings.num_steps,
                 guidance=settings.guidance,
+                energy_guidance=False,  # whatever the autoencoder's model has by default
             )
             times.append((time.perf_counter() - begin) / len(part))
         seconds.write_text(str(min(times[1:], default=math.nan)))

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from experiments.studies.prompts import draw_prompt
-from scjax.camera.raycast import GRID, render
 from scjax.data import records
 from scjax.data.caption_features import TextStore
 from scjax.data.captions import read_captions
+from scjax.data.window_images import RaycastImages, StoredImages, WindowImages
 from scjax.evaluate.hashing import content_hash, row_text
 from scjax.evaluate.sources import LARGEST_COUNTS, RecordScenes
 from scjax.generate.conditions import Condition, Stream
@@ -50,19 +50,27 @@ class Requests:
 
 
 def make_requests(
-    modality: str, folder: str, samples: int, model: Model, most: tuple[int, int] = LARGEST_COUNTS
+    modality: str,
+    folder: str,
+    samples: int,
+    model: Model,
+    most: tuple[int, int] = LARGEST_COUNTS,
+    features: str = "",
+    depth: bool = True,
 ) -> Requests:
     """Requests for evenly spaced held-out records.
 
     Args:
-      modality: "text" (centered windows with a caption) or "image" (forward windows with ray-cast images).
+      modality: "text" (centered windows with a caption) or "image" (forward windows with pictures).
       folder: the records.
       samples: number of records; those with more elements than ``most`` are skipped.
       model: whose types the scenes have.
       most: (agents, lanes) of the largest training bucket.
+      features: of pictures of the records (``scjax data embed-images``); "": ray-cast pictures.
+      depth: whether pictures come with depth.
 
     Raises:
-      ValueError: there are no such records, or most are of one location.
+      ValueError: there are no such records or pictures, or most are of one location.
     """
     source, crop = RecordScenes(folder, "val"), Crop.CENTERED if modality == "text" else Crop.FORWARD
     locations, tiles = source.clusters, records.open_records(folder, "val")
@@ -75,7 +83,7 @@ def make_requests(
     if not scenes:
         raise ValueError(f"{folder}: none of {len(fits)} held-out records has at most {most} agents and lanes")
     stated: list[Composition] = []
-    context = 2.0 * GRID[0] * GRID[1]
+    encoder = ""
     if modality == "text":
         captions, store = list(read_captions(folder, "val")), TextStore(folder, "val")
         rng = np.random.default_rng(_SEED)
@@ -84,8 +92,9 @@ def make_requests(
         context = float(np.mean([len(tokens) for _, tokens in prompts]))
         streams = [{"text": Stream(tokens)} for _, tokens in prompts]
     else:
-        views = [render(scene) for scene in scenes]
-        streams = [{"image": Stream.from_image(view.image), "depth": Stream.from_depth(view.depth)} for view in views]
+        images: WindowImages = StoredImages(features, "val") if features else RaycastImages()
+        streams = [_picture_streams(images, scene, int(row), depth) for scene, row in zip(scenes, rows, strict=True)]
+        context, encoder = float((1 + depth) * np.prod(images.grid)), images.encoder
     clusters = [locations[row] for row in rows]
     others = derangements(clusters, np.random.default_rng(_SEED), 1)[0]
     counts = [
@@ -100,9 +109,15 @@ def make_requests(
     own = [Condition(**count, streams=one) for count, one in zip(counts, streams, strict=True)]
     shuffled = [Condition(**count, streams=streams[row]) for count, row in zip(counts, others, strict=True)]
     fingerprint = content_hash(
-        modality, source.fingerprint, row_text(rows), row_text(others), "\n".join(one.text for one in stated)
+        modality, source.fingerprint, row_text(rows), row_text(others), "\n".join(one.text for one in stated), encoder
     )
     return Requests(scenes, clusters, own, shuffled, [one.request for one in stated], context, fingerprint)
+
+
+def _picture_streams(images: WindowImages, scene: Scene, row: int, depth: bool) -> dict[str, Stream]:
+    seen = images(scene, row)
+    own = {"image": Stream.from_image(seen.image)}
+    return own | {"depth": Stream.from_depth(seen.depth)} if depth else own
 
 
 def pad_texts(conditions: Sequence[Condition], slots: int) -> list[Condition]:

@@ -50,7 +50,15 @@ def ablate(config: Any, workdir: Path, command: str = "") -> Path | None:
     settings = SamplerSettings(config.sampler, config.sampler_steps, float(config.guidance))
     agents, lanes = (max(sizes) for sizes in zip(*config.training.batch.buckets, strict=True))
     requests = {
-        modality: make_requests(modality, config.records, config.samples, autoencoder, (agents, lanes))
+        modality: make_requests(
+            modality,
+            config.records,
+            config.samples,
+            autoencoder,
+            (agents, lanes),
+            config.training.images,
+            config.training.image_depth,
+        )
         for modality in names
     }
 
@@ -85,6 +93,7 @@ def _setting(config: Any, fingerprints: dict[str, str]) -> dict[str, Any]:
     fields = json.loads(config.to_json())
     for name in ("records", "autoencoder", "base", "seeds", "entries", "modalities", "more", "out"):
         fields.pop(name)
+    fields["training"].pop("images")  # a folder; requests have the encoder
     return {"format": FORMAT, "requests": fingerprints, **fields}
 
 

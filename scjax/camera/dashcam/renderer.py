@@ -180,11 +180,10 @@ class DashcamRenderer:
         position: np.ndarray,
     ) -> Float32[np.ndarray, "height width 3"]:
         """Colors of the canvas, with haze."""
-        look = self.look
+        look, light = self.look, ground_light(self.look).astype(np.float32)
         inverse, faces = buffer.inverse_depth.ravel(), buffer.faces.ravel()
-        picture = (ground * ground_light(look).astype(np.float32)).reshape(-1, 3)
-        if shade is not None:
-            picture *= 1 - shade.reshape(-1, 1) * np.float32(1 / 255)
+        # One plane for each color: arrays of pixels with three colors each take several times as long.
+        planes = [plane.ravel() * part for plane, part in zip(require_opencv().split(ground), light, strict=True)]
         shown = np.flatnonzero(faces >= 0)
         chosen = faces[shown]
         colors = surfaces.colors[chosen]
@@ -197,17 +196,23 @@ class DashcamRenderer:
                 colors[places] = with_windows(colors[places], points, surfaces.normals[chosen[places]], look)
             else:
                 colors[places] *= (1 + _LEAF_GRAIN * grain(points, 0.35))[:, None]
-        picture[shown] = colors
         depth = 1 / np.maximum(inverse, np.float32(1e-4))
-        if look.headlights:
-            picture *= (1 + np.float32(look.headlights) * np.exp(depth / np.float32(-_BEAM)))[:, None]
-        haze = np.exp(depth / np.float32(-look.visibility))[:, None]
-        picture -= 255 * np.array(look.horizon, np.float32)
-        picture *= haze
-        picture += 255 * np.array(look.horizon, np.float32)
+        haze = np.exp(depth / np.float32(-look.visibility))
+        beam = 1 + np.float32(look.headlights) * np.exp(depth / np.float32(-_BEAM)) if look.headlights else None
+        dark = None if shade is None else 1 - shade.ravel() * np.float32(1 / 255)
         sky = np.flatnonzero(inverse <= 0)
-        picture[sky] = sky_colors(self._canvas.rays[sky] @ rotation[2].astype(np.float32), look)
-        return picture.reshape(*buffer.faces.shape, 3)
+        of_sky = sky_colors(self._canvas.rays[sky] @ rotation[2].astype(np.float32), look)
+        for color, (plane, horizon) in enumerate(zip(planes, 255 * np.array(look.horizon, np.float32), strict=True)):
+            if dark is not None:
+                plane *= dark
+            plane[shown] = colors[:, color]
+            if beam is not None:
+                plane *= beam
+            plane -= horizon
+            plane *= haze
+            plane += horizon
+            plane[sky] = of_sky[:, color]
+        return require_opencv().merge([plane.reshape(buffer.faces.shape) for plane in planes])
 
 
 def _padded(points: np.ndarray, count: int) -> np.ndarray:
