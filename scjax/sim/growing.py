@@ -20,6 +20,7 @@ from scjax.sim.arrivals import arrivals_too_near
 from scjax.sim.behavior import BehaviorModel
 from scjax.sim.closed_loop import DrivingTerms
 from scjax.sim.drive_loop import DriveResult, actor_row, drive_segment, start_state, terms_on_host
+from scjax.sim.jams import JamWatch
 from scjax.sim.map_growth import MapGrowth, in_front_half
 from scjax.sim.policies import Policy
 from scjax.sim.preparation import Start, pad_start, prepare
@@ -76,6 +77,7 @@ class GrowingDrive:
         self.track = TrackLog(self.start)
         self.terms: list[dict[str, np.ndarray]] = []
         self.seen = set(self.world.agent_ids)
+        self.jams = JamWatch()
         self._begin(self.start)
 
     @property
@@ -122,6 +124,9 @@ class GrowingDrive:
         self.track.add(start, {name: np.asarray(values) for name, values in after.items()}, shown)
         self.terms.append(terms_on_host(terms))
         self.has_ended = not bool(self.state.agents.valid[self.row])
+        if (row := self.jams.blocking_row(start, self.state.agents, self.clock, self.row)) is not None:
+            agents = self.state.agents
+            self.state = self.state.replace(agents=agents.replace(valid=agents.valid.at[row].set(False)))
 
     def _grow(self) -> None:
         """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on."""
