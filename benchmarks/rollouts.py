@@ -108,7 +108,8 @@ def _copies(log: Log, side: int, distance: float) -> Log:
             links = {name: tuple(names[one] for one in getattr(lane, name)) for name in ("predecessors", "successors")}
             moved = {"id": names[lane.id], "points": lane.points + shift, "left_neighbors": (), "right_neighbors": ()}
             lanes.append(dataclasses.replace(lane, **moved, **links))
-    return dataclasses.replace(log, lanes=tuple(lanes), signal_lane_ids=(), signal_states=np.zeros((0, 1), np.int32))
+    nothing = {"signal_lane_ids": (), "signal_states": np.zeros((0, 1), np.int32), "signal_positions": np.zeros((0, 3))}
+    return dataclasses.replace(log, lanes=tuple(lanes), **nothing)
 
 
 def with_vehicles(log: Log, count: int) -> Log:

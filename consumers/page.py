@@ -7,17 +7,16 @@ from collections import Counter
 from pathlib import Path
 from statistics import median
 
+from consumers.checks.sumo_import import AS_WRITTEN, THRESHOLDS
+
 _TEXT = """# Exported files in the programs of others
+
+`python -m consumers.check --out docs/results/exports.md`, after `python -m consumers.make`.
 
 Do other programs open what `scjax export` writes? Each input was exported and opened by each program.
 {inputs}.
 Generated logs are roll-outs of 10 s from scenes for every fifth of our development prompts, worlds are synthetic, and
 recordings are of four data sets. Prompts and recordings are not in this repository.
-
-```bash
-python -m consumers.make
-python -m consumers.check --out docs/results/exports.md
-```
 
 A file counts under these conditions:
 
@@ -39,8 +38,9 @@ Two of these take files as they are: lanes of all types, and junctions that end 
 of warnings. Lanes may bend at their ends with radii from 3 m; the default is 9 m. A file without speed limits gets
 50 km/h, which bends in junctions may reduce by up to 10 m/s; the default is 5 m/s. With the first two options alone
 {plain} of {nets} files give a warning.
-Warnings about programs of traffic lights, which netconvert makes up since OpenDRIVE holds none, do not count: {lights}
-files have one.
+netconvert makes up programs of traffic lights, since OpenDRIVE holds none. Warnings about these do not count; they are
+in {lights} of the files. It also warns where two left turns are nearer than half a lane though, by the order of the
+junction's arms, they should be free of each other.
 
 {faults}
 ## What the formats could not say
@@ -50,14 +50,6 @@ Number of inputs to which it applies, as `scjax export` says it.
 | format | what | inputs |
 | --- | --- | --- |
 {losses}
-"""
-_OPTIONS = (
-    "--opendrive.import-all-lanes --junctions.endpoint-shape --geometry.min-radius 3 "
-    "--junctions.limit-turn-speed.warn.straight 10"
-)
-_LOOKED_AT = """netconvert takes left turns for free of each other by the order of the junction's arms, and warns where
-their lines are nearer than half a lane. All such pairs were drawn and measured: the lanes of the log cross, or pass at
-1.1 m (5bd5663f67bb887d). The grade is that of the recording, whose height jumps by 1 m.
 """
 
 
@@ -85,12 +77,12 @@ def write_page(
         inputs="Inputs: " + ", ".join(f"{count} {kind}" for kind, count in inputs.items()),
         kinds=" | ".join(inputs),
         lines=" --- |" * len(inputs),
-        options=_OPTIONS,
+        options=" ".join((*AS_WRITTEN, *THRESHOLDS)),
         plain=sum(bool(row["warnings_by_default"]) for row in nets),
         nets=len(nets),
         lights=sum(bool(row.get("signal_program_notes")) for row in nets),
         table="\n".join(table),
-        faults="## Faults\n\n" + "\n".join([*faults, "", _LOOKED_AT]) if faults else "No fault was found.\n",
+        faults="## Faults\n\n" + "\n".join([*faults, ""]) if faults else "No fault was found.\n",
         losses="\n".join(
             f"| {name} | {words} | {found[words]} |" for name, found in losses.items() for words in sorted(found)
         ),

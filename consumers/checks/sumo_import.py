@@ -13,12 +13,16 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-NETCONVERT = (
+AS_WRITTEN = (
     "--opendrive.import-all-lanes",  # also those that are not for cars
     "--junctions.endpoint-shape",  # the file says where junctions end
+)
+"""Options of netconvert with which it takes files as they are."""
+THRESHOLDS = (
     *("--geometry.min-radius", "3"),  # [m]; some lanes are bent more than 9
     *("--junctions.limit-turn-speed.warn.straight", "10"),  # [m/s]; a file without speed limits gets 50 km/h
 )
+"""Options of netconvert that move thresholds of its warnings."""
 _PROGRAM = re.compile("Guessing signalID|cycle time of")
 """About programs of traffic lights that netconvert makes up, since OpenDRIVE holds none."""
 
@@ -30,9 +34,9 @@ def main(files: list[str]) -> None:
 
 
 def import_net(file: str) -> dict:
-    """Warnings of netconvert, by their words; with its own thresholds, and with those of ``NETCONVERT``."""
-    _, plain, _ = _converted(file, *NETCONVERT[:2])
-    status, lines, text = _converted(file, *NETCONVERT)
+    """Warnings of netconvert, by their words; with its own thresholds, and with ours."""
+    _, plain, _ = _converted(file, *AS_WRITTEN)
+    status, lines, text = _converted(file, *AS_WRITTEN, *THRESHOLDS)
     programs = [line for line in lines if _PROGRAM.search(line)]
     lines = [line for line in lines if not _PROGRAM.search(line)]
     return {

@@ -193,6 +193,11 @@ def cells_of_tokens(tokens: Float[np.ndarray, "tokens width"]) -> dict[str, Floa
     return dict(zip(NUMBERS, parts, strict=False))
 
 
+def sureness(logits: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
+    """How sure cells are that they show an object or a lane, from 0 to 1."""
+    return 1 / (1 + np.exp(-logits.clip(-30, 30)))
+
+
 def _parts(numbers: Array) -> list[Array]:
     return jnp.split(numbers, np.cumsum(list(NUMBERS.values()))[:-1].tolist(), -1)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 
 from scjax.camera.dashcam.materials import AGENT_CLASSES
-from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens
+from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens, sureness
 from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
@@ -56,7 +56,7 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
     """
     cells = cells_of_tokens(np.asarray(tokens, np.float64))
     classes, objects = cells["classes"], cells["object"]
-    sure = 1 / (1 + np.exp(-objects[:, -1].clip(-30, 30)))
+    sure = sureness(objects[:, -1])
     places = PLACE_SCALE * objects[:, :2]
     inside = (places[:, 0] > _REACH[0]) & (places[:, 0] < _REACH[1]) & (np.abs(places[:, 1]) < _HALF_WIDTH)
     chosen = (sure > _LEAST) & inside

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
-from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens
+from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens, sureness
 from scjax.metrics.lanes import lane_segments
 from scjax.scene import Scene
 
@@ -52,7 +52,7 @@ def seen_lanes(tokens: Float[np.ndarray, "cells width"]) -> SeenLanes:
       tokens: of all cells of a picture; their order does not matter.
     """
     lanes = cells_of_tokens(np.asarray(tokens, np.float64))["lane"]
-    sure = 1 / (1 + np.exp(-lanes[:, -1].clip(-30, 30)))
+    sure = sureness(lanes[:, -1])
     points = PLACE_SCALE * lanes[:, :2]
     headings = lanes[:, 2:4] / np.maximum(np.linalg.norm(lanes[:, 2:4], axis=1, keepdims=True), 1e-6)
     chosen = (sure > _LEAST) & (points[:, 0] > _REACH[0]) & (np.hypot(*points.T) < _REACH[1])

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float64
 
 from scjax.camera.projection import project_points
 from scjax.camera.standard_view import standard_camera
-from scjax.encoders.dashcam_network import FINE, PLACE_SCALE, cells_of_tokens
+from scjax.encoders.dashcam_network import FINE, PLACE_SCALE, cells_of_tokens, sureness
 from scjax.scene import AgentType, Scene
 from scjax.scene.boxes import overlaps
 from scjax.scene.edit import keep_elements
@@ -59,8 +59,7 @@ class SeenSpace:
             return values.reshape(grid[0] * FINE, grid[1] * FINE, -1)
 
         depth, objects = by_place(numbers["depth"])[..., 0], by_place(numbers["object"])
-        sure = 1 / (1 + np.exp(-objects[..., -1].clip(-30, 30)))
-        return cls(np.exp(depth.clip(-5, 10)), sure, PLACE_SCALE * objects[..., :2])
+        return cls(np.exp(depth.clip(-5, 10)), sureness(objects[..., -1]), PLACE_SCALE * objects[..., :2])
 
     def shows_empty(
         self, agents: Float[np.ndarray, "agents 9"], seen: Float[np.ndarray, "others 9"]
@@ -91,9 +90,7 @@ class SeenSpace:
         is_near = np.hypot(*np.moveaxis(self.places[cells] - agent[:2], -1, 0)) < _NEAR + _SPREAD * reach
         return bool((objects[cells] * is_near).max() < _LEAST)
 
-    def _covered(
-        self, agent: Float64[np.ndarray, " 9"]
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, float, float]:
+    def _covered(self, agent: Float64[np.ndarray, " 9"]) -> tuple[Cells, np.ndarray, float, float]:
         """Rows and columns of the cells of points of a box's silhouette, their depths, the share of the points that lie
         in the picture, and how far away the box is [m]."""
         camera = standard_camera()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from jaxtyping import Bool, Float, Int
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int
 
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
@@ -54,3 +55,10 @@ class Agents(Replaceable):
     height: Float[AnyArray, "*b N"]
     kind: Int[AnyArray, "*b N"]
     entries: Int[AnyArray, "*b N"]
+
+
+def agent_columns(agents: Agents, rows: Int[np.ndarray, " n"]) -> Float64[np.ndarray, "n 9"]:
+    """Columns of ``Scene.agents`` of some agents, in the frame of the road network; NumPy on the host."""
+    columns = [agents.x, agents.y, agents.z, agents.speed, np.cos(agents.heading), np.sin(agents.heading)]
+    columns += [agents.length, agents.width, agents.height]
+    return np.stack([np.asarray(column, np.float64)[rows] for column in columns], -1)

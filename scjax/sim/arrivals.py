@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float64
 from scjax.scene import AgentType
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.boxes import overlaps
+from scjax.sim.agents import agent_columns
 from scjax.sim.preparation import Start
 from scjax.sim.road_network import NONE
 
@@ -77,10 +78,8 @@ class _Ways:
     """
 
     def __init__(self, start: Start, rows: np.ndarray):
-        agents, places, lanes = start.agents, start.places, start.lanes
-        columns = [agents.x, agents.y, agents.z, agents.speed, np.cos(agents.heading), np.sin(agents.heading)]
-        columns += [agents.length, agents.width, agents.height]
-        self._states = np.stack([np.asarray(column, np.float64)[rows] for column in columns], -1)
+        places, lanes = start.places, start.lanes
+        self._states = agent_columns(start.agents, rows)
         self._lane, self._along = np.asarray(places.lane)[rows], np.asarray(places.along, np.float64)[rows]
         self.drives = self._lane != NONE
         self._states[~self.drives, 3] = 0.0

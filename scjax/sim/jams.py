@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.scene import AgentType
-from scjax.sim.agents import Agents, LanePlaces
+from scjax.sim.agents import Agents, agent_columns
 from scjax.sim.places import place_agents
 from scjax.sim.preparation import Start
 from scjax.sim.road_network import NONE
@@ -39,28 +39,26 @@ class JamWatch:
         places = np.stack([agents.x, agents.y], -1).astype(np.float64)[: len(ids)] + start.origin[:2]
         rests = {}
         for row in np.flatnonzero(np.asarray(agents.valid)[: len(ids)]):
-            place, since = self._rests.get(ids[row], (places[row], clock))
+            place, first = self._rests.get(ids[row], (places[row], clock))
             moved = np.hypot(*(places[row] - place)) > _MOVES
-            rests[ids[row]] = (places[row], clock) if moved else (place, since)
+            rests[ids[row]] = (places[row], clock) if moved else (place, first)
         self._rests = rests
         if clock < self._next:
             return None
-        kinds = np.asarray(agents.kind)
-        stands = {row: rests[name][1] for row, name in enumerate(ids) if name in rests and row != driven}
-        late = [row for row, since in stands.items() if clock - since >= _SECONDS and kinds[row] == AgentType.VEHICLE]
-        rows = np.array(late, int)[_in_junctions(start, agents, np.array(late, int))]
+        since = {row: rests[name][1] for row, name in enumerate(ids) if name in rests and row != driven}
+        rows = np.array([row for row, first in since.items() if clock - first >= _SECONDS], int)
+        rows = rows[np.asarray(agents.kind)[rows] == AgentType.VEHICLE]
+        rows = rows[_in_junctions(start, agents, rows)]
         if not len(rows):
             return None
         self._next = clock + _PAUSE
-        return min(rows.tolist(), key=lambda row: stands[row])
+        return min(rows.tolist(), key=since.__getitem__)
 
 
 def _in_junctions(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Which of the vehicles stand on a part of their lane where they are in the way of another lane."""
-    columns = [agents.x, agents.y, agents.z, agents.speed, np.cos(agents.heading), np.sin(agents.heading)]
-    columns += [agents.length, agents.width, agents.height]
-    states = np.stack([np.asarray(column, np.float64)[rows] for column in columns], -1)
-    places: LanePlaces = place_agents(start.lanes, states, np.asarray(agents.kind)[rows])
+    states = agent_columns(agents, rows)
+    places = place_agents(start.lanes, states, np.asarray(agents.kind)[rows])
     network, out = start.network, np.zeros(len(rows), bool)
     for number, lane in enumerate(np.asarray(places.lane)):
         if lane == NONE:

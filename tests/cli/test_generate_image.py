@@ -127,7 +127,7 @@ SOURCES = {
     "turned.png": save_turned,
     "gray.png": lambda path: Image.fromarray(PIXELS[..., 0]).save(path),
     "alpha.png": lambda path: Image.fromarray(np.dstack([PIXELS, PIXELS[..., :1]])).save(path),
-    "large.jpg": lambda path: Image.fromarray(PIXELS).resize((3840, 2160)).save(path),
+    "large.jpg": lambda path: Image.fromarray(PIXELS).resize((7680, 4320)).save(path),
 }
 
 
