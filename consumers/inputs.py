@@ -110,7 +110,8 @@ def _generated(folder: Path, prompts: dict[str, str], seconds: float) -> list[Pa
         ]
         logs = scjax.simulate(key, scenes, seconds=seconds)
         for path, log in zip(paths.values(), logs, strict=True):
-            save_log(log, path)
+            if not path.is_file():
+                save_log(log, path)
     return list(paths.values())
 
 
