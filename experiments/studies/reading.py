@@ -3,8 +3,9 @@
     python -m experiments.studies.reading ../shared/prompts/dev.jsonl --out=docs/results/reading
 
 The file has one prompt a line: {"style", "prompt", "asks"}. An answer is right if it equals what is stated; ends of
-distances may differ by 3 m. Attributes that no line of the file states are left out: it does not know them. The last
-table compares the share that the reader gives with how often such answers are right.
+distances may differ by 3 m. An ask is implied if every scene that shows what is read shows it. Attributes that no line
+of the file states are left out: it does not know them. The last table compares the share that the reader gives with how
+often such answers are right.
 
 Writes OUT.md and OUT.json.
 """
@@ -22,11 +23,13 @@ import msgspec
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
 from scjax.generate.prompt_reader import load_reader
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
+from scjax.language.grammar.styles import is_negative
 from scjax.language.reader.targets import Reading
 from scjax.nn.startup import start_jax
 from scjax.scene.document import parse_document
 
 _TOLERANCE = 3.0  # meters between ends of distances
+_INTERSECTIONS = ("four-way", "T", "Y", "multi-intersection")
 _BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
@@ -53,6 +56,19 @@ class Answer(NamedTuple):
             return self.stated == self.read
         return all(_near(*ends) for ends in zip(self.stated, self.read, strict=True))
 
+    @property
+    def implied(self) -> bool:
+        """Whether every scene that shows what is read shows what is stated."""
+        if self.right or self.stated is None or self.read is None:
+            return self.right
+        kind = ATTRIBUTES[self.attribute].kind
+        if kind == "set":
+            return set(self.stated) <= set(self.read)
+        if kind == "range":
+            (least, most), (low, high) = self.stated, self.read
+            return low >= least and (most is None or (high is not None and high <= most))
+        return self.stated == "intersection" and self.read in _INTERSECTIONS
+
 
 def _near(one: float | None, other: float | None) -> bool:
     if one is None or other is None:
@@ -73,9 +89,9 @@ def compare_readings(requests: Sequence[Mapping[str, Any]], readings: Sequence[R
 
 
 def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
-    """Precision, recall and share of the prompts that are read in full, with what they are shares of."""
+    """Shares of answers, of asks and of the prompts that are read in full, with what they are shares of."""
     some = list(answers)
-    right = sum(one.right for one in some)
+    right, implied = sum(one.right for one in some), sum(one.implied for one in some)
     read = sum(one.read is not None for one in some)
     stated = sum(one.stated is not None for one in some)
     wrong = len({one.prompt for one in some if not one.right})
@@ -85,8 +101,23 @@ def summarize(answers: Iterable[Answer], prompts: int) -> dict[str, Any]:
         "read": read,
         "precision": right / max(read, 1),
         "recall": right / max(stated, 1),
+        "implied": implied / max(stated, 1),
         "full": (prompts - wrong) / max(prompts, 1),
     }
+
+
+def is_negation(answer: Answer) -> bool:
+    """Whether a prompt states that something is not there."""
+    return answer.stated is not None and is_negative({answer.attribute: answer.stated})
+
+
+def is_exact_number(answer: Answer) -> bool:
+    """Whether a prompt states a number that is not 0, exactly or as one of three neighbors; gaps are no numbers."""
+    attribute = ATTRIBUTES[answer.attribute]
+    if answer.stated is None or attribute.kind != "range" or attribute.unit:
+        return False
+    least, most = answer.stated
+    return bool(most) and most - least in (0, 2)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -109,8 +140,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         own = {row for row, line in enumerate(lines) if line.style == style}
         rows[style] = summarize((one for one in answers if one.prompt in own), len(own))
     attributes = {name: summarize(group, 0) for name, group in _grouped(answers, lambda one: one.attribute).items()}
-    page = _page(rows, attributes, answers, command_line("reading", arguments))
-    write_page(args.out, page, {"styles": rows, "attributes": attributes})
+    kinds = {
+        "negations": summarize(filter(is_negation, answers), 0),
+        "exact numbers": summarize(filter(is_exact_number, answers), 0),
+    }
+    page = _page(rows, attributes, kinds, answers, command_line("reading", arguments))
+    write_page(args.out, page, {"styles": rows, "attributes": attributes, "kinds": kinds})
 
 
 def _read_lines(path: Path) -> list[_Line]:
@@ -127,14 +162,17 @@ def _grouped(answers: Iterable[Answer], key: Callable[[Answer], str]) -> dict[st
     return dict(sorted(groups.items()))
 
 
-def _page(rows: dict[str, Any], attributes: dict[str, Any], answers: Sequence[Answer], command: str) -> str:
-    shares = ("precision", "recall", "full")
+def _page(
+    rows: dict[str, Any], attributes: dict[str, Any], kinds: dict[str, Any], answers: Sequence[Answer], command: str
+) -> str:
+    shares = ("precision", "recall", "implied", "full")
     styles = [
         [name, str(row["prompts"]), str(row["asks"]), *(f"{row[key]:.0%}" for key in shares)]
         for name, row in rows.items()
     ]
-    kinds = [
-        [name, str(row["asks"]), str(row["read"]), *(f"{row[key]:.0%}" for key in shares[:2])]
+    parts = [[name, str(row["asks"]), f"{row['recall']:.0%}"] for name, row in kinds.items()]
+    own = [
+        [name, str(row["asks"]), str(row["read"]), *(f"{row[key]:.0%}" for key in shares[:3])]
         for name, row in attributes.items()
     ]
     bins = []
@@ -149,9 +187,11 @@ def _page(rows: dict[str, Any], attributes: dict[str, Any], answers: Sequence[An
             "",
             f"`{command}`",
             "",
-            *table_lines(["style", "prompts", "asks", "precision", "recall", "read in full"], styles),
+            *table_lines(["style", "prompts", "asks", "precision", "recall", "implied", "read in full"], styles),
             "",
-            *table_lines(["attribute", "stated", "read", "precision", "recall"], kinds),
+            *table_lines(["kind", "stated", "read right"], parts),
+            "",
+            *table_lines(["attribute", "stated", "read", "precision", "recall", "implied"], own),
             "",
             *table_lines(["share given by the reader", "answers", "right"], bins),
             "",

@@ -38,6 +38,23 @@ def test_ends_of_distances_may_differ_a_little(ends, right):
     assert answer.right is right
 
 
+@pytest.mark.parametrize(
+    ("stated", "read", "implied"),
+    [
+        ({"vehicles": [1, None]}, (2, 3), True),
+        ({"vehicles": [2, 3]}, (1, 3), False),
+        ({"vehicles": [2, 3]}, (2, None), False),
+        ({"event": ["cut-in"]}, ("cut-in", "jaywalker"), True),
+        ({"layout": "intersection"}, "T", True),
+        ({"layout": "T"}, "intersection", False),
+    ],
+)
+def test_narrower_readings_imply_what_is_stated(stated, read, implied):
+    ((name, _),) = stated.items()
+    (answer,) = reading.compare_readings([stated], [Reading({name: read}, {name: 1.0})])
+    assert answer.implied is implied
+
+
 def test_page_has_a_row_for_every_style(tmp_path):
     """With readings that ship, which need no encoder."""
     texts = list(load_reader().readings)[:2]
