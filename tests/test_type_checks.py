@@ -83,6 +83,12 @@ def undecorated(target):
     return dataclasses.dataclass(frozen=True)(type(target.__name__, (), names))
 
 
+def rows_from(
+    rows: Float[np.ndarray, "n d"], start: int, weights: tuple[Float[np.ndarray, " d"], float] | None = None
+) -> Float[np.ndarray, "n d"]:
+    return rows[start:]
+
+
 def adder(start, make):
     """A function inside of another, with checks: a new one at every call."""
 
@@ -117,6 +123,30 @@ def test_functions_of_one_def_share_checks_and_no_values(decorator):
     one, two = scaler(TWO, make), scaler(2 * TWO, make)
     assert one(np.ones((1, 2))).sum() == 2 and two(np.ones((1, 2))).sum() == 4
     assert refuses(one, np.ones((1, 3)), TWO) and refuses(two, np.ones((3, 2)))  # it returns one row of three
+
+
+@pytest.mark.parametrize("decorator", [jaxtyped, quick_jaxtyped])
+@pytest.mark.parametrize(
+    ("arguments", "is_refused"),
+    [
+        ((0,), False),
+        ((0, (TWO, 1.5)), False),
+        ((1,), True),  # it returns one row less
+        (("0",), True),
+        ((0, (TWO, "1.5")), True),
+        ((0, (ONE, 1.5)), True),
+        ((0, (TWO.astype(int), 1.5)), True),
+        ((0, [TWO, 1.5]), True),
+    ],
+)
+def test_calls_with_shapes_of_before_are_checked(decorator, arguments, is_refused):
+    checked = decorator(typechecker=beartype.beartype)(rows_from)
+    for _ in range(2):
+        checked(np.ones((3, 2)), 0)
+        checked(np.ones((3, 2)), 0, weights=(TWO, 0.5))
+    assert refuses(checked, np.ones((3, 2)), *arguments) == is_refused
+    assert refuses(checked, rows=np.ones((3, 2)), start=arguments[0], weights=(*arguments, None)[1]) == is_refused
+    assert refuses(checked, np.ones((3, 2), int), 0) and refuses(checked, np.ones(3), 0)
 
 
 def test_a_function_in_a_function_may_call_others_of_its_def():

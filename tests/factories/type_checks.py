@@ -1,7 +1,8 @@
 """Checks of argument and return types in ``scjax``: those of jaxtyping with beartype, at less cost.
 
 ``jaxtyped`` binds the arguments of a call and checks them twice, whatever the annotations are, and makes two functions
-of each that it decorates. Beartype alone states the same; where there are arrays, within one table of sizes. A function
+of each that it decorates. Beartype alone states the same; where there are arrays, within one table of sizes. To check
+an array takes 20 µs: arrays of the types, shapes and dtypes of an earlier call of a function pass at once. A function
 inside of another is a new one at every call of that: its checks are made once and shared, since to make them takes a
 thousand times as long as to run them.
 """
@@ -12,6 +13,7 @@ import dataclasses
 import functools
 import inspect
 import threading
+import types
 import typing
 from collections.abc import Callable
 from typing import Any
@@ -48,13 +50,22 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
 
 
 def _with_checks(function: Callable, typechecker: Callable) -> Callable:
-    types = _types(function)
+    hints = _types(function)
     if inspect.isgeneratorfunction(function):
         return jaxtyped(function, typechecker=typechecker)  # beartype alone would check at the first element
-    function.__annotations__ = types
+    function.__annotations__ = hints
+    if not any(map(_has_array, hints.values())):
+        return typechecker(function, conf=_AS_JAXTYPING)
+    parameters = inspect.signature(function).parameters.values()
+    arrays = [parameter for parameter in parameters if _has_array(hints.get(parameter.name))]
+    several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
+    if all(map(_is_known_by_shape, hints.values())) and not any(one.kind in several for one in arrays):
+        return _remembers_shapes(function, hints, typechecker, [one.name for one in parameters], arrays)
+    return _with_sizes(function, typechecker)
+
+
+def _with_sizes(function: Callable, typechecker: Callable) -> Callable:
     checked = typechecker(function, conf=_AS_JAXTYPING)
-    if not any(map(_has_array, types.values())):
-        return checked
 
     @functools.wraps(function)
     def with_sizes(*arguments: Any, **named: Any) -> Any:
@@ -62,6 +73,68 @@ def _with_checks(function: Callable, typechecker: Callable) -> Callable:
             return checked(*arguments, **named)
 
     return with_sizes
+
+
+def _remembers_shapes(function: Callable, hints: dict[str, Any], typechecker: Callable, names, arrays) -> Callable:
+    """As ``_with_sizes``, but arrays are checked at their first shapes only, and everything else at every call."""
+    positions = [names.index(one.name) for one in arrays if one.kind is not inspect.Parameter.KEYWORD_ONLY]
+    array_names = [one.name for one in arrays]
+    passed: dict[Any, set] = {}  # shapes of arguments -> those of the results that passed with them
+    all_checked = _with_sizes(function, typechecker)
+    result = threading.local()
+
+    @functools.cache
+    def without_arrays() -> Callable:
+        copy = _copy(function)
+        copy.__annotations__ = {name: hint for name, hint in hints.items() if not _has_array(hint)}
+        return typechecker(copy, conf=_AS_JAXTYPING)
+
+    @functools.cache
+    def check_result() -> Callable:
+        @functools.wraps(function)
+        def result_of(*arguments: Any, **named: Any) -> Any:
+            return result.value
+
+        return _with_sizes(result_of, typechecker)
+
+    @functools.wraps(function)
+    def remembers(*arguments: Any, **named: Any) -> Any:
+        count = len(arguments)
+        shapes = tuple([_shape(arguments[i]) if i < count else None for i in positions])
+        if named:
+            shapes += tuple([(name, _shape(named[name])) for name in array_names if name in named])
+        results = passed.get(shapes)
+        if results is None:
+            value = all_checked(*arguments, **named)
+            if len(passed) < _MOST_SHAPES:
+                passed[shapes] = {_shape(value)}
+            return value
+        value = without_arrays()(*arguments, **named)
+        if _shape(value) not in results:
+            result.value = value
+            check_result()(*arguments, **named)
+            results.add(_shape(value))
+        return value
+
+    return remembers
+
+
+_MOST_SHAPES = 1000
+
+
+def _shape(value: Any) -> Any:
+    """What checks of array types look at."""
+    if isinstance(value, tuple):
+        return type(value), *map(_shape, value)
+    shape = getattr(value, "shape", None)
+    return type(value) if shape is None else (type(value), shape, getattr(value, "dtype", None))
+
+
+def _copy(function: Callable) -> Callable:
+    parts = function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+    copy = types.FunctionType(*parts)
+    copy.__kwdefaults__ = function.__kwdefaults__
+    return functools.update_wrapper(copy, function, updated=("__dict__",))
 
 
 def _types(function: Callable) -> dict[str, Any]:
@@ -108,7 +181,25 @@ def _resolved(hint: Any, names: dict[str, Any]) -> Any:
         return Any
 
 
+def _is_known_by_shape(hint: Any) -> bool:
+    """Whether types, shapes and dtypes of arrays decide if a value has the type, or it has nothing to do with arrays."""
+    if not _has_array(hint):
+        return True
+    if _is_array_type(hint):
+        return "{" not in hint.dim_str  # a size that is an argument's
+    if typing.get_origin(hint) not in (typing.Union, types.UnionType, tuple):
+        return False
+    return all(
+        _is_known_by_shape(one) if _has_array(one) else isinstance(one, type) or one is Ellipsis
+        for one in typing.get_args(hint)
+    )
+
+
+def _is_array_type(hint: Any) -> bool:
+    return type(hint).__module__.split(".")[0] == "jaxtyping"
+
+
 def _has_array(hint: Any) -> bool:
-    if type(hint).__module__.split(".")[0] == "jaxtyping":
+    if _is_array_type(hint):
         return True
     return any(map(_has_array, hint if isinstance(hint, list | tuple) else typing.get_args(hint)))
