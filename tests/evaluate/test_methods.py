@@ -8,46 +8,51 @@ from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.evaluate.run import run_evaluation
 from scjax.evaluate.sources import open_source
 from scjax.scene.per_type import PerType
-from tests.factories.evaluations import evaluate_tables, evaluation_config, read_report, save_batch
+from tests.factories.evaluations import (
+    SCENES,
+    RoadModel,
+    evaluate_tables,
+    evaluation_config,
+    read_report,
+    save_batch,
+)
 
-SIZES = 16
+SIZES = len(SCENES)
+DRAWN = SIZES + 2  # more than there are references: these serve again
 
 
 def of_model(name, request, **options):
     return {"name": name, "model": "m", "request": request, **options}
 
 
-@pytest.fixture
-def standard(worlds, tmp_path, road_model):
-    """A function that runs the standard variant in one work folder."""
-
-    def run(**fields):
-        fields = {"num_scenes": 20, "compat": False, **fields}
-        config = evaluation_config(worlds, "standard", model="m", **fields)
-        return evaluate_tables(config, tmp_path / "out", road_model.functions)
-
-    return run
+@pytest.fixture(scope="module")
+def standard(worlds, tmp_path_factory):
+    """The standard variant of a model: its functions, the tables and the report."""
+    model, out = RoadModel(), tmp_path_factory.mktemp("standard")
+    config = evaluation_config(worlds, "standard", model="m", num_scenes=DRAWN, compat=False, novelty=4)
+    return model, evaluate_tables(config, out, model.functions), read_report(out)
 
 
-def test_standard_variant_samples_with_and_without_counts(standard, road_model):
-    standard()
-    assert len(road_model.conditions) == 40
-    assert sum(condition.num_agents is None for condition in road_model.conditions) == 20
+def test_standard_variant_samples_with_and_without_counts(standard):
+    conditions = standard[0].conditions
+    assert len(conditions) == 2 * DRAWN
+    assert sum(condition.num_agents is None for condition in conditions) == DRAWN
 
 
-def test_standard_variant_fills_the_tables_of_a_model(standard, tmp_path):
-    tables = standard(novelty=4)
+def test_standard_variant_fills_the_tables_of_a_model(standard):
+    _, tables, report = standard
     reconstruction = tables["Reconstruction"]["rows"]["reconstruction"]
-    assert reconstruction["numbers"]["lane_point_m"]["value"] == 0 and reconstruction["scenes"] == 16
+    assert reconstruction["numbers"]["lane_point_m"]["value"] == 0 and reconstruction["scenes"] == SIZES
     assert tables["Numbers of lanes and agents"]["rows"]["samples"]["numbers"]["agents mae"]["value"] == 0
-    assert tables["Placement of agents"]["rows"]["samples"]["scenes"] == 20
-    assert "m: " in read_report(tmp_path / "out")["facts"]["models"]
+    assert tables["Placement of agents"]["rows"]["samples"]["scenes"] == DRAWN
+    assert "m: " in report["facts"]["models"]
 
 
-def test_samples_are_generated_once_per_seed(standard, road_model):
+def test_samples_are_generated_once_per_seed(worlds, tmp_path, road_model):
     methods = (of_model("samples", "counts"),)
-    for seed, total in ((0, 20), (0, 20), (1, 40)):
-        standard(methods=methods, seed=seed)
+    for seed, total in ((0, DRAWN), (0, DRAWN), (1, 2 * DRAWN)):
+        config = evaluation_config(worlds, methods=methods, seed=seed, num_scenes=DRAWN, compat=False)
+        run_evaluation(config, tmp_path / "out", road_model.functions)
         assert len(road_model.conditions) == total
 
 
@@ -90,11 +95,11 @@ def test_shards_share_the_generation(worlds, tmp_path, road_model):
     methods = (of_model("samples", "counts"), "copy")
     reports = []
     for shard in (0, 1, 0, 1):
-        config = evaluation_config(worlds, methods=methods, shard=(shard, 2), part_size=8)
+        config = evaluation_config(worlds, methods=methods, shard=(shard, 2), part_size=SIZES // 2)
         reports.append(run_evaluation(config, tmp_path / "out", road_model.functions))
     assert reports[0] is None and reports[-1] is not None
-    assert len(road_model.conditions) == 16
-    assert read_report(tmp_path / "out")["tables"]["Placement of agents"]["rows"]["samples"]["scenes"] == 16
+    assert len(road_model.conditions) == SIZES
+    assert read_report(tmp_path / "out")["tables"]["Placement of agents"]["rows"]["samples"]["scenes"] == SIZES
 
 
 def test_placement_variant_keeps_the_lanes_of_references(worlds, tmp_path, road_model):
@@ -105,10 +110,11 @@ def test_placement_variant_keeps_the_lanes_of_references(worlds, tmp_path, road_
     assert any(c.known is not None and len(c.known.lane_mask) for c in road_model.conditions)
 
 
-@pytest.fixture
-def prompts(worlds, tmp_path, road_model):
+@pytest.fixture(scope="module")
+def prompts(worlds, tmp_path_factory):
     """Conditions of the four methods of the variant "prompts", and the tables."""
-    tables = evaluate_tables(evaluation_config(worlds, "prompts", model="m"), tmp_path / "out", road_model.functions)
+    road_model, out = RoadModel(), tmp_path_factory.mktemp("prompts")
+    tables = evaluate_tables(evaluation_config(worlds, "prompts", model="m"), out, road_model.functions)
     return [road_model.conditions[k : k + SIZES] for k in range(0, 4 * SIZES, SIZES)], tables
 
 
@@ -156,7 +162,7 @@ def test_variants_of_the_paper_have_all_rows(variant, worlds, tmp_path, road_mod
         ({"methods": ({"name": "a", "source": "npz:{image}"},)}, "{image} has no folder: give --config.folders.image"),
         ({"methods": (of_model("a", "counts") | {"model": "{model}"},)}, "{model} has no folder: give --config.model"),
         ({"methods": ("copy",), "temperature": (0.5, 0.0)}, "two numbers above 0"),
-        ({"more": "name=a, source=npz:WORLDS, pairing=in_order", "num_scenes": 3}, "'a': 16 scenes but 3 references"),
+        ({"more": "name=a, source=npz:WORLDS, pairing=in_order", "num_scenes": 3}, "'a': 8 scenes but 3 references"),
         ({"methods": ("chance",), "retrieval_set": ""}, "name one with --config.retrieval_set"),
         ({"methods": ("copy",), "gains": (("copy",),)}, "gain .*: give two methods that answer the same references"),
         ({"methods": ("copy",), "more": "name=copy, source=npz:WORLDS"}, "methods need unique names"),
