@@ -44,9 +44,14 @@ def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@functools.cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(_tree(path)))
+
+
 def _imports(path: Path) -> Iterator[tuple[int, str]]:
     """(line, dotted module) of every import, also of those inside functions."""
-    for node in ast.walk(_tree(path)):
+    for node in _nodes(path):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -60,8 +65,8 @@ def _package(path: Path) -> str | None:
     return None if len(parts) == 1 or path.name == "__main__.py" else parts[0]
 
 
-def _identifiers(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    for node in ast.walk(tree):
+def _identifiers(path: Path) -> Iterator[tuple[int, str]]:
+    for node in _nodes(path):
         if isinstance(node, ast.Name):
             yield node.lineno, node.id
         elif isinstance(node, ast.Attribute):
@@ -140,7 +145,7 @@ def test_functions_are_short():
         [
             f"{_name(path)}:{node.lineno} {node.name}: {lines} lines"
             for path in _sources("scjax", "experiments", "benchmarks", "consumers")
-            for node in ast.walk(_tree(path))
+            for node in _nodes(path)
             if isinstance(node, ast.FunctionDef)
             if (lines := (node.end_lineno or node.lineno) - node.lineno + 1) > MAX_FUNCTION_LINES
         ]
@@ -162,7 +167,7 @@ def test_identifiers_are_plain_words():
         [
             f"{_name(path)}:{line} {name}"
             for path in _sources("scjax", "experiments")
-            for line, name in _identifiers(_tree(path))
+            for line, name in _identifiers(path)
             if PRIVATE_WORDS.search(name)
         ]
     )

@@ -15,8 +15,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import orbax.checkpoint as ocp
 
+from scjax.nn.cpu.backend import on_cpu
 from scjax.scene.document import parse_document
 from scjax.train.resume import compare_runs
 from scjax.train.thread_errors import collected_thread_errors
@@ -109,7 +111,7 @@ class Checkpoints:
         facts = {
             "format": FORMAT,
             "inputs": self._inputs,
-            "state": int(_checksum(jax.tree.leaves(state))),
+            "state": _checksum(jax.tree.leaves(state)),
             "data": _text_checksum(data),
         }
         items = ocp.args.Composite(
@@ -170,7 +172,7 @@ class Checkpoints:
         if reason:
             raise OrbaxError(_damaged(self._folder, step, reason))
         state, data = items["state"], items["data"]
-        for name, checksum in (("state", int(_checksum(jax.tree.leaves(state)))), ("data", _text_checksum(data))):
+        for name, checksum in (("state", _checksum(jax.tree.leaves(state))), ("data", _text_checksum(data))):
             if facts.get(name, checksum) != checksum:
                 raise ValueError(_damaged(self._folder, step, f"its {name} has another checksum than was recorded"))
         return state, data
@@ -263,18 +265,32 @@ def _short(reason: object) -> str:
     return text if len(text) <= 200 else f"{text[:197]}..."
 
 
-@jax.jit
-def _checksum(leaves: list[Any]) -> jax.Array:
+def _checksum(leaves: list[Any]) -> int:
     """The sum of the bits of all numbers, modulo 2^32; it does not depend on how they are sharded."""
+    if on_cpu() and jax.process_count() == 1:  # at once, while its program would be compiled for seconds
+        total = 0
+        for leaf in leaves:
+            total = (31 * total + int(_bits(leaf, np).sum(dtype=np.uint32))) % 2**32
+        return total
+    return int(_device_checksum(leaves))
+
+
+@jax.jit
+def _device_checksum(leaves: list[Any]) -> jax.Array:
     total = jnp.zeros((), jnp.uint32)
     for leaf in leaves:
-        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            leaf = jax.random.key_data(leaf)
-        if leaf.dtype == bool:
-            leaf = leaf.astype(jnp.uint8)
-        bits = jax.lax.bitcast_convert_type(leaf, f"uint{8 * leaf.dtype.itemsize}")
-        total = 31 * total + jnp.sum(bits.astype(jnp.uint32), dtype=jnp.uint32)
+        total = 31 * total + jnp.sum(_bits(leaf, jnp), dtype=jnp.uint32)
     return total
+
+
+def _bits(leaf: Any, library: Any) -> Any:
+    """The numbers of a leaf as uint32, by NumPy or ``jax.numpy``."""
+    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        leaf = jax.random.key_data(leaf)
+    numbers = library.asarray(leaf)
+    if numbers.dtype == bool:
+        numbers = numbers.astype(np.uint8)
+    return numbers.view(f"uint{8 * numbers.dtype.itemsize}").astype(np.uint32)
 
 
 def _text_checksum(content: Any) -> int:

@@ -21,7 +21,7 @@ from scjax.generate.prompt_reader import (
     token_inputs,
 )
 from scjax.language.attributes.table import check_attributes
-from scjax.language.grammar.prompts import written_prompts
+from scjax.language.grammar.prompts import FOLDER, written_prompts
 from scjax.models.reader import reader_network
 from tests.factories.encoder_folders import CONFIG, write_encoder
 
@@ -137,14 +137,25 @@ def test_saved_readings_need_no_encoder(encoder, tmp_path):
     assert known(["a road", "two cars", "a road"]) == [*read, read[0]]
 
 
+def _every_500th(folder):
+    """A folder with a part of the written prompts: to read all takes ten seconds."""
+    folder.mkdir()
+    for path in FOLDER.glob("*.tsv"):
+        lines = path.read_text(encoding="utf-8").splitlines()[::500]
+        (folder / path.name).write_text("\n".join(lines), encoding="utf-8")
+    return folder
+
+
 def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     """A run that was killed after its second step ends as one that was not."""
     folders, numbers = [tmp_path / "whole", tmp_path / "killed"], []
-    words = ["--texts", "40", "--held-back", "8", "--copies", "2", "--evaluate-every", "2", "--steps", "4"]
+    words = ["--texts", "40", "--held-back", "8", "--copies", "2", "--evaluate-every", "2", "--steps", "4", "--batch", "4"]
     batch = train_reader._batch
-    prompts = written_prompts()[::500]
+    prompts = written_prompts(_every_500th(tmp_path / "prompts"))
+    monkeypatch.setattr(train_reader, "_EVALUATED", 8)
     for module in (train_reader, reader_texts):
         monkeypatch.setattr(module, "written_prompts", lambda: prompts)
+        monkeypatch.setattr(module, "LENGTHS", reader_texts.LENGTHS[-1:])  # for every other one, two programs more
 
     def counted(texts, args, number):
         if number == 3 and len(numbers) == 6:

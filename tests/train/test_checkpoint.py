@@ -38,3 +38,16 @@ def test_restore_of_another_format_names_the_cure(tmp_path, monkeypatch, version
         pytest.raises(ValueError, match=f"format {version}.*{cure}"),
     ):
         checkpoints.restore({"x": jnp.ones(2)})
+
+
+def test_checksum_of_the_host_is_that_of_devices():
+    rng = np.random.default_rng(0)
+    leaves = [
+        replicated(jnp.asarray(rng.normal(size=(3, 5)), jnp.float32), jax.device_count()),
+        jnp.asarray(rng.normal(size=3), jnp.bfloat16),
+        jnp.asarray([True, False]),
+        jax.random.key(5),
+        jnp.int32(-7),
+    ]
+    checksum = checkpoint._checksum(leaves)
+    assert checksum == int(checkpoint._device_checksum(leaves)) != checkpoint._checksum(leaves[::-1])
