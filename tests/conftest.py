@@ -48,9 +48,9 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")
     folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax"))))  # pyright: ignore
     os.environ.setdefault("SCJAX_CACHE", str(config.cache.mkdir("scjax")))  # pyright: ignore
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
 _MAX_MAPPINGS = 8_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,25 @@ from scjax.scene.per_type import PerType
 
 DIRECTION, TURN, SIGNAL, JOINTS, LEVEL, SIDE, LENGTH = range(len(LANE_DIGITS))
 LARGE = len(codec.scjax().agent_types)
+MOST = 12  # lanes and agents of every scene, padding included: one program for all
+
+
+@jax.jit
+def _all_lane_kinds(scene):
+    return lane_kinds(scene)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _all_agent_kinds(scene, own):
+    return agent_kinds(scene, own)
+
+
+def _lane_kinds(scene):
+    return np.asarray(_all_lane_kinds(pad(scene, MOST, MOST)))[: len(scene.lane_mask)]
+
+
+def _agent_kinds(scene, own):
+    return np.asarray(_all_agent_kinds(pad(scene, MOST, MOST), own))[: len(scene.agent_mask)]
 
 
 def _arc(start, heading, turn, length=20.0):
@@ -35,7 +55,7 @@ def _lanes(*arcs):
 
 
 def _digit(scene, digit):
-    return digits_of(lane_kinds(scene), LANE_DIGITS)[digit].tolist()
+    return digits_of(_lane_kinds(scene), LANE_DIGITS)[digit].tolist()
 
 
 def _agents():
@@ -96,7 +116,7 @@ def test_agents_have_classes_and_large_vehicles_are_one():
     own = codec.scjax()
     classes = [own.agent_types.index(one) for one in _agents().agent_types]
     classes[1] = LARGE
-    assert digits_of(agent_kinds(_agents(), own), agent_digits(own))[0].tolist() == classes
+    assert digits_of(_agent_kinds(_agents(), own), agent_digits(own))[0].tolist() == classes
 
 
 def test_agents_have_speeds_and_directions_and_are_on_lanes():
@@ -106,7 +126,7 @@ def test_agents_have_speeds_and_directions_and_are_on_lanes():
     scene.agents[3:, 1] = (1.6, 1.2)
     scene.agents[4, 4] = -1.0
     own = codec.scjax()
-    _, speed, direction, on_lane, *_ = digits_of(agent_kinds(scene, own), agent_digits(own))
+    _, speed, direction, on_lane, *_ = digits_of(_agent_kinds(scene, own), agent_digits(own))
     assert speed.tolist() == [0, 0, 1, 2, 3]
     assert direction.tolist() == [0, 0, 6, 0, 4]
     assert on_lane.tolist() == [1, 1, 2, 0, 3]
@@ -115,7 +135,7 @@ def test_agents_have_speeds_and_directions_and_are_on_lanes():
 def test_agents_are_near_or_far_from_the_ego():
     scene, own = _agents(), codec.scjax()
     scene.agents[:, 0] = (5.0, 14.0, -4.0, 16.0, 40.0)
-    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-1].tolist() == [0, 0, 0, 1, 2]
+    assert digits_of(_agent_kinds(scene, own), agent_digits(own))[-1].tolist() == [0, 0, 0, 1, 2]
 
 
 @pytest.mark.parametrize("heading", [0.0, 120.0])
@@ -125,21 +145,22 @@ def test_agents_are_ahead_behind_left_or_right_of_the_ego(heading):
     cos, sin = np.cos(np.deg2rad(heading)), np.sin(np.deg2rad(heading))
     scene.agents[:, :2] = places @ np.array([[cos, sin], [-sin, cos]]) + 3.0
     scene.agents[:, 4:6] = (cos, sin)
-    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1:] == [1, 2, 3, 4]
+    assert digits_of(_agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1:] == [1, 2, 3, 4]
     scene.agents[1, :2] += 50.0
-    assert digits_of(agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1] == 0
+    assert digits_of(_agent_kinds(scene, own), agent_digits(own))[-2].tolist()[1] == 0
 
 
 def test_padding_has_no_kind_and_changes_none():
     own, scene = codec.scjax(), _agents()
     padded = pad(scene, 7, 3)
-    assert agent_kinds(padded, own).tolist() == [*agent_kinds(scene, own).tolist(), NO_KIND, NO_KIND]
-    assert lane_kinds(padded).tolist() == [*lane_kinds(scene).tolist(), NO_KIND, NO_KIND]
+    expected = [*_all_agent_kinds(scene, own).tolist(), NO_KIND, NO_KIND]
+    assert _all_agent_kinds(padded, own).tolist() == expected
+    assert _all_lane_kinds(padded).tolist() == [*_all_lane_kinds(scene).tolist(), NO_KIND, NO_KIND]
 
 
 def test_classes_that_a_codec_lacks_have_no_kind():
     own = dataclasses.replace(codec.scjax(), agent_types=(AgentType.VEHICLE,), sizes=codec.scjax().sizes[:1])
-    kinds = agent_kinds(_agents(), own)
+    kinds = _agent_kinds(_agents(), own)
     assert (kinds >= 0).tolist() == [True, True, False, False, False]
 
 

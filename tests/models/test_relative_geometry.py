@@ -26,6 +26,9 @@ SIZES = {
 }
 
 
+_of_lanes, _of_agents = jax.jit(lane_geometry), jax.jit(agent_geometry)
+
+
 def _lane(start, end):
     return np.linspace(start, end, POINTS.lanes)
 
@@ -37,7 +40,7 @@ def _weight(distance, scale):
 def test_lane_geometry_points_to_the_next_lane():
     """One lane ends at (10, 0); another begins 0.6 m ahead and 0.8 m left of there, a third far away."""
     lanes = jnp.asarray([[_lane((-5, 0), (10, 0)), _lane((10.6, 0.8), (25, 3)), _lane((0, 900), (0, 950))]])
-    told = np.asarray(lane_geometry(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
+    told = np.asarray(_of_lanes(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
     for k, scale in enumerate((1.0, 3.0, 9.0)):
         weight = _weight(1.0, scale)
         shift = weight / (weight + 0.1) / scale
@@ -50,7 +53,7 @@ def test_agent_geometry_points_to_lane_and_agents():
     lane = jnp.asarray([[_lane((-20, 0), (20, 0))]])
     agents = jnp.asarray([[[(3.0, 1.5), (13.0, 1.5)], [(6.0, 1.5), (16.0, 1.5)]]])
     masks = PerType(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
-    told = np.asarray(agent_geometry(agents, lane, masks))[0, 0]
+    told = np.asarray(_of_agents(agents, lane, masks))[0, 0]
     for k, scale in enumerate((2.0, 4.0, 8.0)):
         weight = _weight(3.0, scale)
         np.testing.assert_allclose(
@@ -73,7 +76,7 @@ def test_geometry_ignores_translation_and_padding():
 
         def geometry(lanes, agents):
             lanes, agents = jnp.asarray(lanes), jnp.asarray(agents)
-            both = agent_geometry(agents, lanes, masks), lane_geometry(lanes, masks.lanes)
+            both = _of_agents(agents, lanes, masks), _of_lanes(lanes, masks.lanes)
             return [np.asarray(x)[np.asarray(mask)] for x, mask in zip(both, (masks.agents, masks.lanes), strict=True)]
 
         unchanged = geometry(lanes, agents)

@@ -24,19 +24,20 @@ def texts(seed=0, rows=3, slots=5) -> TextFeatures:
 
 @pytest.fixture(scope="module")
 def network():
-    made = count_predictor(CONFIG)
-    return made, made.init(jax.random.key(1))
+    """The network, compiled, and its parameters."""
+    network = count_predictor(CONFIG)
+    return jax.jit(network.apply), network.init(jax.random.key(1))
 
 
 def test_predictor_gives_a_distribution(network):
-    made, params = network
-    shares = np.exp(made.apply(params, texts(), jnp.array([0, 1, 2])))
+    apply, params = network
+    shares = np.exp(apply(params, texts(), jnp.array([0, 1, 2])))
     np.testing.assert_allclose(shares.sum((1, 2)), 1.0, atol=1e-5)
     assert shares[:, 0].max() < 1e-6 and shares[:, :, 0].max() < 1e-6
 
 
 def test_predictor_ignores_padding(network):
-    made, params = network
+    apply, params = network
     text = texts()
     garbage = text.replace(tokens=jnp.where(text.mask[..., None], text.tokens, jnp.nan))
     longer = text.replace(
@@ -44,14 +45,14 @@ def test_predictor_ignores_padding(network):
     )
     domain = jnp.zeros(3, int)
     for other in (garbage, longer):
-        np.testing.assert_allclose(made.apply(params, other, domain), made.apply(params, text, domain), atol=1e-5)
+        np.testing.assert_allclose(apply(params, other, domain), apply(params, text, domain), atol=1e-5)
 
 
 def test_predictor_on_the_host_is_the_same(network):
-    made, params = network
+    apply, params = network
     text = texts()
     for domain in range(CONFIG.domains + 1):
-        expected = made.apply(params, text, jnp.full(3, domain))
+        expected = apply(params, text, jnp.full(3, domain))
         for row, (tokens, mask) in enumerate(zip(text.tokens, text.mask, strict=True)):
             actual = count_log_probabilities(CONFIG, params, np.asarray(tokens)[np.asarray(mask)], domain)
             np.testing.assert_allclose(actual[1:, 1:], expected[row, 1:, 1:], atol=2e-5)
@@ -65,7 +66,7 @@ def test_config_needs_one_name_for_each_feature():
 
 def test_predictor_learns_counts_from_text(network):
     """Token k stands for k lanes and 8 - k agents."""
-    made, params = network
+    apply, params = network
     numbers = jnp.arange(1, 7)
     text = TextFeatures(tokens=jax.nn.one_hot(numbers - 1, 6)[:, None], mask=jnp.ones((6, 1), bool))
     domain, optimizer = jnp.full(6, 2), optax.adam(1e-2)
@@ -73,7 +74,7 @@ def test_predictor_learns_counts_from_text(network):
     @jax.jit
     def step(params, moments):
         (_, terms), gradient = jax.value_and_grad(
-            lambda p: count_loss(made.apply(p, text, domain), numbers, 8 - numbers), has_aux=True
+            lambda p: count_loss(apply(p, text, domain), numbers, 8 - numbers), has_aux=True
         )(params)
         updates, moments = optimizer.update(gradient, moments)
         return optax.apply_updates(params, updates), moments, terms
