@@ -39,6 +39,11 @@ def sample(model, conditions, seed=0, **options):
     return scjax.sample(jax.random.key(seed), conditions, model=model, num_steps=3, **options)
 
 
+def sample_beside(model, condition, **options):
+    """The scene of a condition; beside it always one with a negative text, so that all share a program."""
+    return sample(model, [condition, Condition(streams=text_streams("a road", "rain"), **COUNTS)], **options)[0]
+
+
 def text_streams(text, negative=None):
     streams = {"text": Stream(Words.features(text))}
     return streams if negative is None else {**streams, "negative_text": Stream(Words.features(negative))}
@@ -101,18 +106,18 @@ def test_encode_warns_of_a_long_prompt(text_model):
 
 
 def test_prompt_equals_its_stream(text_model):
-    prompt = sample(text_model, Condition(prompt="a road", **COUNTS), guidance=2.0)
-    stream = sample(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=2.0)
+    prompt = sample_beside(text_model, Condition(prompt="a road", **COUNTS), guidance=2.0)
+    stream = sample_beside(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=2.0)
     chex.assert_trees_all_equal(prompt.to_dict(), stream.to_dict())
 
 
 def test_text_and_negative_text_change_the_scene(text_model):
     plain, other, negative = (
-        sample(text_model, Condition(streams=streams, **COUNTS), guidance=2.0)
+        sample_beside(text_model, Condition(streams=streams, **COUNTS), guidance=2.0)
         for streams in (text_streams("a road"), text_streams("many cars"), text_streams("a road", "many cars"))
     )
     assert not np.allclose(plain.lanes, other.lanes) and not np.allclose(plain.lanes, negative.lanes)
-    unguided = sample(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=1.0)
+    unguided = sample_beside(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=1.0)
     assert not np.allclose(negative.lanes, unguided.lanes)
 
 
@@ -128,7 +133,7 @@ def test_masked_text_tokens_are_not_read(text_model):
     tokens = np.random.default_rng(0).normal(size=(5, Words.width)).astype(np.float32)
     padded = np.concatenate([tokens, np.full((2, Words.width), np.nan, np.float32)])
     whole, masked, nothing = (
-        sample(text_model, Condition(streams=streams, num_lanes=4, num_agents=3))
+        sample_beside(text_model, Condition(streams=streams, num_lanes=4, num_agents=3), guidance=2.0)
         for streams in ({"text": Stream(tokens)}, {"text": Stream(padded, mask=np.arange(7) < 5)}, {})
     )
     chex.assert_trees_all_close(masked.lanes, whole.lanes, atol=1e-3)
@@ -147,7 +152,8 @@ def test_image_changes_the_scene_only_through_open_gates(image_model):
 def test_depth_changes_the_scene(image_model):
     depth = view(0)["depth"].grid()[0]
     own, nearer = (Condition(streams=view(0, depth=scale * depth), **AHEAD) for scale in (1.0, 0.5))
-    assert not np.allclose(sample(image_model, [own])[0].lanes, sample(image_model, [nearer])[0].lanes)
+    one, other = (sample(image_model, [condition, condition])[0] for condition in (own, nearer))
+    assert not np.allclose(one.lanes, other.lanes)
 
 
 def test_image_leaves_other_scenes_alone(image_model):

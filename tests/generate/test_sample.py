@@ -190,14 +190,15 @@ def pointed_model():
     return model.with_component("denoiser", config, {**model.denoiser.params, "position_heads": heads})
 
 
+def sample_guided(model, condition, energy_guidance, num_scenes=1):
+    return sample(model, condition, num_scenes, num_steps=3, energy_guidance=energy_guidance)
+
+
 def test_energy_guidance_lowers_the_energy(pointed_model, known):
     """An untrained model's scenes are heaps of boxes and lanes; guided ones are less so, with the same links."""
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     strong = EnergyGuidance(gradient_steps=60, max_sigma=0.0, agent_step_size=0.02, lane_step_size=0.005)
-    plain, guided = (
-        sample(pointed_model, condition, num_scenes=2, num_steps=3, energy_guidance=option)
-        for option in (False, strong)
-    )
+    plain, guided = (sample_guided(pointed_model, condition, option, num_scenes=2) for option in (False, strong))
     validate(guided)
     assert np.array_equal(guided.agents[0, :3], known.agents) and np.array_equal(guided.lanes[1, :4], known.lanes)
     linked = guided.replace(links=plain.links)
@@ -208,8 +209,7 @@ def test_energy_guidance_lowers_the_energy(pointed_model, known):
 def test_energy_guidance_depends_on_the_scenes_own_key_only(pointed_model, known):
     condition = Condition(known=known, num_lanes=9, num_agents=6)
     many, one = (
-        sample(pointed_model, condition, num_scenes=number, energy_guidance=EnergyGuidance(gradient_steps=2))
-        for number in (2, 1)
+        sample_guided(pointed_model, condition, EnergyGuidance(gradient_steps=2), number) for number in (2, 1)
     )
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
@@ -219,13 +219,13 @@ def test_energy_guidance_needs_position_heads(model):
         sample(model, Condition(**COUNTS), energy_guidance=True)
 
 
-def test_energy_guidance_is_the_models_by_default(pointed_model):
-    model, condition = pointed_model, Condition(**COUNTS)
-    plain, guided = sample(model, condition), sample(model, condition, energy_guidance=True)
+def test_energy_guidance_is_the_models_by_default(pointed_model, known):
+    model, condition = pointed_model, Condition(known=known, num_lanes=9, num_agents=6)
+    plain, guided = (sample_guided(model, condition, option) for option in (None, True))
     guiding = dataclasses.replace(model, energy_guidance=EnergyGuidance())
     assert not np.array_equal(plain.lanes, guided.lanes)
-    chex.assert_trees_all_equal(sample(guiding, condition).to_dict(), guided.to_dict())
-    chex.assert_trees_all_equal(sample(guiding, condition, energy_guidance=False).to_dict(), plain.to_dict())
+    chex.assert_trees_all_equal(sample_guided(guiding, condition, None).to_dict(), guided.to_dict())
+    chex.assert_trees_all_equal(sample_guided(guiding, condition, False).to_dict(), plain.to_dict())
 
 
 def test_sampler_default_fits_the_prediction(model):
@@ -309,5 +309,6 @@ def test_sample_refuses_a_model_without_a_network(model):
 def test_text_guidance_changes_the_scene():
     model = tiny_model(TextCondition(width=6))
     tokens = np.random.default_rng(0).normal(size=(5, 6)).astype(np.float32)
-    plain, text = (sample(model, Condition(streams=streams, **COUNTS)) for streams in ({}, {"text": Stream(tokens)}))
-    assert not np.allclose(plain.lanes, text.lanes)
+    text = Condition(streams={"text": Stream(tokens)}, **COUNTS)
+    unread, read = (sample(model, [first, text])[0] for first in (Condition(**COUNTS), text))
+    assert not np.allclose(unread.lanes, read.lanes)
