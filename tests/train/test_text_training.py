@@ -58,11 +58,16 @@ def configured(objective: str, folder):
 def text_model(folder):
     config = configured("denoiser", folder)
     config.condition, config.init_from, config.freeze = "text", str(folder / "base"), True
-    config.attributes = True
+    config.attributes, config.evaluate_every = True, 0  # to evaluate is one more large program
     config.loss.collision, config.loss.connections, config.loss.lateral_offsets = 0.1, 0.3, 0.1
     config.cross_attention, config.cross_attention_options.windowed.window = "windowed", 4
     train(config, folder / "text")
     return scjax.load(folder / "text" / "model")
+
+
+def sample(model, condition):
+    """One of two scenes: several are sampled here by one program, as the gallery does."""
+    return scjax.sample(0, condition, model=model, num_scenes=2, num_steps=2)[0]
 
 
 @pytest.mark.parametrize("condition", ["none", "text", "image"])
@@ -94,7 +99,7 @@ def test_a_model_reads_text_and_attributes_together(text_model):
 
     def lanes(**request):
         condition = scjax.Condition(num_lanes=6, num_agents=3, domain=0, streams=text, attributes=request)
-        return scjax.sample(0, condition, model=model, num_steps=2).lanes
+        return sample(model, condition).lanes
 
     plain, requested = lanes(), lanes(layout="T", vehicles=2)
     np.testing.assert_array_equal(lanes(vehicles=(0, None)), plain)
@@ -113,10 +118,7 @@ def test_a_prompt_decides_counts_and_scene(prompt_model):
     model = prompt_model
     assert model.count_predictor.config.text_width == Words.width
     tokens = Words()(["a straight road"])[0].features
-    scene = scjax.sample(
-        jax.random.key(0), scjax.Condition(streams={"text": scjax.Stream(tokens)}), model=model, num_steps=2
-    )[0]
-    scjax.validate(scene)
+    scjax.validate(sample(model, scjax.Condition(streams={"text": scjax.Stream(tokens)})))
 
 
 def test_counts_are_learned_from_requests_for_attributes(folder, text_model):
@@ -127,7 +129,7 @@ def test_counts_are_learned_from_requests_for_attributes(folder, text_model):
     network = model.count_predictor.config
     assert network.attributes == feature_names() and network.text_width == len(feature_names())
     condition = scjax.Condition(attributes={"layout": "straight", "vehicles": (2, None)})
-    assert scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0].num_agents >= 3
+    assert sample(model, condition).num_agents >= 3
 
 
 def test_a_model_ships_with_what_users_need_and_nothing_of_this_machine(folder, prompt_model, tmp_path):
