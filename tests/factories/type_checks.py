@@ -52,7 +52,7 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
 def _with_checks(function: Callable, typechecker: Callable) -> Callable:
     hints = _types(function)
     if inspect.isgeneratorfunction(function):
-        return jaxtyped(function, typechecker=typechecker)  # beartype alone would check at the first element
+        return _checks_at_the_call(function, hints, typechecker)
     function.__annotations__ = hints
     if not any(map(_has_array, hints.values())):
         return typechecker(function, conf=_AS_JAXTYPING)
@@ -62,6 +62,23 @@ def _with_checks(function: Callable, typechecker: Callable) -> Callable:
     if all(map(_is_known_by_shape, hints.values())) and not any(one.kind in several for one in arrays):
         return _remembers_shapes(function, hints, typechecker, [one.name for one in parameters], arrays)
     return _with_sizes(function, typechecker)
+
+
+def _checks_at_the_call(function: Callable, hints: dict[str, Any], typechecker: Callable) -> Callable:
+    """A generator with checks of its arguments: beartype alone would check them at the first element."""
+
+    @functools.wraps(function)
+    def arguments_of(*arguments: Any, **named: Any) -> None: ...
+
+    arguments_of.__annotations__ = {name: hint for name, hint in hints.items() if name != "return"}
+    check = _with_checks(arguments_of, typechecker)
+
+    @functools.wraps(function)
+    def checked(*arguments: Any, **named: Any) -> Any:
+        check(*arguments, **named)
+        return function(*arguments, **named)
+
+    return checked
 
 
 def _with_sizes(function: Callable, typechecker: Callable) -> Callable:
