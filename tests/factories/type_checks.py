@@ -199,7 +199,7 @@ def _resolved(hint: Any, names: dict[str, Any]) -> Any:
 
 
 def _is_known_by_shape(hint: Any) -> bool:
-    """Whether types, shapes and dtypes of arrays decide if a value has the type, or it has nothing to do with arrays."""
+    """Whether the type has nothing to do with arrays, or types, shapes and dtypes decide if a value has it."""
     if not _has_array(hint):
         return True
     if _is_array_type(hint):

@@ -85,8 +85,8 @@ def test_network_without_a_picture_is_the_one_that_reads_none(model, attributes)
     assert not np.allclose(expected.lanes, estimate(feature_streams(1)).lanes)
 
 
-@pytest.mark.parametrize("guidance", [1.0, 2.0])
-def test_scenes_without_a_picture_are_those_of_a_network_that_reads_none(model, sample, guidance):
+def test_scenes_without_a_picture_are_those_of_a_network_that_reads_none(model, sample, guidance=2.0):
+    """Guided, which evaluates both branches."""
     plain = without_pictures(model)
     for one in (NOTHING, REQUESTED):
         expected = sample(one, model=plain, guidance=guidance)
@@ -124,17 +124,22 @@ def test_scale_of_a_picture_needs_a_model_that_reads_some(model):
 def test_unconditional_branch_has_neither_picture_nor_request(model):
     config = model.denoiser.config
     features, _ = network_inputs([feature_streams(0)], config.condition)
-    inputs = prepare_denoiser_inputs(
-        denoiser(config),
-        config,
-        jax.tree.map(jnp.asarray, model.denoiser.params),
-        jnp.array([2]),
-        PerType(agents=jnp.ones((1, 4), bool), lanes=jnp.ones((1, 5), bool)),
-        times=np.array([10.0, 50.0], np.float32),
-        guided=True,
-        attributes=jnp.asarray(request_vector(REQUEST, config.attributes))[None],
-        features=features,
-    )
+
+    @jax.jit
+    def prepare(params):
+        return prepare_denoiser_inputs(
+            denoiser(config),
+            config,
+            params,
+            jnp.array([2]),
+            PerType(agents=jnp.ones((1, 4), bool), lanes=jnp.ones((1, 5), bool)),
+            times=np.array([10.0, 50.0], np.float32),
+            guided=True,
+            attributes=jnp.asarray(request_vector(REQUEST, config.attributes))[None],
+            features=features,
+        )
+
+    inputs = prepare(model.denoiser.params)
     assert inputs.conditional.cache is not None and inputs.conditional.attributes.any()
     assert inputs.unconditional.cache is None and not inputs.unconditional.attributes.any()
 

@@ -149,7 +149,8 @@ def _every_500th(folder):
 def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     """A run that was killed after its second step ends as one that was not."""
     folders, numbers = [tmp_path / "whole", tmp_path / "killed"], []
-    words = ["--texts", "40", "--held-back", "8", "--copies", "2", "--evaluate-every", "2", "--steps", "4", "--batch", "4"]
+    words = ["--texts", "40", "--held-back", "8", "--copies", "2"]
+    words += ["--evaluate-every", "2", "--steps", "4", "--batch", "4"]
     batch = train_reader._batch
     prompts = written_prompts(_every_500th(tmp_path / "prompts"))
     monkeypatch.setattr(train_reader, "_EVALUATED", 8)

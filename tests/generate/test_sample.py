@@ -208,9 +208,7 @@ def test_energy_guidance_lowers_the_energy(pointed_model, known):
 
 def test_energy_guidance_depends_on_the_scenes_own_key_only(pointed_model, known):
     condition = Condition(known=known, num_lanes=9, num_agents=6)
-    many, one = (
-        sample_guided(pointed_model, condition, EnergyGuidance(gradient_steps=2), number) for number in (2, 1)
-    )
+    many, one = (sample_guided(pointed_model, condition, EnergyGuidance(gradient_steps=2), number) for number in (2, 1))
     np.testing.assert_allclose(one.agents[0], many.agents[0], atol=5e-3)
 
 
