@@ -95,7 +95,7 @@ def _with_sizes(function: Callable, typechecker: Callable) -> Callable:
 def _remembers_shapes(function: Callable, hints: dict[str, Any], typechecker: Callable, names, arrays) -> Callable:
     """As ``_with_sizes``, but arrays are checked at their first shapes only, and everything else at every call."""
     positions = [names.index(one.name) for one in arrays if one.kind is not inspect.Parameter.KEYWORD_ONLY]
-    array_names = [one.name for one in arrays]
+    array_names, returns_arrays = [one.name for one in arrays], _has_array(hints.get("return"))
     passed: dict[Any, set] = {}  # shapes of arguments -> those of the results that passed with them
     all_checked = _with_sizes(function, typechecker)
     result = threading.local()
@@ -127,9 +127,10 @@ def _remembers_shapes(function: Callable, hints: dict[str, Any], typechecker: Ca
                 passed[shapes] = {_shape(value)}
             return value
         value = without_arrays()(*arguments, **named)
-        if _shape(value) not in results:
+        if returns_arrays and _shape(value) not in results:
             result.value = value
             check_result()(*arguments, **named)
+            result.value = None
             results.add(_shape(value))
         return value
 
