@@ -88,19 +88,27 @@ def one_padded_size():
 
 
 _LONGEST = (
+    "test_docs",
+    "test_ablation",
     "test_train",
     "test_text_training",
-    "test_docs",
-    "test_denoiser",
-    "test_methods",
-    "test_ablation",
+    "test_sample",
+    "test_picture_training",
+    "test_image_training",
     "test_autoencoder",
+    "test_gym_env",
+    "test_denoiser",
+    "test_image_and_request",
+    "test_prompt_reader",
     "test_autoencoder_parity",
     "test_denoiser_cross_attention",
+    "test_simulate",
+    "test_encode",
+    "test_eval_tiles",
+    "test_route_follower",
+    "test_stage_cross_attention",
+    "test_train_parity",
     "test_samplers_study",
-    "test_image_training",
-    "test_report",
-    "test_events",
 )
 
 
