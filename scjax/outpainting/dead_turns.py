@@ -8,10 +8,10 @@ import numpy as np
 
 from scjax.outpainting.coverage import OpenEnd
 from scjax.scene import AgentType, Map, TileStatus
+from scjax.scene.dead_turns import dead_turn
 from scjax.scene.map_removal import remove_from_map
 from scjax.scene.polyline import cumulative_length, spread_points
 
-_LONGEST = 40.0  # m of lanes that are left out together
 _OWN_PLACE = 2.0  # m from the center of a window, where the lane that it continues ends
 _ON_LANE = 2.0  # m from the middle of a lane
 
@@ -29,7 +29,7 @@ class DeadTurns:
     def __init__(self, map: Map, open_ends: Sequence[OpenEnd], x: float, y: float):
         lengths = {lane.id: float(cumulative_length(lane.points)[-1]) for lane in map.lanes}
         self._lengths = lengths
-        self._next = {lane.id: set(lane.successors) for lane in map.lanes}
+        self._after = {lane.id: set(lane.successors) for lane in map.lanes}
         self._before = {lane.id: set(lane.predecessors) for lane in map.lanes}
         generated = {item for tile in map.tiles if tile.status != TileStatus.KNOWN for item in tile.lane_ids}
         self._kept = set(lengths) - generated
@@ -42,26 +42,12 @@ class DeadTurns:
         removed: set[str] = set()
         staying = []
         for end in ends:
-            lanes = self._turn(end, removed)
+            ways = (self._after, self._before) if end.is_start else (self._before, self._after)
+            lanes = dead_turn(end.lane_id, *ways, self._lengths, kept=self._kept, removed=removed)
             removed |= lanes
             if not lanes:
                 staying.append(end)
         return removed, staying
-
-    def _turn(self, end: OpenEnd, removed: set[str]) -> set[str]:
-        back, forth = (self._next, self._before) if end.is_start else (self._before, self._next)
-        at, turn = end.lane_id, set()
-        while True:
-            turn.add(at)
-            others = back[at] - removed
-            if at in self._kept or not others or sum(self._lengths[item] for item in turn) > _LONGEST:
-                return set()
-            only_way = [item for item in others if not forth[item] - removed - turn]
-            if not only_way:
-                return turn
-            if len(others) > 1:
-                return set()
-            (at,) = only_way
 
 
 def without_turns(map: Map, lane_ids: set[str]) -> Map:

@@ -1,4 +1,4 @@
-"""Repairs of generated scenes: smooths lanes, closes lane connections, separates overlapping boxes.
+"""Repairs of generated scenes: leaves out dead turns, smooths lanes, closes connections, separates boxes.
 
 A diffusion model gives every point and box an error of its own: lanes tremble, linked lanes do not meet exactly, and
 boxes in a queue overlap. Map formats and simulators need better. ``scjax.sample`` does not repair, and no metric is
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float64, Int
 
 from scjax.scene import Link, Scene, stack
 from scjax.scene.boxes import overlaps
+from scjax.scene.loose_ends import remove_dead_turns
 
 MAX_CONNECTION_GAP = 5.0  # m; links over wider gaps are removed
 _SHIFTS = np.array([0.5, -0.5, 1, -1, 1.5, -1.5, 2, -2, 3, -3, 4, -4, 6, -6])  # m along the heading of a box
@@ -21,7 +22,9 @@ _MIN_ROUGHNESS = 0.02  # m; lanes that smoothing would move by less stay as they
 
 
 def repair(scene: Scene, *, known_agents: int = 0, known_lanes: int = 0) -> Scene:
-    """Applies ``smooth_lanes``, ``close_connections`` and ``separate_boxes``.
+    """Applies ``remove_dead_turns``, ``smooth_lanes``, ``close_connections`` and ``separate_boxes``.
+
+    Turns are left out only in scenes without known lanes, since a known one may be what a turn leads to.
 
     Args:
       scene: one scene or a batch.
@@ -30,6 +33,7 @@ def repair(scene: Scene, *, known_agents: int = 0, known_lanes: int = 0) -> Scen
     if scene.batch_shape:
         singles = [scene[i] for i in range(scene.batch_shape[0])]
         return stack([repair(single, known_agents=known_agents, known_lanes=known_lanes) for single in singles])
+    scene = scene if known_lanes else remove_dead_turns(scene)
     scene = close_connections(smooth_lanes(scene, known=known_lanes), known=known_lanes)
     return separate_boxes(scene, known=known_agents)
 
