@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from scjax.camera.camera import Camera
@@ -38,14 +40,24 @@ class CarriedRig:
         self.log = log = camera_log(source)
         self.index = log.ego_index if poses is not None and actor is None else carrier_index(log, actor)
         self.ground = ground_of(log, self.index)
-        self._poses = poses
-        if poses is not None:
-            _check_poses(poses, log.num_steps)
-            self.steps = np.arange(log.num_steps)
-            self._feet = poses.translations
+        if poses is None:
+            self._stand_on_carrier()
         else:
-            self.steps = np.flatnonzero(log.valid[self.index])
-            self._feet = _feet(log, self.index, self.ground, self.steps)
+            _check_poses(poses, log.num_steps)
+            self._poses, self.steps, self._feet = poses, np.arange(log.num_steps), poses.translations
+
+    def carried_by(self, actor: int) -> CarriedRig:
+        """The rig on another object of the log, which is not checked again."""
+        other = copy.copy(self)
+        other.index = carrier_index(self.log, actor)
+        other.ground = ground_of(self.log, other.index, self.ground)
+        other._stand_on_carrier()
+        return other
+
+    def _stand_on_carrier(self) -> None:
+        self._poses = None
+        self.steps = np.flatnonzero(self.log.valid[self.index])
+        self._feet = _feet(self.log, self.index, self.ground, self.steps)
 
     def camera_poses(self, camera: Camera) -> CameraPoses:
         """Poses of a camera of the rig; they mean nothing at steps at which the carrier is not there."""

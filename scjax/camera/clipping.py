@@ -95,10 +95,17 @@ def clip_polygons(
     The result has one corner more; the last one is repeated where there are fewer. Polygons without a visible part are
     NaN. Repeated corners, also of the arguments, change nothing; NaN polygons stay NaN.
     """
-    count, corners, dims = polygons.shape
-    if not count:
-        return np.zeros((0, corners + 1, dims))
     height = polygons @ normal - offset
+    whole = (height >= 0).all(1)
+    result = np.concatenate([polygons, polygons[:, -1:]], 1)
+    if not whole.all():
+        result[~whole] = _cut_polygons(polygons[~whole], height[~whole])
+    return result
+
+
+def _cut_polygons(polygons: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """The part of each polygon where its corners' height, linear in between, is not negative."""
+    count, corners, dims = polygons.shape
     follower, next_height = np.roll(polygons, -1, 1), np.roll(height, -1, 1)
     inside = height >= 0
     crosses = inside != (next_height >= 0)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.scene import NO_EGO, AgentType, Log, Map, Scene, map_to_log, scene_to_map, validate_log
+from scjax.scene import NO_EGO, Log, Map, Scene, map_to_log, scene_to_map, validate_log
 from scjax.scene.agent_sizes import CLASS_SIZES
 
 OTHER_SIZE = (1.0, 1.0, 1.0)  # m, of objects of no ``AgentType``
@@ -48,10 +51,24 @@ def carrier_index(log: Log, actor: int | None) -> int:
 
 def known_sizes(log: Log) -> Float64[np.ndarray, "N 3"]:
     """Length, width and height of all objects [m]; unknown ones are the means of their class."""
-    usual = [
-        CLASS_SIZES[AgentType(kind)] if kind >= 0 else OTHER_SIZE for kind in np.asarray(log.object_types).tolist()
-    ]
-    return np.where(np.isfinite(log.sizes), log.sizes, np.array(usual, np.float64).reshape(-1, 3))
+    kinds = np.asarray(log.object_types)
+    usual = np.tile(np.array(OTHER_SIZE, np.float64), (len(kinds), 1))
+    for kind, size in CLASS_SIZES.items():
+        usual[kinds == kind] = size
+    return np.where(np.isfinite(log.sizes), log.sizes, usual)
+
+
+@dataclasses.dataclass(frozen=True)
+class _LanePoints:
+    """Points of lanes, which are searched only where needed."""
+
+    points: Float64[np.ndarray, "n 3"]
+
+    @functools.cached_property
+    def tree(self) -> Any:
+        from scipy.spatial import KDTree
+
+        return KDTree(self.points[:, :2])
 
 
 class LogGround:
@@ -67,22 +84,32 @@ class LogGround:
     def __init__(self, log: Log, level: Float64[np.ndarray, " T"]):
         self.level = level
         points = [lane.points for lane in log.lanes if np.isfinite(lane.points[:, 2]).all()]
-        self._points = np.concatenate(points) if points else None
-        self._tree = None
+        self._lanes = _LanePoints(np.concatenate(points)) if points else None
+
+    def at_level(self, level: Float64[np.ndarray, " T"]) -> LogGround:
+        """The same ground at another height where no lane has a z."""
+        other = copy.copy(self)
+        other.level = level
+        return other
 
     def heights(self, places: Float64[np.ndarray, "n 2"], step: int) -> Float64[np.ndarray, " n"]:
         """Height at places of the plane [m]: that of the nearest point of a lane."""
-        if self._points is None:
+        if self._lanes is None:
             return np.full(len(places), self.level[step])
-        if self._tree is None:
-            from scipy.spatial import KDTree
-
-            self._tree = KDTree(self._points[:, :2])
-        return self._points[self._tree.query(places)[1], 2]
+        return self._lanes.points[self._lanes.tree.query(places)[1], 2]
 
 
-def ground_of(log: Log, index: int = NO_EGO) -> LogGround:
-    """The ground of a log around the object ``index``, which stands on it where its z is known."""
+def ground_of(log: Log, index: int = NO_EGO, known_ground: LogGround | None = None) -> LogGround:
+    """The ground of a log around the object ``index``, which stands on it where its z is known.
+
+    Args:
+      known_ground: of the log around another object, which saves time.
+    """
+    level = _ground_level(log, index)
+    return LogGround(log, level) if known_ground is None else known_ground.at_level(level)
+
+
+def _ground_level(log: Log, index: int) -> Float64[np.ndarray, " T"]:
     heights = np.full(log.num_steps, np.nan)
     if index != NO_EGO:
         height = log.sizes[index, 2] if np.isfinite(log.sizes[index, 2]) else known_sizes(log)[index, 2]
@@ -91,6 +118,6 @@ def ground_of(log: Log, index: int = NO_EGO) -> LogGround:
     if not known.any():
         bottoms = log.positions[..., 2] - known_sizes(log)[:, 2:] / 2
         bottoms = bottoms[log.valid & np.isfinite(bottoms)]
-        return LogGround(log, np.full(log.num_steps, np.median(bottoms) if len(bottoms) else 0.0))
+        return np.full(log.num_steps, np.median(bottoms) if len(bottoms) else 0.0)
     steps = np.arange(log.num_steps)
-    return LogGround(log, np.interp(steps, steps[known], heights[known]))
+    return np.interp(steps, steps[known], heights[known])

@@ -27,7 +27,6 @@ class Canvas:
     Attributes:
       camera: of the canvas, without distortion.
       supersampling: as given.
-      rays: directions at depth 1 of the pixels of the canvas, in its frame, row by row.
     """
 
     def __init__(self, camera: Camera, supersampling: int = 1):
@@ -48,8 +47,6 @@ class Canvas:
             places = (places - (left, top) + 0.5) * self.supersampling - 0.5
             self._maps = places.astype(np.float32).reshape(camera.height, camera.width, 2)
         self.camera = straight.resized(self.supersampling * straight.width, self.supersampling * straight.height)
-        flat = pixel_rays(self.camera, _all_pixels(self.camera))
-        self.rays = np.column_stack([flat, np.ones(len(flat))]).astype(np.float32)
 
     def of_camera(self, camera: Camera) -> Canvas:
         """The canvas of a camera: this one, if it differs in its mount alone."""
@@ -111,9 +108,3 @@ class Canvas:
         inverse[on_face] = value.clip(limits[chosen, 0], limits[chosen, 1])
         with np.errstate(divide="ignore"):
             return np.where(inverse > _LEAST, 1 / inverse, np.inf).astype(np.float32).reshape(faces.shape)
-
-
-def _all_pixels(camera: Camera) -> Float64[np.ndarray, "n 2"]:
-    """Column and row of all pixels, row by row."""
-    columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64))
-    return np.stack([columns, rows], -1).reshape(-1, 2)

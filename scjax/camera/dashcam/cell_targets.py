@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float16, Float64, UInt8
+from jaxtyping import Float16, Float64, Int, UInt8
 
 from scjax.camera.dashcam.materials import SemanticClass
 from scjax.camera.dashcam.renderer import DashcamFrame
@@ -53,64 +54,107 @@ def cell_targets(
       scene: its lanes, in the frame of the carrier.
       cells: rows and columns; they divide the picture.
     """
-    rows, columns = cells
-    shape = (rows, frame.rgb.shape[0] // rows, columns, frame.rgb.shape[1] // columns)
-
-    def by_cell(values: np.ndarray) -> np.ndarray:
-        return values.reshape(*shape, -1).swapaxes(1, 2).reshape(rows * columns, shape[1] * shape[3], -1)
-
-    one_hot = by_cell(frame.classes) == np.arange(len(SemanticClass))
-    inverse = 1 / np.clip(by_cell(frame.depth)[..., 0], 1.0, MAX_DEPTH)
+    grid = _CellGrid(*frame.depth.shape, *cells)
+    shares = grid.counts(frame.classes, len(SemanticClass)) / grid.area
+    inverse = 1 / np.clip(frame.depth, 1.0, MAX_DEPTH)
+    inverse = inverse.reshape(grid.rows, -1, grid.columns, grid.width // grid.columns).mean((1, 3))
     return CellTargets(
-        np.round(255 * one_hot.mean(1)).astype(np.uint8).reshape(rows, columns, -1),
-        (1 / inverse.mean(1)).astype(np.float16).reshape(cells),
-        _objects(by_cell(frame.ids)[..., 0], boxes).astype(np.float16).reshape(rows, columns, 7),
-        _lanes(by_cell(_ground_places(frame, rays, mount)), scene).astype(np.float16).reshape(rows, columns, 6),
+        np.round(255 * shares).astype(np.uint8).reshape(*cells, -1),
+        (1 / inverse).astype(np.float16),
+        _objects(frame.ids, grid, boxes).astype(np.float16).reshape(*cells, 7),
+        _lanes(*_road_middles(frame, rays, mount, grid), scene, grid.area).astype(np.float16).reshape(*cells, 6),
     )
 
 
-def _objects(ids: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+class _CellGrid(NamedTuple):
+    """Pixels and cells of a picture."""
+
+    height: int
+    width: int
+    rows: int
+    columns: int
+
+    @property
+    def area(self) -> int:
+        """Pixels of a cell."""
+        return self.height * self.width // (self.rows * self.columns)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.rows * self.columns
+
+    def counts(self, numbers: np.ndarray, kinds: int) -> Int[np.ndarray, "cells kinds"]:
+        """How many pixels of each cell have each of these numbers [height, width]; others are not counted."""
+        shown = np.flatnonzero((numbers >= 0) & (numbers < kinds))
+        both = _cell_of_pixels(self)[shown] * kinds + numbers.ravel()[shown]
+        return np.bincount(both, minlength=self.size * kinds).reshape(self.size, kinds)
+
+
+@functools.lru_cache(maxsize=4)
+def _cell_of_pixels(grid: _CellGrid) -> Int[np.ndarray, " pixels"]:
+    """Number of the cell of each pixel, both row by row."""
+    row, column = (
+        np.arange(count) // (count // parts) for count, parts in ((grid.height, grid.rows), (grid.width, grid.columns))
+    )
+    return (row[:, None] * grid.columns + column).ravel()
+
+
+def _objects(ids: np.ndarray, grid: _CellGrid, boxes: np.ndarray) -> np.ndarray:
     """Targets of the object that covers most pixels of each cell [cells, 7]."""
-    result = np.zeros((len(ids), 7))
-    found, counts = np.full(len(ids), -1), np.zeros(len(ids))
-    for object_id in np.unique(ids[ids >= 0]).tolist():
-        covered = (ids == object_id).sum(1)
-        found = np.where(covered > counts, object_id, found)
-        counts = np.maximum(counts, covered)
-    shown = counts >= _LEAST_SHARE * ids.shape[1]
-    result[shown, :6], result[shown, 6] = boxes[found[shown]], 1
+    result = np.zeros((grid.size, 7))
+    present = np.flatnonzero(np.bincount(ids[ids >= 0], minlength=len(boxes)))
+    if len(present):
+        numbers = np.full(len(boxes) + 1, -1)  # the last is that of pixels without an object
+        numbers[present] = np.arange(len(present))
+        covered = grid.counts(numbers[ids], len(present))
+        shown = np.flatnonzero(covered.max(1) >= _LEAST_SHARE * grid.area)
+        result[shown, :6], result[shown, 6] = boxes[present[covered[shown].argmax(1)]], 1
     return result
 
 
-def _ground_places(frame: DashcamFrame, flat: np.ndarray, mount: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """x and y of what pixels of the road show [height, width, 2]; NaN elsewhere."""
-    rays = np.concatenate([flat, np.ones((*flat.shape[:2], 1))], -1)
+def _road_middles(
+    frame: DashcamFrame, rays: np.ndarray, mount: tuple[np.ndarray, np.ndarray], grid: _CellGrid
+) -> tuple[np.ndarray, np.ndarray]:
+    """Number of pixels of each cell that show the road, and the middle of what they show [cells, 2]."""
     rotation, position = mount
-    depth = np.where(np.isfinite(frame.depth), frame.depth, np.nan)[..., None]
-    places = (rays * depth) @ rotation[:2].T + position[:2]
-    return np.where(np.isin(frame.classes, _ROAD)[..., None], places, np.nan)
+    pixels = np.flatnonzero(np.isin(frame.classes, _ROAD) & np.isfinite(frame.depth))
+    x, y = rays.reshape(-1, 2)[pixels].T
+    depth, cell = frame.depth.ravel()[pixels], _cell_of_pixels(grid)[pixels]
+    counts = np.bincount(cell, minlength=grid.size)
+    places = [
+        (row[0] * x + row[1] * y + row[2]) * depth + start
+        for row, start in zip(rotation[:2], position[:2], strict=True)
+    ]
+    sums = [np.bincount(cell, weights=place, minlength=grid.size) for place in places]
+    return counts, np.stack(sums, -1) / np.maximum(counts, 1)[:, None]
 
 
-def _lanes(places: np.ndarray, scene: Scene) -> np.ndarray:
+def _lanes(counts: np.ndarray, middles: np.ndarray, scene: Scene, area: int) -> np.ndarray:
     """Targets of the lane beside the middle of each cell's road [cells, 6]."""
-    result = np.zeros((len(places), 6))
-    counts = np.isfinite(places[..., 0]).sum(1)
-    shown = np.flatnonzero(counts >= _LEAST_SHARE * places.shape[1])
-    middles = np.nansum(places[shown], 1) / counts[shown, None]
+    result = np.zeros((len(counts), 6))
+    shown = np.flatnonzero(counts >= _LEAST_SHARE * area)
+    middles = middles[shown]
     lanes = np.asarray(scene.lanes, np.float64)[np.asarray(scene.lane_mask), :, :2]
     if not len(lanes) or not len(shown):
         return result
-    starts, steps = lanes[:, :-1].reshape(-1, 2), (lanes[:, 1:] - lanes[:, :-1]).reshape(-1, 2)
+    starts, ends = lanes[:, :-1].reshape(-1, 2), lanes[:, 1:].reshape(-1, 2)
+    reached = (np.maximum(starts, ends) > middles.min(0) - _BESIDE) & (
+        np.minimum(starts, ends) < middles.max(0) + _BESIDE
+    )
+    starts, steps = starts[reached.all(1)], (ends - starts)[reached.all(1)]
+    if not len(starts):
+        return result
     lengths = np.maximum(np.hypot(*steps.T), 1e-6)
     # x and y apart: arrays whose last axis has two entries take several times as long.
     x, y = (middles[:, None, axis] - starts[None, :, axis] for axis in (0, 1))
     along = ((x * steps[:, 0] + y * steps[:, 1]) / lengths**2).clip(0, 1)
-    distances = np.hypot(x - along * steps[:, 0], y - along * steps[:, 1])
-    best = distances.argmin(1)
+    squares = (x - along * steps[:, 0]) ** 2 + (y - along * steps[:, 1]) ** 2
+    best = squares.argmin(1)
     point = starts[best] + along[np.arange(len(shown)), best, None] * steps[best]
     direction = steps[best] / lengths[best, None]
     side = middles - point
     left = direction[:, 0] * side[:, 1] - direction[:, 1] * side[:, 0]
-    near = distances.min(1) < _BESIDE
+    near = squares.min(1) < _BESIDE**2
     result[shown[near]] = np.column_stack([point, direction, left, np.ones(len(shown))])[near]
     return result

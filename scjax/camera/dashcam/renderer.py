@@ -12,19 +12,16 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 
 from scjax.camera.carried_rig import CarriedRig
 from scjax.camera.dashcam.canvas import Canvas
+from scjax.camera.dashcam.composing import Surfaces, compose_colors
 from scjax.camera.dashcam.look import Look
-from scjax.camera.dashcam.materials import Material
 from scjax.camera.dashcam.road_surface import RoadSurface
-from scjax.camera.dashcam.shading import face_colors, finish, grain, ground_light, sky_colors, with_windows
+from scjax.camera.dashcam.shading import face_colors, finish
 from scjax.camera.dashcam.world_solids import WorldSolids
-from scjax.camera.dashcam.zbuffer import ZBuffer, picture_faces
+from scjax.camera.dashcam.zbuffer import ZBuffer, in_sight, picture_faces
 from scjax.camera.projection import NEAR, project_faces
 from scjax.camera.raster import convex_hull, fill_smooth, require_opencv
 from scjax.camera.rig import CameraPoses, Rig
 from scjax.scene import Log, Map, Scene
-
-_LEAF_GRAIN = 0.22  # share of the brightness
-_BEAM = 18.0  # m; depth at which headlights have lost 63 % of their light
 
 
 class DashcamFrame(NamedTuple):
@@ -41,14 +38,6 @@ class DashcamFrame(NamedTuple):
     depth: Float32[np.ndarray, "height width"]
     classes: UInt8[np.ndarray, "height width"]
     ids: Int32[np.ndarray, "height width"]
-
-
-class _Surfaces(NamedTuple):
-    """Lit colors, normals and materials of faces in the picture."""
-
-    colors: np.ndarray
-    normals: np.ndarray
-    materials: np.ndarray
 
 
 class DashcamRenderer:
@@ -104,7 +93,7 @@ class DashcamRenderer:
         """
         other = copy.copy(self)
         other.look = look
-        other._mount = CarriedRig(self.log, self._mount.rig, actor=actor)
+        other._mount = self._mount.carried_by(actor)
         other.steps = other._mount.steps
         other.camera = look.varied_camera(other._mount.rig.camera(self.camera.name))
         other.poses = other._mount.camera_poses(other.camera)
@@ -138,8 +127,8 @@ class DashcamRenderer:
         buffer.draw(polygons, planes, limits)
         colors, normals = face_colors(solids, solid, face, self.look)
         shade = self._shade(step, rotation, position)
-        surfaces = _Surfaces(colors, normals, solids.materials[solid, face])
-        picture = self._composed(buffer, ground.colors, shade, surfaces, rotation, position)
+        surfaces = Surfaces(colors, normals, solids.materials[solid, face])
+        picture = compose_colors(canvas.camera, buffer, ground.colors, shade, surfaces, (rotation, position), self.look)
         faces = canvas.nearest(buffer.faces)
         on_face = faces >= 0
         classes = canvas.nearest(ground.classes)
@@ -162,6 +151,9 @@ class DashcamRenderer:
             return None
         camera = self._canvas.camera
         flat = np.concatenate([outlines - position[:2], np.full((*outlines.shape[:2], 1), -position[2])], -1)
+        flat = flat[in_sight(camera, flat @ rotation, NEAR)]
+        if not len(flat):
+            return None
         hulls = np.stack([_padded(convex_hull(outline[:, :2]), 8) for outline in flat])
         corners = np.concatenate([hulls, flat[..., 2:]], -1) @ rotation
         polygons = project_faces(camera, corners, NEAR)
@@ -169,50 +161,6 @@ class DashcamRenderer:
         for polygon in polygons[np.isfinite(polygons).all((1, 2))]:
             fill_smooth(shade, polygon, round(255 * self.look.shadows))
         return shade
-
-    def _composed(
-        self,
-        buffer: ZBuffer,
-        ground: np.ndarray,
-        shade: np.ndarray | None,
-        surfaces: _Surfaces,
-        rotation: np.ndarray,
-        position: np.ndarray,
-    ) -> Float32[np.ndarray, "height width 3"]:
-        """Colors of the canvas, with haze."""
-        look, light = self.look, ground_light(self.look).astype(np.float32)
-        inverse, faces = buffer.inverse_depth.ravel(), buffer.faces.ravel()
-        # One plane for each color: arrays of pixels with three colors each take several times as long.
-        planes = [plane.ravel() * part for plane, part in zip(require_opencv().split(ground), light, strict=True)]
-        shown = np.flatnonzero(faces >= 0)
-        chosen = faces[shown]
-        colors = surfaces.colors[chosen]
-        material = surfaces.materials[chosen]
-        for part in (Material.WALL, Material.LEAVES):
-            places = np.flatnonzero(material == part)
-            pixels = shown[places]
-            points = position + (self._canvas.rays[pixels] @ rotation.T) / inverse[pixels, None]
-            if part == Material.WALL:
-                colors[places] = with_windows(colors[places], points, surfaces.normals[chosen[places]], look)
-            else:
-                colors[places] *= (1 + _LEAF_GRAIN * grain(points, 0.35))[:, None]
-        depth = 1 / np.maximum(inverse, np.float32(1e-4))
-        haze = np.exp(depth / np.float32(-look.visibility))
-        beam = 1 + np.float32(look.headlights) * np.exp(depth / np.float32(-_BEAM)) if look.headlights else None
-        dark = None if shade is None else 1 - shade.ravel() * np.float32(1 / 255)
-        sky = np.flatnonzero(inverse <= 0)
-        of_sky = sky_colors(self._canvas.rays[sky] @ rotation[2].astype(np.float32), look)
-        for color, (plane, horizon) in enumerate(zip(planes, 255 * np.array(look.horizon, np.float32), strict=True)):
-            if dark is not None:
-                plane *= dark
-            plane[shown] = colors[:, color]
-            if beam is not None:
-                plane *= beam
-            plane -= horizon
-            plane *= haze
-            plane += horizon
-            plane[sky] = of_sky[:, color]
-        return require_opencv().merge([plane.reshape(buffer.faces.shape) for plane in planes])
 
 
 def _padded(points: np.ndarray, count: int) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from jaxtyping import Float32, Float64, UInt8
 from scjax.camera.camera import Camera
 from scjax.camera.dashcam.look import Look
 from scjax.camera.dashcam.materials import SemanticClass
+from scjax.camera.dashcam.zbuffer import plane_values
 from scjax.camera.raster import require_opencv
 from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, lane_sides
 from scjax.scene import Log
@@ -21,28 +23,34 @@ from scjax.scene.polyline import cumulative_length
 from scjax.scene.stop_lines import stop_lines
 
 _DASH, _GAP = 3.0, 6.0  # m
+_CLOSE = 0.02  # m
 _LINE_WIDTH, _STOP_WIDTH, _SIDEWALK = 0.14, 0.45, 2.0  # m
 _YELLOW = (0.85, 0.65, 0.15)
-_GRAIN = 0.08  # standard deviation of the brightness of a cell
+_GRAIN, _GRAIN_CELLS = 0.08, 256  # standard deviation of the brightness of a cell; cells after which it repeats
 _SHIFT, _UNIT = 4, 16.0
 _LEAST = 1e-4  # 1/m; ground farther away is sky
 
 
 class GroundLayer(NamedTuple):
-    """A square window of the ground: ``side`` m in cells of ``cell`` m, seen up to ``reach`` m from the camera."""
+    """A square window of the ground around a place ahead of the camera.
+
+    Attributes:
+      side, cell: of the window and of its cells [m].
+      reach: how far from the camera it is seen [m].
+      slack: how far its middle may be from that place [m].
+      ahead: distance of the place from the camera [m].
+    """
 
     side: float
     cell: float
     reach: float
-
-    @property
-    def slack(self) -> float:
-        """Distance of the camera from the middle up to which all within reach is in the window [m]."""
-        return self.side / 2 - self.reach
+    slack: float
+    ahead: float = 0.0
 
 
-_NEAR = GroundLayer(64.0, 0.0625, 24.0)
-_FAR, _COARSE = GroundLayer(320.0, 0.25, 130.0), GroundLayer(320.0, 0.5, 130.0)
+_NEAR = GroundLayer(64.0, 0.0625, 24.0, 8.0)
+_NEAR_SLACK = 4.0  # m; of windows that show what is ahead alone
+_FAR, _COARSE = GroundLayer(320.0, 0.25, 130.0, 30.0), GroundLayer(320.0, 0.5, 130.0, 30.0)
 _SMALL_FOCAL = 400.0  # pixels; cameras with less see no details of the far ground
 
 _TERRAIN, _WALK, _ROAD, _WHITE, _YELLOW_LINE, _STOP_LINE = range(6)
@@ -113,31 +121,42 @@ class RoadSurface:
         cv2 = require_opencv()
         inverse = np.linalg.inv(camera.intrinsic)
         plane = (rotation[2] / -position[2]) @ inverse  # inverse depth of the ground of (column, row, 1)
-        columns, rows = np.arange(camera.width, dtype=np.float32), np.arange(camera.height, dtype=np.float32)[:, None]
-        depth = _of_pixels(plane, columns, rows)
+        width, height = camera.width, camera.height
+        depth = plane_values(plane, width, height)
         below = depth > _LEAST
-        size = (camera.width, camera.height)
         smooth, exact = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        colors, codes = np.zeros(0, np.uint8), np.zeros(0, np.uint8)
-        layers = (_COARSE if camera.intrinsic[0, 0] < _SMALL_FOCAL else _FAR, _NEAR)
-        for layer in layers:
-            drawn = self._layer(layer, position[:2])
+        colors, codes = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.uint8)
+        ahead = rotation[:2, 2] / max(float(np.hypot(*rotation[:2, 2])), 1e-6)
+        near, far = _near_layer(camera), _COARSE if camera.intrinsic[0, 0] < _SMALL_FOCAL else _FAR
+        for layer in (far, near):
+            # Only the rows in which some ground is within reach.
+            least = 1 / layer.reach if layer is near else _LEAST
+            within = np.flatnonzero(np.maximum(depth[:, 0], depth[:, -1]) > np.float32(least))
+            if not len(within):
+                continue
+            top, bottom = int(within[0]), int(within[-1]) + 1
+            drawn = self._layer(layer, position[:2] + layer.ahead * ahead)
             # (column, row, 1) of the picture -> (column, row, 1) of the layer, times inverse depth.
             offset = position[:2] - drawn.middle
             ground = rotation[:2] @ inverse + offset[:, None] * plane
             half = layer.side / 2
             matrix = np.stack([ground[0] + half * plane, half * plane - ground[1], layer.cell * plane]) / layer.cell
             matrix[:2] -= 0.5 * plane
-            near_colors = cv2.warpPerspective(drawn.colors, matrix, size, flags=smooth)
-            near_codes = cv2.warpPerspective(drawn.codes, matrix, size, flags=exact)
-            if layer is not _NEAR:
-                colors, codes = near_colors, near_codes
+            matrix[:, 2] += top * matrix[:, 1]
+            size = (width, bottom - top)
+            some_colors = cv2.warpPerspective(drawn.colors, matrix, size, flags=smooth)
+            some_codes = cv2.warpPerspective(drawn.codes, matrix, size, flags=exact)
+            if layer is far:
+                colors[top:bottom], codes[top:bottom] = some_colors, some_codes
                 continue
             # Within reach along the axis of the camera, and inside the window to both sides.
-            east, north = (np.abs(_of_pixels(row, columns, rows)) for row in ground)
-            inside = (np.maximum(east, north) < np.float32(half - 1) * depth) & (depth > np.float32(1 / layer.reach))
+            ground[:, 2] += top * ground[:, 1]
+            east, north = (np.abs(plane_values(row, *size)) for row in ground)
+            some_depth = depth[top:bottom]
+            inside = (np.maximum(east, north) < np.float32(half - 1) * some_depth) & (some_depth > np.float32(least))
             mask = inside.view(np.uint8)
-            colors, codes = cv2.copyTo(near_colors, mask, colors), cv2.copyTo(near_codes, mask, codes)
+            cv2.copyTo(some_colors, mask, colors[top:bottom])
+            cv2.copyTo(some_codes, mask, codes[top:bottom])
         classes = cv2.LUT(codes, _CLASSES)
         classes[~below] = SemanticClass.SKY
         return GroundView(colors, classes, np.where(below, depth, np.float32(0)))
@@ -160,7 +179,9 @@ class RoadSurface:
             return np.round((cells / layer.cell - 0.5) * _UNIT).astype(np.int32)
 
         near = ((lines.high > middle - half - 4) & (lines.low < middle + half + 4)).all(-1)
-        roads = [fixed(lines.polylines[row]) for row in np.flatnonzero(near).tolist()]
+        some = [lines.polylines[row] for row in np.flatnonzero(near).tolist()]
+        ends = np.cumsum([len(line) for line in some])
+        roads = np.split(fixed(np.concatenate(some)), ends[:-1]) if some else []
         for width, code in ((LANE_WIDTH + 2 * _SIDEWALK, _WALK), (LANE_WIDTH + 0.3, _ROAD)):
             cv2.polylines(codes, roads, False, code, max(1, round(width / layer.cell)), cv2.LINE_8, _SHIFT)
         palette = np.zeros((256, 1, 3), np.uint8)
@@ -176,27 +197,34 @@ class RoadSurface:
             palette[code, 0] = _bytes(share * np.array(color) + (1 - share) * np.array(look.road))
             cv2.polylines(codes, list(fixed(chosen)), False, code, cells, cv2.LINE_8, _SHIFT)
         colors = cv2.applyColorMap(codes, np.ascontiguousarray(palette))
-        if layer is not _NEAR:
+        if layer.cell > _NEAR.cell:
             return _Drawn(middle, colors, codes)
-        tile = _grain_tile()
-        repeats = -(-count // tile.shape[0])
-        shade = np.tile(tile, (repeats, repeats, 1))[:count, :count]
+        # Cells of the map keep their grain, whatever the window.
+        left, top = round((middle[0] - half) / layer.cell), round((middle[1] + half) / layer.cell)
+        shade = _grain_tile(count)[-top % _GRAIN_CELLS :, left % _GRAIN_CELLS :][:count, :count]
         return _Drawn(middle, cv2.multiply(colors, shade, scale=1 / 128), codes)
 
 
-def _of_pixels(row: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """row . (column, row, 1) of all pixels."""
-    across, down, constant = row.astype(np.float32)
-    return across * columns + (down * rows + constant)
+def _near_layer(camera: Camera) -> GroundLayer:
+    """The window of what is near: small for a camera that sees little to the sides, for it need not lie all around."""
+    left, right = camera.intrinsic[0, 2], camera.width - camera.intrinsic[0, 2]
+    slope = max(left, right) / camera.intrinsic[0, 0]
+    if slope >= 1:
+        return _NEAR
+    # The circle through the camera and both corners of what it sees up to the reach.
+    radius = _NEAR.reach * (1 + float(slope) ** 2) / 2
+    return _NEAR._replace(side=2.0 * math.ceil(radius + _NEAR_SLACK + 1), slack=_NEAR_SLACK, ahead=radius)
 
 
 @functools.cache
-def _grain_tile() -> UInt8[np.ndarray, "256 256 3"]:
-    """Brightness of cells around 128, fine and coarse, which repeats."""
-    rng = np.random.default_rng(0)
-    coarse = np.kron(rng.normal(0, 1, (32, 32)), np.ones((8, 8)))
-    values = 128 * (1 + _GRAIN * (0.7 * rng.normal(0, 1, (256, 256)) + 0.5 * coarse))
-    return np.repeat(values.clip(64, 192).round().astype(np.uint8)[..., None], 3, 2)
+def _grain_tile(count: int) -> UInt8[np.ndarray, "cells cells 3"]:
+    """Brightness of cells around 128, fine and coarse, which repeats; one repetition more than so many cells."""
+    rng, few = np.random.default_rng(0), _GRAIN_CELLS // 8
+    coarse = np.kron(rng.normal(0, 1, (few, few)), np.ones((8, 8)))
+    values = 128 * (1 + _GRAIN * (0.7 * rng.normal(0, 1, (_GRAIN_CELLS, _GRAIN_CELLS)) + 0.5 * coarse))
+    tile = np.repeat(values.clip(64, 192).round().astype(np.uint8)[..., None], 3, 2)
+    repeats = 1 + -(-count // _GRAIN_CELLS)
+    return np.tile(tile, (repeats, repeats, 1))
 
 
 def _bytes(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
@@ -204,9 +232,18 @@ def _bytes(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
     return red, green, blue
 
 
+def _simplified(line: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "m 2"]:
+    """Fewer points of a line, which stays within ``_CLOSE``: wide lines of many short parts take long to draw."""
+    start = line[0]
+    points = require_opencv().approxPolyDP((line - start).astype(np.float32), _CLOSE, False)
+    return points.reshape(-1, 2).astype(np.float64) + start
+
+
 def _lines_of(log: Log) -> _Lines:
     polylines = [
-        lane.points[:, :2] for lane in log.lanes if len(lane.points) > 1 and lane.lane_type not in NO_CAR_LANE_TYPES
+        _simplified(lane.points[:, :2])
+        for lane in log.lanes
+        if len(lane.points) > 1 and lane.lane_type not in NO_CAR_LANE_TYPES
     ]
     low = np.array([line.min(0) for line in polylines]).reshape(-1, 2)
     high = np.array([line.max(0) for line in polylines]).reshape(-1, 2)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int, UInt8
+from jaxtyping import Bool, Float32, Float64, Int, UInt8
 
 from scjax.camera.agent_boxes import FACES, face_normals
 from scjax.camera.camera import Camera
@@ -14,10 +15,13 @@ from scjax.camera.dashcam.materials import GLOWING, Material
 from scjax.camera.dashcam.solids import Solids
 from scjax.camera.raster import require_opencv
 
-_GRAIN = 256  # cells of the table of grain, which repeats
 _FLOOR, _WINDOW_LOW, _WINDOW_HIGH = 3.2, 1.0, 2.4  # m, of facades
 _SKY_STEPS, _SKY_TOP = 256, 0.7  # colors between the horizon and the top of the sky, which has this slope
-_BAY, _BAY_LOW, _BAY_HIGH = 2.6, 0.6, 2.0  # m
+BAY, _BAY_LOW, _BAY_HIGH = 2.6, 0.6, 2.0  # m
+"""Width of a part of a facade, after which it repeats [m]."""
+
+GRAIN_CELLS = 256
+"""Cells of the table of grain, which repeats."""
 
 
 def face_colors(
@@ -43,38 +47,44 @@ def ground_light(look: Look) -> np.ndarray:
     return np.array(look.ambient) + np.array(look.sun_color) * max(look.to_sun[2], 0.0)
 
 
-def with_windows(
-    colors: Float32[np.ndarray, "n 3"],
-    points: Float64[np.ndarray, "n 3"],
-    normals: Float64[np.ndarray, "n 3"],
-    look: Look,
-) -> Float32[np.ndarray, "n 3"]:
-    """Colors of walls at these points of the world, where some of them are windows."""
-    along = points[:, 1] * normals[:, 0] - points[:, 0] * normals[:, 1]
-    floor, bay = points[:, 2] % _FLOOR, along % _BAY
-    window = (floor > _WINDOW_LOW) & (floor < _WINDOW_HIGH) & (bay > _BAY_LOW) & (bay < _BAY_HIGH)
-    glass = (255 * (0.10 + 0.30 * np.array(look.horizon))).astype(np.float32)
-    return np.where(window[:, None], glass, colors)
+def are_windows(along: Float32[np.ndarray, " n"], height: Float32[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which places of walls are windows, by their distance along the wall and their height [m]."""
+    floor, bay = _share(height, _FLOOR), _share(along, BAY)
+    inside = (floor > _WINDOW_LOW / _FLOOR) & (floor < _WINDOW_HIGH / _FLOOR)
+    return inside & (bay > _BAY_LOW / BAY) & (bay < _BAY_HIGH / BAY)
 
 
-def grain(points: Float64[np.ndarray, "n dims"], cell: float) -> Float32[np.ndarray, " n"]:
-    """Random numbers around 0 that stick to places of the world: one for each cell [m]."""
-    index = np.floor(points / cell).astype(np.int64) & (_GRAIN - 1)
-    row = index[:, 0] if points.shape[1] == 2 else (index[:, 0] + 37 * index[:, 2]) & (_GRAIN - 1)
-    return _grain_table()[row, index[:, 1]]
+def _share(values: Float32[np.ndarray, " n"], period: float) -> Float32[np.ndarray, " n"]:
+    """How far in their period values are, 0 to 1."""
+    shares = values * np.float32(1 / period)
+    return shares - np.floor(shares)
+
+
+def window_color(look: Look) -> Float32[np.ndarray, " 3"]:
+    """Color of windows, 0..255."""
+    return (255 * (0.10 + 0.30 * np.array(look.horizon))).astype(np.float32)
+
+
+def grain(places: Sequence[Float32[np.ndarray, " n"]], cell: float) -> Float32[np.ndarray, " n"]:
+    """Random numbers around 0 that stick to places x, y, z of the world: one for each cell [m].
+
+    They repeat after ``GRAIN_CELLS`` cells to the x and y sides.
+    """
+    x, y, z = (np.floor(part * np.float32(1 / cell)).astype(np.int32) for part in places)
+    return _grain_table()[(x + 37 * z) & (GRAIN_CELLS - 1), y & (GRAIN_CELLS - 1)]
 
 
 @functools.cache
 def _grain_table() -> Float32[np.ndarray, "256 256"]:
-    return np.random.default_rng(0).uniform(-1, 1, (_GRAIN, _GRAIN)).astype(np.float32)
+    return np.random.default_rng(0).uniform(-1, 1, (GRAIN_CELLS, GRAIN_CELLS)).astype(np.float32)
 
 
-def sky_colors(slope: Float32[np.ndarray, " n"], look: Look) -> Float32[np.ndarray, "n 3"]:
+def sky_colors(slope: Float32[np.ndarray, " n"], look: Look) -> Float32[np.ndarray, "3 n"]:
     """Colors of the sky at vertical directions, meters up per meter along the axis of the camera; 0..255."""
     share = (np.arange(_SKY_STEPS) / (_SKY_STEPS - 1))[:, None] ** 0.7
     table = 255 * ((1 - share) * np.array(look.horizon) + share * np.array(look.zenith))
     index = (slope * np.float32((_SKY_STEPS - 1) / _SKY_TOP)).clip(0, _SKY_STEPS - 1).astype(np.intp)
-    return table.astype(np.float32)[index]
+    return np.take(table.T.astype(np.float32), index, 1)
 
 
 def finish(
@@ -105,7 +115,9 @@ def _noise(seed: int, step: int, shape: tuple[int, ...]) -> np.ndarray:
     """Normal numbers for a picture: a stretch of a long table at a place that depends on seed and step."""
     count, table = int(np.prod(shape)), _noise_table()
     start = int(np.random.default_rng([seed, step]).integers(len(table)))
-    return np.resize(np.roll(table, -start) if start + count > len(table) else table[start:], count).reshape(shape)
+    if start + count <= len(table):
+        return table[start : start + count].reshape(shape)
+    return np.resize(np.roll(table, -start), count).reshape(shape)
 
 
 @functools.cache

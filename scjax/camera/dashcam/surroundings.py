@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float64, Real
 
 from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.dashcam.materials import COLORS, LEAVES, WALLS, Material, SemanticClass
@@ -47,7 +48,7 @@ def surrounding_solids(log: Log, seed: int) -> Solids:
     cells = cells[(distance < _AROUND) & (distance > _CLEAR)]
     if len(cells) > _MAX_CELLS:
         cells = cells[:: len(cells) // _MAX_CELLS + 1]
-    draws = _cell_numbers(cells, seed)
+    draws = hashed_numbers(cells, seed)
     centers = (cells + 0.5) * _CELL + 4.0 * (draws[:, :2] - 0.5)
     distance, _ = tree.query(centers)
     headings = np.round(draws[:, 2] * 2) * 0.08
@@ -91,8 +92,8 @@ def _trees(centers: np.ndarray, draws: np.ndarray) -> Solids:
     return Solids(corners, colors, materials, np.full(total, SemanticClass.VEGETATION), np.full(total, -1))
 
 
-def _cell_numbers(cells: np.ndarray, seed: int) -> np.ndarray:
-    """Eight numbers in 0..1 for each cell, by hashing its place and the seed."""
+def hashed_numbers(cells: Real[np.ndarray, "n 2"], seed: int) -> Float64[np.ndarray, "n 8"]:
+    """Eight numbers in 0..1 for each pair of whole numbers, such as the place of a cell, by hashing it and the seed."""
     values = np.empty((len(cells), 8))
     x, y = (cells[:, axis].astype(np.int64).astype(np.uint64) for axis in (0, 1))
     for column in range(8):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,7 +13,7 @@ from scjax.camera.agent_boxes import box_corners_3d
 from scjax.camera.dashcam.materials import AGENT_CLASSES, COLORS, PAINT_SHARES, PAINTS, Material, SemanticClass
 from scjax.camera.dashcam.shapes import SHAPES, shape_of
 from scjax.camera.dashcam.solids import REAR, Solids, join_solids, place_parts
-from scjax.camera.dashcam.surroundings import surrounding_solids
+from scjax.camera.dashcam.surroundings import hashed_numbers, surrounding_solids
 from scjax.camera.signal_places import HEAD_HEIGHT, HEAD_SIZE, signal_places
 from scjax.camera.source_log import SNAP_DISTANCE, LogGround, known_sizes
 from scjax.scene import NO_EGO, AgentType, Log, Signal
@@ -46,7 +47,7 @@ class WorldSolids:
         self._classes = np.array(
             [AGENT_CLASSES[AgentType(k)] if k >= 0 else SemanticClass.OTHER for k in types.tolist()]
         )
-        self._paints = np.array([_own_colors(name, seed) for name in log.object_ids]).reshape(-1, 3, 3)
+        self._paints = _own_colors(log.object_ids, seed)
         self._signals = signal_places(log)
         self._static = surrounding_solids(log, seed)
         self._static_middles = self._static.corners[:, :, :2].mean(1)
@@ -150,8 +151,12 @@ class WorldSolids:
         return np.concatenate([bottom, bottom + shift[:, None]], 1)
 
 
-def _own_colors(name: str, seed: int) -> np.ndarray:
-    """Colors of paint, cloth and trousers of an object, by its id and the seed."""
-    rng = np.random.default_rng([zlib.crc32(name.encode()), seed])
-    paint = PAINTS[rng.choice(len(PAINTS), p=PAINT_SHARES)] * rng.uniform(0.85, 1.1)
-    return np.stack([paint, rng.uniform(0.05, 0.85, 3), rng.uniform(0.05, 0.4, 3)]).clip(0, 1)
+def _own_colors(names: Sequence[str], seed: int) -> Float64[np.ndarray, "n 3 3"]:
+    """Colors of paint, cloth and trousers of objects, by their ids and the seed."""
+    numbers = np.array([(zlib.crc32(name.encode()), 0) for name in names], np.int64).reshape(-1, 2)
+    draws = hashed_numbers(numbers, seed)
+    paints = np.searchsorted(np.cumsum(PAINT_SHARES[:-1]), draws[:, 0], side="right")
+    colors = np.stack([PAINTS[paints], draws[:, 2:5], draws[:, 5:8]], 1)
+    colors[:, 0] *= 0.85 + 0.25 * draws[:, 1:2]
+    colors[:, 1], colors[:, 2] = 0.05 + 0.8 * colors[:, 1], 0.05 + 0.35 * colors[:, 2]
+    return colors.clip(0, 1)

@@ -93,7 +93,7 @@ def picture_faces(
     Returns:
       Index of the solid, face, corners in the picture, plane and limits of inverse depth as of ``ZBuffer.draw``.
     """
-    inside = np.flatnonzero((corners[..., 2].max(1, initial=-np.inf) > near) & ~_outside(camera, corners))
+    inside = np.flatnonzero(in_sight(camera, corners, near))
     solid, face = np.nonzero(visible_faces(corners[inside]))
     solid = inside[solid]
     quads = corners[solid[:, None], FACES[face]]
@@ -128,8 +128,15 @@ def pixel_planes(camera: Camera, planes: Float64[np.ndarray, "n 3"]) -> Float64[
     return planes @ np.linalg.inv(camera.intrinsic)
 
 
-def _outside(camera: Camera, corners: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Solids that lie wholly beyond one border of the picture."""
+def plane_values(plane: Float64[np.ndarray, " 3"], width: int, height: int) -> Float32[np.ndarray, "height width"]:
+    """plane . (column, row, 1) of all pixels."""
+    across, down, constant = plane.astype(np.float32)
+    columns, rows = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+    return across * columns + (down * rows + constant)[:, None]
+
+
+def in_sight(camera: Camera, corners: Float64[np.ndarray, "n corners 3"], near: float) -> Bool[np.ndarray, " n"]:
+    """Which groups of corners, in the frame of a camera, lie not wholly beyond one border or the near plane."""
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsic.tolist()
     x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
     borders = (
@@ -138,4 +145,5 @@ def _outside(camera: Camera, corners: np.ndarray) -> Bool[np.ndarray, " n"]:
         fy * y + (cy + 1) * z,
         (camera.height - cy) * z - fy * y,
     )
-    return np.any([(border < 0).all(1) for border in borders], 0)
+    beyond = np.any([(border < 0).all(1) for border in borders], 0)
+    return (z.max(1, initial=-np.inf) > near) & ~beyond
