@@ -25,10 +25,10 @@ from scjax.metrics.realism import scene_realism
 from scjax.scene import AgentType, Scene
 
 VEHICLES = (AgentType.VEHICLE,)
-RANGES = ((0, 20), (20, 40), (40, 64))
+RANGES = ((0, 20), (20, 40), (0, 40), (40, 64))
 """Distances from the ego [m], by which what is seen is counted."""
 
-NEAR = RANGES[1][1]
+NEAR = RANGES[2][1]
 """What is called near lies nearer than this [m]."""
 
 REGION = camera(1030.0, 1280.0, 0.2)
@@ -38,7 +38,7 @@ SIZE = (320, 176)  # pixels of the view
 LEAST_PIXELS = 16  # of a box that is seen, of 56,320
 _FIRST = 3.0  # m ahead; the ground nearer than this is below the picture
 _ON_ROAD = 1.75  # m from a centerline
-_CLEAR = 3.0  # m around a place where no box is
+_CLEAR, _CLEAR_SHARE = 3.0, 0.2  # m around a place where no box is, and share of its distance
 _SAME_PLACE, _SAME_SHARE = 2.0, 0.2  # m, and share of the distance: how far what a cell shows lies from its middle
 _INSIDE = 6.0  # m that the middle of a vehicle lies behind the side of it that is seen
 _HEADING = np.deg2rad(30.0)
@@ -105,7 +105,8 @@ def picture_ratios(reference: Scene, generated: Scene, view: View) -> Ratios:
         degrees; lanes_2m_0_20 ...: by their distance. lanes_precise_1m ...: near points of generated lanes in view,
         with a lane so near that heads the same way.
       overlapping: vehicles that overlap another. invented: of the near vehicles in the field of view, those on the
-        road where it is seen and empty; invented_per_picture: their number.
+        road where it is seen and empty; invented_per_picture: their number; clearly_per_picture: the number of those
+        that are no misplaced ones, with no box within a fifth of their distance either.
     """
     ratios: Ratios = match(reference, generated, types=VEHICLES, region=REGION)
     theirs = typed_positions(reference)[view.vehicles]
@@ -199,9 +200,14 @@ def _by_range(name: str, hits: np.ndarray, reach: np.ndarray) -> Ratios:
 def _invented(reference: Scene, places: np.ndarray, view: View) -> Ratios:
     places = places[(np.hypot(*places.T) < NEAR) & REGION(places)]
     on_road = nearest_segment(places, lane_segments(reference))[0] < _ON_ROAD
-    clear = _box_gaps(places, np.asarray(reference.agents, np.float64)) > _CLEAR
-    count = float((on_road & clear & view.sees_road(places)).sum())
-    return {"invented": (count, float(len(places))), "invented_per_picture": (count, 1.0)}
+    gaps = _box_gaps(places, np.asarray(reference.agents, np.float64))
+    empty = on_road & (gaps > _CLEAR) & view.sees_road(places)
+    count, clearly = float(empty.sum()), float((empty & (gaps > _CLEAR_SHARE * np.hypot(*places.T))).sum())
+    return {
+        "invented": (count, float(len(places))),
+        "invented_per_picture": (count, 1.0),
+        "clearly_per_picture": (clearly, 1.0),
+    }
 
 
 def _box_gaps(places: np.ndarray, agents: np.ndarray) -> np.ndarray:

@@ -51,11 +51,13 @@ _SECTIONS: tuple[tuple[str, str, dict[str, str]], ...] = (
     (
         f"What is in view and should not be, nearer than {NEAR} m",
         "Lanes within: points of generated lanes in view that have a true lane of their direction so near. Invented: "
-        "vehicles on the road in view, where nothing is within 3 m.",
+        "vehicles on the road in view, where nothing is within 3 m; clearly, where nothing is within a fifth of their "
+        "distance either.",
         {
             **{f"lanes_precise_{key}": f"lanes within {title}" for key, title in _METERS.items()},
             "invented": "invented, of vehicles",
             "invented_per_picture": "invented, per 100 pictures",
+            "clearly_per_picture": "clearly invented, per 100 pictures",
             "overlapping": "vehicles that overlap",
         },
     ),

@@ -25,11 +25,14 @@ LOCK_FILE = ".scjax.lock"
 
 
 @contextlib.contextmanager
-def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
+def whole_file(path: str | Path, *, clean: bool = True) -> Iterator[IO[bytes]]:
     """A file to write, which gets its name ``path`` at the end of the block: readers never see half a file.
 
     Missing folders are created. The temporary file is removed if the block fails; what killed processes left of the
     same file is removed first.
+
+    Args:
+      clean: whether it is; that reads the whole folder, so writers of many files do it once.
 
     Raises:
       OSError: as usual, but always with the name of the file.
@@ -37,7 +40,8 @@ def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_stale_parts(path.parent, path.name)
+        if clean:
+            remove_stale_parts(path.parent, path.name)
         temporary = part_path(path)
         try:
             with temporary.open("wb") as file:
@@ -51,9 +55,9 @@ def whole_file(path: str | Path) -> Iterator[IO[bytes]]:
         raise
 
 
-def write_file(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
-    """Calls ``write`` with the file of ``whole_file(path)``."""
-    with whole_file(path) as file:
+def write_file(path: Path, write: Callable[[IO[bytes]], Any], *, clean: bool = True) -> None:
+    """Calls ``write`` with the file of ``whole_file(path, clean=clean)``."""
+    with whole_file(path, clean=clean) as file:
         write(file)
 
 

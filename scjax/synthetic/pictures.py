@@ -25,7 +25,7 @@ from scjax.data.records import SceneRecord, read_record
 from scjax.data.window_images import picture_name
 from scjax.data.workers import WorkerPool
 from scjax.scene import Crop, Log
-from scjax.scene.files import locked_folder, write_file
+from scjax.scene.files import locked_folder, remove_stale_parts, write_file
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world
 
@@ -69,6 +69,7 @@ def render_records(folder: str | Path, out: str | Path, *, workers: int = 0, pro
     out, made = Path(out), 0
     splits = load_manifest(folder)["splits"]
     with locked_folder(out):
+        remove_stale_parts(out)
         tasks = [
             (str(folder), split, name, rows, str(out))
             for split in sorted(splits, reverse=True)
@@ -164,7 +165,7 @@ def _write_world(task: tuple[str, str, str, list[int], str]) -> int:
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **picture.targets._asdict())
         for ending, data in (("jpg", encoded.tobytes()), ("npz", buffer.getvalue())):
-            write_file(Path(out, f"{stem}.{ending}"), functools.partial(_write, data))
+            write_file(Path(out, f"{stem}.{ending}"), functools.partial(_write, data), clean=False)
     return len(rows)
 
 
