@@ -8,10 +8,20 @@ import numpy as np
 import pytest
 
 from scjax.camera import preset_rig
-from scjax.camera.dashcam import WEATHER, DashcamRenderer, Look, SemanticClass, random_look, render_dashcam
+from scjax.camera.dashcam import (
+    WEATHER,
+    DashcamRenderer,
+    Look,
+    SemanticClass,
+    random_look,
+    render_dashcam,
+    road_surface,
+)
 from scjax.camera.dashcam.canvas import Canvas
+from scjax.camera.dashcam.materials import PAINT_SHARES
 from scjax.camera.dashcam.shapes import SHAPES, Shape, shape_of
 from scjax.camera.dashcam.surroundings import surrounding_solids
+from scjax.camera.dashcam.world_solids import object_colors
 from scjax.scene import AgentType, Signal
 from tests.factories.camera_logs import CAR, box_log, flat_lane, level_rig
 from tests.factories.examples import example_scene
@@ -119,6 +129,34 @@ def test_shapes_follow_class_and_size():
 def test_carrier_is_not_in_its_picture_and_others_are_seen_from_any_actor():
     log = box_log((0, 0, 0), (15, 0, 180), lanes=ROAD)
     assert set(np.unique(frame(log).ids)) == {-1, 1} and set(np.unique(frame(log, actor=1).ids)) == {-1, 0}
+
+
+def test_renderer_carried_by_another_object_is_that_objects_own():
+    log, look = box_log((0, 0, 0), (15, 0, 180), (8, 3.5, 180), lanes=ROAD), Look(seed=3)
+    other, own = DashcamRenderer(log, RIG, look=look).carried_by(1, look).frame(0), frame(log, look, actor=1)
+    for part, same in zip(other, own, strict=True):
+        assert np.array_equal(part, same)
+
+
+def test_near_ground_is_the_same_in_the_small_window_ahead_and_in_one_all_around(monkeypatch):
+    log = box_log((3, 0, 25), lanes=ROAD)
+    narrow = level_rig(size=(200, 120), focal_length=180.0)
+    small = frame(log, rig=narrow)
+    monkeypatch.setattr(road_surface, "_near_layer", lambda camera: road_surface._NEAR)
+    whole = frame(log, rig=narrow)
+    assert road_surface._NEAR.ahead == 0 and (small.classes == whole.classes).mean() > 0.999
+    assert (np.abs(small.rgb.astype(int) - whole.rgb) <= 1).mean() > 0.999
+
+
+def test_paints_of_objects_have_their_shares_and_depend_on_id_and_seed_alone():
+    names = [f"object-{k}" for k in range(4000)]
+    colors = object_colors(names, 5)
+    assert np.array_equal(colors[7:9], object_colors(names[7:9], 5))
+    assert not np.allclose(colors, object_colors(names, 6))
+    hues = colors[:, 0] / np.linalg.norm(colors[:, 0], axis=1, keepdims=True)
+    red = (hues[:, 0] > 0.9).mean()  # of all paints one alone
+    assert red == pytest.approx(PAINT_SHARES[4], abs=0.02)
+    assert colors[:, 1].min() < 0.06 and colors[:, 1].max() > 0.84 and colors[:, 2].max() < 0.4
 
 
 def test_signals_shine_in_the_color_of_their_state():

@@ -72,7 +72,9 @@ def test_displaced_vehicles_match_within_their_distance():
 def test_vehicles_where_the_road_is_seen_empty_are_invented():
     for place, count in (((8, 4), 1), ((40, 0), 0), ((15, 2), 0), ((12, -12), 0)):  # empty, hidden, taken, no road
         one = shares(ahead([agent(*place)]))
-        assert one["invented_per_picture"] == count, place
+        assert one["invented_per_picture"] == one["clearly_per_picture"] == count, place
+    misplaced = shares(ahead([agent(30, 4)]))  # 4 m beside another
+    assert misplaced["invented_per_picture"] == 1 and misplaced["clearly_per_picture"] == 0
 
 
 def test_lanes_that_are_not_there_or_head_elsewhere_are_counted():

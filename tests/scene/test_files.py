@@ -17,6 +17,7 @@ from scjax.scene.files import (
     replace_folder,
     whole_file,
     whole_folder,
+    write_file,
     write_text,
 )
 
@@ -60,6 +61,13 @@ def test_parts_of_killed_processes_are_removed(tmp_path):
     dead.mkdir()
     remove_stale_parts(tmp_path)
     assert not dead.exists() and mine.exists()
+
+
+def test_writers_of_many_files_leave_the_folder_unread(tmp_path):
+    dead = tmp_path / part_path(tmp_path / "file.txt").name.replace(f"-{os.getpid()}-", f"-{_dead_process()}-")
+    dead.touch()
+    write_file(tmp_path / "file.txt", lambda file: file.write(b"whole"), clean=False)
+    assert dead.exists() and (tmp_path / "file.txt").read_text() == "whole"
 
 
 def test_whole_folder_takes_its_place_at_the_end_or_not_at_all(tmp_path):

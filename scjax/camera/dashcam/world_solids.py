@@ -47,7 +47,7 @@ class WorldSolids:
         self._classes = np.array(
             [AGENT_CLASSES[AgentType(k)] if k >= 0 else SemanticClass.OTHER for k in types.tolist()]
         )
-        self._paints = _own_colors(log.object_ids, seed)
+        self._paints = object_colors(log.object_ids, seed)
         self._signals = signal_places(log)
         self._static = surrounding_solids(log, seed)
         self._static_middles = self._static.corners[:, :, :2].mean(1)
@@ -151,7 +151,7 @@ class WorldSolids:
         return np.concatenate([bottom, bottom + shift[:, None]], 1)
 
 
-def _own_colors(names: Sequence[str], seed: int) -> Float64[np.ndarray, "n 3 3"]:
+def object_colors(names: Sequence[str], seed: int) -> Float64[np.ndarray, "n 3 3"]:
     """Colors of paint, cloth and trousers of objects, by their ids and the seed."""
     numbers = np.array([(zlib.crc32(name.encode()), 0) for name in names], np.int64).reshape(-1, 2)
     draws = hashed_numbers(numbers, seed)
