@@ -54,7 +54,8 @@ def cell_targets(
       scene: its lanes, in the frame of the carrier.
       cells: rows and columns; they divide the picture.
     """
-    grid = _CellGrid(*frame.depth.shape, *cells)
+    height, width = frame.depth.shape
+    grid = _CellGrid(height, width, *cells)
     shares = grid.counts(frame.classes, len(SemanticClass)) / grid.area
     inverse = 1 / np.clip(frame.depth, 1.0, MAX_DEPTH)
     inverse = inverse.reshape(grid.rows, -1, grid.columns, grid.width // grid.columns).mean((1, 3))
