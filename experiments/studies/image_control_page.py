@@ -22,7 +22,7 @@ from scjax.viz.photo_view import small_pixels
 Rows = dict[str, list[float]]
 """Name -> value, and the ends of its interval where there is one."""
 
-MAX_BYTES = 60_000
+MAX_BYTES = 50_000
 """Of the picture of examples."""
 
 _WIDTH, _HEIGHT = 1.5 * 16 / 9, 1.5  # inches of a photo; scenes are square

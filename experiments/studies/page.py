@@ -53,7 +53,7 @@ def write_page(out: Path, text: str, content: Any, figure: Figure | None = None)
     if figure is not None:
         save_figure(figure, out.with_name(f"{out.name}.png"), dpi=100)
         text = f"{text.rstrip()}\n\n![{out.name}]({out.name}.png)\n"
-    write_text(out.with_name(f"{out.name}.json"), json.dumps(content))
+    write_text(out.with_name(f"{out.name}.json"), json.dumps(content, separators=(",", ":")))
     write_text(out.with_name(f"{out.name}.md"), text)
 
 
