@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int
 
 from scjax.scene import MapLane
 from scjax.scene.map_lane import NO_CAR_LANE_TYPES
-from scjax.scene.polyline import spread_points
+from scjax.scene.polyline import spread_lines
 
 LANE_WIDTH = 3.5  # m; maps hold no widths
 _TOLERANCE = 0.02  # m between a line and its simplified form
@@ -77,18 +77,19 @@ def lane_sides(lanes: Sequence[MapLane], width: float = LANE_WIDTH) -> list[Lane
 
     A place half a lane beyond a side belongs to another lane whose center is less than half a width away from it.
     """
-    lines = [(row, lane.points) for row, lane in enumerate(lanes) if lane.lane_type not in NO_CAR_LANE_TYPES]
-    spread = [(row, spread_points(points, _BORDER_SPACING)) for row, points in lines if len(points) > 1]
-    spread = [(row, line) for row, line in spread if len(line) > 1]
-    if not spread:
+    cars = [row for row, lane in enumerate(lanes) if lane.lane_type not in NO_CAR_LANE_TYPES and len(lane.points) > 1]
+    if not cars:
+        return []
+    points, counts = spread_lines([lanes[row].points for row in cars], _BORDER_SPACING)
+    points = points[np.repeat(counts > 1, counts)]
+    numbers, counts = np.array(cars)[counts > 1], counts[counts > 1]
+    if not len(numbers):
         return []
     from scipy.spatial import KDTree
 
-    rows = np.concatenate([np.full(len(line), row) for row, line in spread])
-    points = np.concatenate([line for _, line in spread])
-    left = np.concatenate([_left(line) for _, line in spread])
+    rows, left = np.repeat(numbers, counts), _left(points, counts)
     tree, heights = KDTree(points[:, :2]), np.nan_to_num(points[:, 2])
-    ends = np.cumsum([len(line) for _, line in spread])[:-1]
+    ends = np.cumsum(counts)[:-1]
     sides = []
     for sign in (1.0, -1.0):
         distance, hits = tree.query(points[:, :2] + sign * _PROBE * left, k=_HITS, distance_upper_bound=width / 2)
@@ -102,8 +103,8 @@ def lane_sides(lanes: Sequence[MapLane], width: float = LANE_WIDTH) -> list[Lane
         )
         edges = points.copy()
         edges[:, :2] += sign * width / 2 * left
-        parts = zip(spread, np.split(edges, ends), np.split(beside, ends), strict=True)
-        sides += [LaneSide(row, sign > 0, edge, kinds) for (row, _), edge, kinds in parts]
+        parts = zip(numbers.tolist(), np.split(edges, ends), np.split(beside, ends), strict=True)
+        sides += [LaneSide(row, sign > 0, edge, kinds) for row, edge, kinds in parts]
     return sides
 
 
@@ -130,11 +131,17 @@ def simplified(line: Float64[np.ndarray, "points 3"], tolerance: float = _TOLERA
     return line[keep]
 
 
-def _left(line: np.ndarray) -> np.ndarray:
-    """Mitred directions to the left of each point [n, 2]: offsets along them give parallel lines."""
-    steps = np.diff(line[:, :2], axis=0)
+def _left(points: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Mitred directions to the left of each point of lines [n, 2]: offsets along them give parallel lines.
+
+    Args:
+      counts: of the points of each line, at least two.
+    """
+    steps = np.diff(points[:, :2], axis=0)
     steps = steps / np.maximum(np.linalg.norm(steps, axis=-1, keepdims=True), 1e-9)
     before, after = np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]])
+    last = np.cumsum(counts) - 1
+    before[last + 1 - counts], after[last] = steps[last + 1 - counts], steps[last - 1]
     middle = before + after
     square = (middle * middle).sum(-1, keepdims=True)
     # |middle|^2 / 2 = 1 + cos(turn); the miter is limited where a line turns back.

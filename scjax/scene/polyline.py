@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 
 
 def cumulative_length(points: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, " points"]:
@@ -16,6 +18,25 @@ def spread_points(points: Float64[np.ndarray, "points dims"], spacing: float = 1
     arc = cumulative_length(points)
     target = np.arange(0.0, arc[-1] + spacing, spacing)
     return np.stack([np.interp(target, arc, column) for column in points.T], -1)
+
+
+def spread_lines(
+    lines: Sequence[Float64[np.ndarray, "points dims"]], spacing: float = 1.0
+) -> tuple[Float64[np.ndarray, "n dims"], Int[np.ndarray, " lines"]]:
+    """``spread_points`` of several lines, one after the other, and how many there are of each; much faster for many."""
+    points = np.concatenate(lines)
+    sizes = np.array([len(line) for line in lines])
+    starts = np.cumsum(sizes) - sizes
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    steps[starts[1:] - 1] = 0.0
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    lengths = np.round(arc[starts + sizes - 1] - arc[starts], 9)
+    arc += np.repeat(np.arange(len(lines)), sizes)  # so that lines do not touch
+    counts = np.maximum(np.ceil((lengths + spacing) / spacing).astype(int), 1)
+    first, last = np.repeat(arc[starts], counts), np.repeat(arc[starts + sizes - 1], counts)
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    target = np.minimum(first + spacing * number, last)
+    return np.stack([np.interp(target, arc, column) for column in points.T], -1), counts
 
 
 def point_headings(points: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, " points"]:

@@ -16,7 +16,7 @@ from scjax.camera.dashcam.look import Look
 from scjax.camera.dashcam.materials import SemanticClass
 from scjax.camera.dashcam.zbuffer import plane_values
 from scjax.camera.raster import require_opencv
-from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, lane_sides
+from scjax.camera.road_lines import LANE_WIDTH, OTHER_WAY, OUTSIDE, SAME_WAY, LaneSide, lane_sides
 from scjax.scene import Log
 from scjax.scene.map_lane import NO_CAR_LANE_TYPES
 from scjax.scene.polyline import cumulative_length
@@ -247,13 +247,19 @@ def _lines_of(log: Log) -> _Lines:
     ]
     low = np.array([line.min(0) for line in polylines]).reshape(-1, 2)
     high = np.array([line.max(0) for line in polylines]).reshape(-1, 2)
-    white, yellow = [np.zeros((0, 2, 2))], [np.zeros((0, 2, 2))]
-    for side in lane_sides(log.lanes):
-        steps = np.stack([side.points[:-1, :2], side.points[1:, :2]], 1)
-        if not len(steps):
-            continue
-        beside, arc = side.beside[:-1], cumulative_length(side.points)[:-1]
-        dashed = (arc % (_DASH + _GAP)) < _DASH
-        white += [steps[beside == OUTSIDE], steps[(beside == SAME_WAY) & dashed & side.is_left]]
-        yellow.append(steps[beside == OTHER_WAY])
-    return _Lines(polylines, low, high, np.concatenate(white), np.concatenate(yellow), stop_lines(log).ends)
+    return _Lines(polylines, low, high, *_markings(lane_sides(log.lanes)), stop_lines(log).ends)
+
+
+def _markings(sides: Sequence[LaneSide]) -> tuple[Float64[np.ndarray, "n 2 2"], Float64[np.ndarray, "m 2 2"]]:
+    """Segments of white and yellow lines beside lanes."""
+    if not sides:
+        return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
+    points, beside = np.concatenate([side.points[:, :2] for side in sides]), np.concatenate([s.beside for s in sides])
+    counts = np.array([len(side.points) for side in sides])
+    arc = cumulative_length(points)
+    arc = np.round(arc - np.repeat(arc[np.cumsum(counts) - counts], counts), 6)
+    dashed = (arc % (_DASH + _GAP) < _DASH) & np.repeat([side.is_left for side in sides], counts)
+    rows = np.delete(np.arange(len(points)), np.cumsum(counts) - 1)  # all but the last of each side
+    steps, kinds = np.stack([points[rows], points[rows + 1]], 1), beside[rows]
+    white = (kinds == OUTSIDE) | ((kinds == SAME_WAY) & dashed[rows])
+    return steps[white], steps[kinds == OTHER_WAY]

@@ -18,7 +18,7 @@ from scjax.camera.dashcam.solids import (
     place_parts,
 )
 from scjax.scene import Log
-from scjax.scene.polyline import spread_points
+from scjax.scene.polyline import spread_lines
 
 _CELL = 14.0  # m; each cell of the ground has at most one thing
 _AROUND = 45.0  # m beyond the lanes
@@ -34,12 +34,12 @@ _TREE_PARTS = [
 
 def surrounding_solids(log: Log, seed: int) -> Solids:
     """Buildings and trees around the lanes of a log, on level ground at z = 0."""
-    lines = [spread_points(lane.points, 2.0)[:, :2] for lane in log.lanes if len(lane.points) > 1]
+    lines = [lane.points[:, :2] for lane in log.lanes if len(lane.points) > 1]
     if not lines:
         return no_solids()
     from scipy.spatial import KDTree
 
-    points = np.concatenate(lines)
+    points, _ = spread_lines(lines, 2.0)
     low, high = np.floor((points.min(0) - _AROUND) / _CELL), np.ceil((points.max(0) + _AROUND) / _CELL)
     columns, rows = (np.arange(a, b) for a, b in zip(low, high, strict=True))
     tree = KDTree(points)
