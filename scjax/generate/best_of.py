@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from scjax.language.attributes.table import score_attributes
+from scjax.metrics.loose_ends import count_loose_ends
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
 
@@ -18,7 +19,8 @@ class SceneScore(NamedTuple):
     Attributes:
       missed: attributes that are requested and that the scene does not show, plus one if the ego is on no lane
         (fragments of lanes pass for much, such as for a curve); 0 without a request.
-      faults: overlapping boxes, lane connections open by more than 1 m, and vehicles on no lane or against theirs.
+      faults: overlapping boxes, lane connections open by more than 1 m, loose ends of lanes, and vehicles on no lane
+        or against theirs.
       gap: sum of the gaps at lane connections [m].
     """
 
@@ -35,7 +37,20 @@ def score_scene(scene: Scene, attributes: Mapping[str, Any]) -> SceneScore:
         missed = len(score_attributes(scene, attributes).misses) + int((offsets[:1] > ON_LANE).sum())
     misplaced = (offsets > ON_LANE) | (angles > _AGAINST)
     faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int(misplaced.sum())
+    faults += count_loose_ends(scene)
     return SceneScore(missed, faults, float(gaps.sum()))
+
+
+def best_order(scenes: Sequence[Scene], attributes: Mapping[str, Any]) -> list[int]:
+    """Indices of the scenes by ``score_scene``, the least first; equals keep their order.
+
+    Raises:
+      ValueError: there are no scenes.
+    """
+    if not scenes:
+        raise ValueError("there are no scenes to choose from: give at least one")
+    scores = [score_scene(scene, attributes) for scene in scenes]
+    return sorted(range(len(scenes)), key=scores.__getitem__)
 
 
 def best_index(scenes: Sequence[Scene], attributes: Mapping[str, Any]) -> int:
@@ -44,6 +59,4 @@ def best_index(scenes: Sequence[Scene], attributes: Mapping[str, Any]) -> int:
     Raises:
       ValueError: there are no scenes.
     """
-    if not scenes:
-        raise ValueError("there are no scenes to choose from: give at least one")
-    return min(range(len(scenes)), key=lambda k: score_scene(scenes[k], attributes))
+    return best_order(scenes, attributes)[0]

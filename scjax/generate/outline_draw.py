@@ -8,26 +8,15 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Int
 
+from scjax.generate.agent_draw import AgentDraw, Kinds
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
-from scjax.language.attributes.contradictions import least_numbers
 from scjax.language.attributes.table import GROUPS
-from scjax.models.codec import SceneCodec
-from scjax.models.denoiser.kinds import FAR, NO_KIND, agent_digits, digits_of, scene_kinds
-from scjax.scene import AgentType, Crop, Scene, pad
+from scjax.models.denoiser.kinds import FAR, NO_KIND, digits_of, scene_kinds
+from scjax.scene import Crop, Scene, pad
 from scjax.scene.per_type import PerType
 
-Kinds = Int[np.ndarray, "_"]
-
-_LARGE = "large"
-_COUNTED = {
-    "vehicles": AgentType.VEHICLE,
-    "pedestrians": AgentType.PEDESTRIAN,
-    "cyclists": AgentType.CYCLIST,
-    "static": AgentType.STATIC,
-}  # attributes that count agents of a class, besides the ego
 _ABOUT_ROADS = {item.name for group in ("Road", "Lanes", "Signals") for item in GROUPS[group]} | {"ego_manoeuvre"}
 
 
@@ -93,8 +82,8 @@ def draw_outline(
         lanes=known_lanes,
     )
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
-    draw = _AgentDraw(rng, model.outlines.agents, model.codec)
-    agents = draw.fit(agents, condition.attributes)
+    draw = AgentDraw(rng, model.outlines.agents, model.codec)
+    agents = draw.fit(agents, condition.attributes, model.outlines.missed_by(row, condition.attributes))
     num_known = 1
     if known is not None and len(known.agent_mask):
         agents = draw.replace(agents, _known_kinds(known, model).agents)
@@ -128,7 +117,7 @@ def _draw_view(
     views, config = model.views, model.denoiser.config
     assert views is not None
     agents, lanes = (_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
-    agents = _AgentDraw(rng, views.agents, model.codec).fit(agents, condition.attributes)
+    agents = AgentDraw(rng, views.agents, model.codec).fit(agents, condition.attributes)
     num_known = 1
     if known is not None:
         agents = _with_known(agents, _known_kinds(known, model).agents, views.agent_sizes)
@@ -169,7 +158,7 @@ def _draw_continuation(
     row = outlines.draw(rng, request, negative=negative, domain=domain, among=among)
     kinds = _known_kinds(known, model)
     agents, lanes = kinds.agents, kinds.lanes
-    draw = _AgentDraw(rng, outlines.agents, model.codec)
+    draw = AgentDraw(rng, outlines.agents, model.codec)
     new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]), request)[1:]
     agents = np.concatenate([agents, new])[: config.max_agents]
     agents = _cut_or_fill(rng, agents, condition.num_agents, len(known.agent_mask))
@@ -187,62 +176,6 @@ def _known_kinds(known: Scene, model: Model) -> PerType:
 
 
 _compiled_kinds = jax.jit(scene_kinds, static_argnames=("codec",))
-
-
-class _AgentDraw:
-    """Draws of agents' kinds; ``outlines`` are those from which kinds are drawn that a scene lacks."""
-
-    def __init__(self, rng: np.random.Generator, outlines: Int[np.ndarray, "scenes agents"], codec: SceneCodec):
-        self._rng, self._outlines, self._classes = rng, outlines, agent_digits(codec)[0]
-        large = self._classes - 1
-        self._classes_of = {
-            name: [codec.agent_types.index(one)] if one in codec.agent_types else [] for name, one in _COUNTED.items()
-        }
-        self._classes_of["vehicles"].append(large)
-        self._classes_of[_LARGE] = [large]
-
-    def fit(self, kinds: Kinds, request: Mapping[str, Any]) -> Kinds:
-        """Kinds whose numbers fulfill the request, its parts and events included."""
-        least = least_numbers(request)
-        for name in (_LARGE, *_COUNTED):
-            _, high = request.get(name, (0, None))
-            are_members = self._members(kinds, name)
-            missing = int(least.get(name, 0)) - int(are_members.sum())
-            if missing > 0:
-                kinds = self._insert(kinds, name, missing)
-            elif high is not None and are_members.sum() > high:
-                needed = self._members(kinds, _LARGE) if least.get(_LARGE, 0) else np.zeros_like(are_members)
-                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), needed)
-        return kinds
-
-    def replace(self, kinds: Kinds, known: Kinds) -> Kinds:
-        """The kinds of known agents, the ego first, and the others without as many of the same classes."""
-        for kind in known[1:]:
-            same = np.flatnonzero(kinds[1:] % self._classes == kind % self._classes)
-            if len(same):
-                kinds = np.delete(kinds, 1 + self._rng.choice(same))
-        return np.concatenate([known, kinds[1:]])
-
-    def _members(self, kinds: Kinds, name: str) -> np.ndarray:
-        are_members = (kinds >= 0) & np.isin(kinds % self._classes, self._classes_of[name])
-        are_members[:1] = False
-        return are_members
-
-    def _insert(self, kinds: Kinds, name: str, number: int) -> Kinds:
-        """``number`` more agents at random places, of kinds that such agents have here or elsewhere."""
-        class_ = self._classes_of[name][:1]
-        for pool in (kinds[1:], self._outlines[:, 1:].ravel()):
-            pool = pool[(pool >= 0) & np.isin(pool % self._classes, class_)]
-            if len(pool):
-                places = self._rng.integers(1, len(kinds) + 1, number)
-                return np.insert(kinds, places, self._rng.choice(pool, number))
-        return kinds
-
-    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int, needed: np.ndarray) -> Kinds:
-        """Without ``number`` members drawn at random, those that are needed only where there are no others."""
-        order = self._rng.permutation(np.flatnonzero(are_members))
-        order = order[np.argsort(needed[order], kind="stable")]
-        return np.delete(kinds, order[:number])
 
 
 def _of_agents(request: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,8 @@ _AHEAD = "ahead."  # begins the names of the arrays of continuations
 _JOINT_WEIGHT = 0.5  # of a lane's joints beside its direction, side and turn
 _AGENT_WEIGHT = 0.5  # of an agent too many or too few beside a lane of another kind
 _TENTHS = 10  # lengths are kept to 0.1 m
+_FITTED = ("vehicles", "pedestrians", "cyclists", "static", "large")  # agents are added or left out to these numbers
+_ENOUGH = 30  # outlines among which the plainest are drawn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +119,14 @@ class Outlines:
                 held += fits[self.measured[:, column]]
         return held
 
+    def missed_by(self, row: int, request: Mapping[str, Any]) -> set[str]:
+        """Attributes of a request in its normal form that one scene does not show."""
+        return {
+            name
+            for column, (name, attribute) in enumerate(ATTRIBUTES.items())
+            if name in request and not attribute.holds(request[name], self.values[name][self.measured[row, column]])
+        }
+
     def draw(
         self,
         rng: np.random.Generator,
@@ -129,17 +139,20 @@ class Outlines:
         among: Int[np.ndarray, " rows"] | None = None,
         lanes: Int[np.ndarray, " tokens"] | None = None,
     ) -> int:
-        """A scene of those that show most of the request.
+        """A scene of those that show most of the request; numbers of agents decide last, since they can be changed.
 
         Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers; with
-        ``lanes``, kinds of lanes that are known, it is nearest to these and to the number of agents.
+        ``lanes``, kinds of lanes that are known, it is nearest to these and to the number of agents. Of many that are
+        equal it is one of those whose road few other words of layouts fit.
 
         Args:
           among: the scenes to choose from; None: all.
         """
         rows = np.arange(len(self)) if among is None else among
-        held = self.count_held(request)[rows]
-        rows = rows[held == held.max()]
+        numbers = {name: value for name, value in request.items() if name in _FITTED}
+        for part in ({name: value for name, value in request.items() if name not in _FITTED}, numbers):
+            held = self.count_held(part)[rows]
+            rows = rows[held == held.max()]
         unwanted = self.count_held(negative or {})[rows]
         rows = rows[unwanted == unwanted.min()]
         rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
@@ -152,7 +165,13 @@ class Outlines:
             if number is not None:
                 distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
                 rows = rows[distance == distance.min()]
-        return int(rng.choice(rows))
+        return int(rng.choice(self._plainest(rows) if "layout" in request else rows))
+
+    def _plainest(self, rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+        """Of many rows those whose road the fewest words of layouts fit, at least ``_ENOUGH``."""
+        column = list(ATTRIBUTES).index("layout")
+        words = np.array([len(value) for value in self.values["layout"]])[self.measured[rows, column]]
+        return rows[words <= np.sort(words)[:_ENOUGH][-1]]
 
 
 def _lane_counts(kinds: Int[np.ndarray, "scenes lanes"]) -> Float32[np.ndarray, "scenes counts"]:

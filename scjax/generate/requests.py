@@ -156,6 +156,22 @@ def draw_request(
     )
 
 
+def draw_candidates(
+    key: Array, condition: Condition, streams: Mapping[str, Stream], model: Model, tables: CountTables, number: int
+) -> list[Request]:
+    """``number`` requests for one scene, of which the first is that of ``draw_request``.
+
+    The others have outlines of their own, with other lanes and agents, where outlines are drawn by a request.
+    Otherwise they differ in their latents alone.
+    """
+    first = draw_request(key, condition, streams, model, tables)
+    is_free = condition.known is None and first.picture is None and "image" not in streams
+    if first.kinds is None or model.outlines is None or not is_free or not condition.attributes:
+        return first.candidates(number)
+    keys = [one.key for one in first.candidates(number)[1:]]
+    return [first, *(draw_request(one, condition, streams, model, tables) for one in keys)]
+
+
 def _num_agents(condition: Condition, num_known: int, most: int) -> int | None:
     """Agents as given, else by the attributes if these give the vehicles, else None.
 

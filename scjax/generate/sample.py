@@ -32,10 +32,11 @@ from scjax.generate.best_of import best_index
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.encode import encode_conditions
+from scjax.generate.fit_request import best_fitted
 from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model
 from scjax.generate.readings import read_prompts
-from scjax.generate.requests import Request, draw_request
+from scjax.generate.requests import Request, draw_candidates
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Scene, stack
 from scjax.scene.arguments import finite_number, truth_value, whole_number
@@ -145,19 +146,19 @@ def sample_scenes(
     conditions = read_prompts(conditions, model)
     streams = encode_conditions(conditions, model)
     tables = CountTables(model)
-    requests = [
-        draw_request(jax.random.fold_in(key, i), conditions[i], streams[i], model, tables)
+    groups = [
+        draw_candidates(jax.random.fold_in(key, i), conditions[i], streams[i], model, tables, best_of)
         for i in range(len(conditions))
     ]
-    candidates = [candidate for request in requests for candidate in request.candidates(best_of)]
+    candidates = [candidate for group in groups for candidate in group]
     scenes = _sample_latents_and_decode(candidates, model, settings, least)
     check_finite(scenes)
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
-    if best_of > 1:
-        groups = [scenes[start : start + best_of] for start in range(0, len(scenes), best_of)]
-        pairs = zip(groups, requests, strict=True)
-        scenes = [group[best_index(group, request.attributes)] for group, request in pairs]
+    scenes = [
+        _chosen(scenes[start : start + best_of], group, repair)
+        for start, group in zip(range(0, len(scenes), best_of), groups, strict=True)
+    ]
     return stack(scenes) if is_single else scenes
 
 
@@ -224,6 +225,13 @@ def _sample_latents_and_decode(
         sampled = sample_batch(model, settings, batch)
         scenes.update({index: requests[index].finish(sampled[row]) for row, index in enumerate(indices)})
     return [scenes[index] for index in range(len(requests))]
+
+
+def _chosen(scenes: Sequence[Scene], requests: Sequence[Request], fit: bool) -> Scene:
+    """The best of the candidates for one scene."""
+    if fit:
+        return best_fitted(scenes, requests)
+    return scenes[best_index(scenes, requests[0].attributes)] if len(scenes) > 1 else scenes[0]
 
 
 def _repair_generated(scene: Scene, request: Request) -> Scene:

@@ -53,6 +53,15 @@ def test_score_counts_an_ego_off_the_lanes():
     assert score_scene(off, road).missed == score_scene(on, road).missed + 1
 
 
+def test_score_counts_loose_ends():
+    whole, cut = chain(0.0, lanes=7), chain(0.0, lanes=7)
+    for one in (whole, cut):
+        one.lanes[..., 0] -= 32.0
+        one.agents[0, 0] = -5.0
+    cut.lane_mask[3] = False
+    assert score_scene(cut, {}).faults == score_scene(whole, {}).faults + 2
+
+
 def test_score_counts_vehicles_against_their_lane():
     along, against = chain(0.0), chain(0.0)
     against.agents[0, 4:6] *= -1

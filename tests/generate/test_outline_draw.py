@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.generate.agent_draw import AgentDraw
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.model import load_model, save_model
 from scjax.generate.outline_draw import draw_outline
-from scjax.generate.requests import draw_request
+from scjax.generate.requests import draw_candidates, draw_request
 from scjax.language.attributes.table import check_attributes
 from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agent_kinds, lane_kinds
 from scjax.scene import AgentType, Crop
@@ -74,6 +75,44 @@ def test_agents_are_added_and_left_out_to_the_numbers_of_the_request(request_, e
         assert _numbers(request_, seed=seed) == expected
 
 
+def _kind(class_, *, speed=1, direction=0, lane=1, side=0, distance=1):
+    kind, step = 0, 1
+    for digit, size in zip((class_, speed, direction, lane, side, distance), agent_digits(CODEC), strict=True):
+        kind, step = kind + digit * step, step * size
+    return kind
+
+
+AHEAD, BEHIND, ASIDE, WALKER = _kind(CAR, side=1), _kind(CAR, side=2), _kind(CAR, lane=0), _kind(PERSON, lane=1)
+
+
+def _fitted(kinds, request, missed=(), seed=0):
+    others = np.array([[CAR, AHEAD, BEHIND, ASIDE, WALKER, PERSON]])
+    draw = AgentDraw(np.random.default_rng(seed), others, CODEC)
+    return draw.fit(np.array(kinds), check_attributes(request), missed).tolist()
+
+
+def test_agents_that_the_request_names_are_left_out_last():
+    for seed in range(8):
+        kinds = [CAR, BEHIND, ASIDE, ASIDE, AHEAD]
+        assert _fitted(kinds, {"vehicles": 2, "ahead": 1, "behind": 1}, seed=seed) == [CAR, BEHIND, AHEAD]
+        assert AHEAD not in _fitted(kinds, {"vehicles": 3, "ahead": 0}, seed=seed)
+
+
+def test_agents_that_are_added_are_none_that_the_request_counts_elsewhere():
+    for seed in range(8):
+        assert _fitted([CAR, AHEAD], {"vehicles": 4, "ahead": 1}, seed=seed).count(AHEAD) == 1
+
+
+def test_agents_become_those_of_a_place_that_the_scene_does_not_show():
+    for seed in range(8):
+        kinds = _fitted([CAR, ASIDE, ASIDE, PERSON], {"vehicles": 2, "behind": 2}, {"behind"}, seed)
+        assert sorted(kinds[1:]) == sorted([BEHIND, BEHIND, PERSON])
+        kinds = _fitted([CAR, AHEAD, BEHIND], {"ahead": 0}, {"ahead"}, seed)
+        assert AHEAD not in kinds and len(kinds) == 3
+        kinds = _fitted([CAR, PERSON], {"pedestrians_on_road": 1}, {"pedestrians_on_road"}, seed)
+        assert kinds == [CAR, WALKER]
+
+
 def test_numbers_of_the_condition_hold():
     outline = _outline(num_agents=7, num_lanes=4)
     assert len(outline.agents) == 7 and (outline.agents == NO_KIND).sum() == 3
@@ -118,6 +157,16 @@ def test_scenes_have_the_numbers_of_their_outline(tmp_path):
     assert (request.num_agents, request.num_lanes) == (4, 2)
     scene = scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
     assert (scene.num_agents, scene.num_lanes) == (4, 2)
+
+
+def test_candidates_have_outlines_of_their_own():
+    model = _model()
+    tables, key = CountTables(model), jax.random.key(0)
+    condition = Condition(attributes={"signal": "none"})
+    drawn = draw_candidates(key, condition, {}, model, tables, 8)
+    assert {one.num_lanes for one in drawn} == {2, 3}
+    assert drawn[0].num_lanes == draw_request(key, condition, {}, model, tables).num_lanes
+    assert len({one.num_lanes for one in draw_candidates(key, Condition(), {}, model, tables, 8)}) == 1
 
 
 def test_scenes_with_known_lanes_are_sampled():

@@ -44,6 +44,31 @@ def test_draws_show_most_of_the_request():
     assert _draws() == {0, 1, 2}
 
 
+def test_numbers_of_agents_decide_after_all_else():
+    rows = [
+        ((1,), (0, 1), {"layout": ("straight",), "vehicles": 3, "pedestrians": 2}),
+        ((1,), (0, 1), {"layout": ("roundabout",), "vehicles": 1, "pedestrians": 1}),
+    ]
+    request = check_attributes({"layout": "roundabout", "vehicles": 3, "pedestrians": 2})
+    assert outlines(*rows).draw(np.random.default_rng(0), request) == 1
+
+
+def test_of_many_scenes_those_of_the_plainest_layout_are_drawn():
+    plain, busy = ("T", "intersection"), ("four-way", "T", "merge", "intersection")
+    known = outlines(*[((1,), (0,), {"layout": plain if k % 2 else busy}) for k in range(100)])
+    rng = np.random.default_rng(0)
+    assert all(known.draw(rng, check_attributes({"layout": "T"})) % 2 for _ in range(40))
+    assert {known.draw(rng, {}) % 2 for _ in range(40)} == {0, 1}
+
+
+def test_what_one_scene_does_not_show_is_named():
+    known = outlines(*ROWS)
+    assert known.missed_by(1, check_attributes({"layout": "straight", "vehicles": 2, "signal": "green"})) == {
+        "layout",
+        "signal",
+    }
+
+
 def test_draws_show_least_of_what_is_negative():
     assert _draws(request={"layout": "T"}, negative={"signal": "red"}) == {0}
     assert _draws(request={"signal": "red"}, negative={"signal": "red"}) == {1}

@@ -11,7 +11,8 @@ from scjax.language.analysis.lane_lines import LaneLines
 from scjax.language.analysis.partings import Parting
 from scjax.scene.angles import wrap_to_pi
 
-REACH = 32.0  # m around the ego, within which a junction names the road
+REACH = 32.0  # m ahead of the ego and to its sides, within which a junction names the road
+_NAMED = 24.0  # m around the ego, within which junctions beside the nearest one give it their names, too
 _CURVE_TURN, _WINDING_TURN = np.deg2rad(12.0), np.deg2rad(13.0)
 _DEAD_END_BORDER = 5.0  # m inside the window, where lanes end for good
 _DEAD_END_REACH = 10.0  # m around the end of a dead end, without a lane that goes on
@@ -83,13 +84,13 @@ def layout_names(
     is_dead_end: bool,
 ) -> tuple[str, ...]:
     """All layouts that fit a scene, the first word for it in front."""
-    near = [item for item in crossroads if np.hypot(*item.center) <= REACH + item.radius]
+    near = [item for item in crossroads if np.abs(item.center).max() <= REACH]
     names: list[str] = []
     if has_ring:
         names.append("roundabout")
     if has_parking:
         names.append("parking-lot")
-    for item in near:
+    for item in [item for k, item in enumerate(near) if not k or np.hypot(*item.center) < _NAMED]:
         names += [kind for kind in item.kinds if kind != "complex"]
     if len(near) > 1:
         names.append("multi-intersection")

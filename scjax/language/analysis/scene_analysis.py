@@ -22,6 +22,7 @@ from scjax.scene import AgentType, Crop, Scene
 
 _HALF = 32.0  # m, half the edge of the window
 _RING_MARGIN = 14.0  # m around a ring, whose entries are no junctions
+_OF_LANES = ("crossings", "partings", "ring", "crossroads")  # parts that agents do not change
 _PARKED_SPEED, _PARKED_OFFSET = 0.3, 1.4  # m/s at most, m off every lane at least
 
 
@@ -40,6 +41,13 @@ class Analysis:
     types: np.ndarray
     lines: LaneLines
     window: tuple[float, float, float, float]
+
+    def moved(self, agents: Float64[np.ndarray, "agents 9"]) -> Analysis:
+        """The analysis of the same lanes with other states of the agents; what lanes alone decide is not repeated."""
+        other = dataclasses.replace(self, agents=agents)
+        for name in _OF_LANES:
+            other.__dict__[name] = getattr(self, name)
+        return other
 
     @property
     def ego(self) -> Float64[np.ndarray, 9]:

@@ -21,12 +21,13 @@ _QUEUE_SPEED, _QUEUE_GAP, _QUEUE_SIZE = 2.0, 10.0, 3  # m/s, m, vehicles
 
 
 def _in_lane(scene: Analysis, sign: int) -> np.ndarray:
-    """Vehicles on the ego's way, ahead (1) or behind (-1)."""
+    """Vehicles on the ego's way, ahead (1) or behind (-1); not those that head across it, nor parked ones."""
     positions = scene.positions
     if positions is None:
         return np.zeros(len(scene.types), bool)
     along = sign * positions.along
-    rows = scene.vehicles & (np.abs(positions.lateral) < _OWN_LATERAL) & positions.beside
+    rows = scene.vehicles & (np.abs(positions.lateral) < _OWN_LATERAL) & positions.beside & ~scene.parked_vehicles
+    rows &= (positions.angle < _CROSSING_ANGLE[0]) | (positions.angle > _CROSSING_ANGLE[1])
     return rows & (along > 0) & (along <= _REACH)
 
 
@@ -62,8 +63,10 @@ def _crossing(scene: Analysis) -> int:
     across = (turn > _CROSSING_ANGLE[0]) & (turn < _CROSSING_ANGLE[1])
     across &= np.abs(scene.agents[:, 2] - scene.ego[2]) < _LEVEL
     if scene.positions is not None:
-        across &= (np.abs(scene.positions.lateral) > _OWN_LATERAL) | (scene.positions.angle > _ALONG)
-    return count_of(scene.vehicles & across & ((scene.speeds > _MOVING) | (scene.relations.lane >= 0)))
+        across &= scene.positions.angle > _ALONG  # those that follow a bend of the ego's own road do not cross it
+    return count_of(
+        scene.vehicles & ~scene.parked_vehicles & across & ((scene.speeds > _MOVING) | (scene.relations.lane >= 0))
+    )
 
 
 def _has_queue(scene: Analysis) -> bool:

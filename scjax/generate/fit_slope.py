@@ -1,0 +1,45 @@
+"""The ground of a scene, inclined until the ego's road rises or falls as a request says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from scjax.language.analysis.scene_analysis import analyze
+from scjax.scene import Scene
+
+_REACH = 30.0  # m ahead, over which the slope is measured
+_SHORTEST = 5.0  # m of road ahead
+_RISES = {"up": 0.9, "flat": 0.0, "down": -0.9}  # m over that reach, where the scene shows another slope
+_LEAST = 0.6  # m, of what is called up or down
+
+
+def fit_slope(scene: Scene, request: Mapping[str, Any]) -> Scene:
+    """Adds a plane to all heights: the ground keeps its shape, and what lies on it stays there.
+
+    A scene that shows the requested slope, or whose ego is on no lane, stays as it is.
+
+    Args:
+      scene: one scene without padding.
+      request: in its normal form; "slope" alone counts.
+    """
+    if "slope" not in request:
+        return scene
+    route = analyze(scene).route
+    if route is None:
+        return scene
+    ahead = route.points[(route.along >= 0) & (route.along <= _REACH)]
+    step = ahead[-1] - ahead[0]
+    distance = float(np.hypot(*step[:2]))
+    rise, name = float(step[2]), request["slope"]
+    shown = "up" if rise > _LEAST else "down" if rise < -_LEAST else "flat"
+    if shown == name or distance < _SHORTEST:
+        return scene
+    gradient = (_RISES[name] - rise) / distance * step[:2] / distance
+    scene = scene.to_numpy()
+    lanes, agents = np.array(scene.lanes), np.array(scene.agents)
+    lanes[..., 2] += (lanes[..., :2] - route.pose(0.0)[:2]) @ gradient
+    agents[..., 2] += (agents[..., :2] - route.pose(0.0)[:2]) @ gradient
+    return scene.replace(lanes=lanes, agents=agents)
