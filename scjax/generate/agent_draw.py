@@ -109,12 +109,14 @@ class AgentDraw:
         They are no part of what the request counts, if there are such kinds.
         """
         class_ = self._classes_of[name][:1]
-        pools = [pool[(pool >= 0) & np.isin(pool % self._classes, class_)] for pool in (kinds[1:], self._others)]
-        free = [pool[~self._requested_places(np.append(-1, pool), request)[1:]] for pool in pools]
-        for pool in (*free, *pools):
-            if len(pool):
-                return self._placed(kinds, self._rng.choice(pool, number))
-        return kinds
+        like = np.zeros(0, int)
+        for pool in (kinds[1:], self._others):
+            pool = pool[(pool >= 0) & np.isin(pool % self._classes, class_)]
+            free = pool[~self._requested_places(np.append(-1, pool), request)[1:]]
+            if len(free):
+                return self._placed(kinds, self._rng.choice(free, number))
+            like = like if len(like) else pool
+        return self._placed(kinds, self._rng.choice(like, number)) if len(like) else kinds
 
     def _placed(self, kinds: Kinds, new: Kinds) -> Kinds:
         """With new agents, those ahead of the ego behind all others in order: the order is along x."""

@@ -18,7 +18,7 @@ from scjax.language.attributes.table import ATTRIBUTES
 from scjax.scene import AgentType, Scene
 from scjax.scene.boxes import overlaps
 
-_MOST_MOVES = 240  # that are tried for one scene
+_MOST_MOVES = 400  # that are tried for one scene
 _METERS = 5.0  # of a gap count as one vehicle
 _CAP = 5.0  # of what one attribute may lack
 _FAULT = 10.0  # of one overlap or vehicle off its lane, beside one agent that is missing

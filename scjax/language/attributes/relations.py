@@ -82,13 +82,13 @@ RELATIONS = (
     Attribute(
         "ahead",
         "range",
-        "Vehicles on the ego's way, within 1.8 m of it and 32 m ahead.",
+        "Vehicles on the ego's way, within 1.8 m of it and 32 m ahead; none that cross it or are parked.",
         lambda scene: count_of(_in_lane(scene, 1)),
     ),
     Attribute(
         "behind",
         "range",
-        "Vehicles on the ego's way, within 1.8 m of it and 32 m behind.",
+        "Vehicles on the ego's way, within 1.8 m of it and 32 m behind; none that cross it or are parked.",
         lambda scene: count_of(_in_lane(scene, -1)),
     ),
     Attribute(
