@@ -218,6 +218,7 @@ def _cut_in(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | N
             return None
         place = place[0], point
     else:
+        assert rows is not None
         agents, place = [int(row) for row in rows], _place(scene, rng)
     beside = _beside_lane(scene, place)
     if beside is None:

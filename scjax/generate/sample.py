@@ -113,12 +113,10 @@ def sample_scenes(
         plain sampling. ``scjax.Guidance`` also takes an interval of times, rescaling and a scale of the picture.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, such as ``scjax.samplers.DDIM(eta=0.5)``.
-      best_of: candidates for each scene; the one with the least ``score_scene`` is returned. The first is the scene
-        that ``best_of=1`` returns. Where attributes are requested of a model with outlines, every candidate has an
-        outline of its own; otherwise all share counts and domain.
-      repair: smooth lanes, close lane connections and separate boxes afterwards (``scjax.repair``), then move agents
-        and incline the ground until the scene shows more of the request (``generate.fit_request``); known elements
-        stay as they are.
+      best_of: candidates for each scene, the first as with 1; the one with the least ``score_scene`` is returned. If
+        attributes are requested, each has an outline of its own (``requests.draw_candidates``).
+      repair: smooth lanes, close lane connections and separate boxes afterwards (``scjax.repair``), then fit agents
+        and ground to the request (``generate.fit_request``); known elements stay as they are.
       temperature: scale of the noise, above 0: one number, or ``scjax.PerType(agents=, lanes=)``; by default the
         model's. Lower gives cleaner and less varied scenes.
       energy_guidance: True, False or options: gradient steps towards closed lane connections, boxes that do not overlap

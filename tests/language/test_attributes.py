@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scjax.language.analysis.crossroads import Crossroad
+from scjax.language.analysis.layouts import layout_names
 from scjax.language.attributes.base import UNSPECIFIED
 from scjax.language.attributes.page import attributes_page
 from scjax.language.attributes.table import (
@@ -29,6 +31,7 @@ from tests.factories.road_scenes import (
     turn_lane,
     winding_road,
 )
+from tests.factories.traffic import agent, lane, scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -156,6 +159,28 @@ def test_open_range_holds_without_a_vehicle_ahead():
     scene = straight_road().scene()
     assert not score_attributes(scene, {"gap_ahead": (10, None)}).misses
     assert score_attributes(scene, {"gap_ahead": (10, 20)}).misses == {"gap_ahead": None}
+
+
+def test_vehicles_that_cross_the_way_or_park_beside_it_are_not_ahead():
+    road = [lane((-32, 0), (32, 0)), lane((20, -32), (20, 32))]
+    ahead, across, parked = agent(10, 0, 0, 5), agent(20, 0, 90, 5), agent(28, -1.7, 0, 0)
+    measured = measure_attributes(scene([agent(0, 0, 0, 5), ahead, across, parked], road))
+    assert (measured["ahead"], measured["crossing"], measured["parked"]) == (1, 1, 1)
+
+
+def test_of_several_junctions_the_far_ones_do_not_name_the_road():
+    def names(*crossroads):
+        options = {"has_ring": False, "has_parking": False, "has_overpass": False, "is_dead_end": False}
+        return layout_names(list(crossroads), [], "straight", **options)
+
+    def junction(x, *arms):
+        return Crossroad(np.array([x, 0.0]), np.zeros((1, 2)), 8.0, tuple(np.deg2rad(arms)))
+
+    tee, cross = junction(5.0, -90, 0, 180), (-90, 0, 90, 180)
+    assert names(tee, junction(28.0, *cross)) == ("T", "multi-intersection", "intersection")
+    assert "four-way" in names(tee, junction(20.0, *cross))
+    assert names(junction(28.0, *cross)) == ("four-way", "intersection")
+    assert names(junction(36.0, *cross)) == ("straight", "no-intersection")
 
 
 @pytest.mark.parametrize(
