@@ -33,6 +33,8 @@ _PULLED, _CORRIDOR_SPEED = (0.5, 0.8), 2.0  # m to the side, m/s
 _CUT_OFFSET, _CUT_TURN, _CUT_GAP = (0.9, 1.3), np.deg2rad((4.0, 8.0)), (2.0, 8.0)  # m, rad, m
 _NEXT_LANE = (2.4, 4.6)  # m
 _NEAR_ROAD = 8.0  # m from the ego's way, where every second place lies
+_JUNCTION = 6.0  # m around places where lanes cross or turn apart, where nothing is put if there are other places
+_TRIES = 20
 
 
 def agent_moves(scene: Analysis, rng: np.random.Generator, lacking: Mapping[str, Any], fixed: int) -> Agents | None:
@@ -73,15 +75,16 @@ def _pick(scene: Analysis, rng: np.random.Generator, type_: AgentType, fixed: in
 
 
 def _place(scene: Analysis, rng: np.random.Generator) -> tuple[int, int]:
-    """A lane and one of its points, every second one near the ego's way."""
+    """A lane and one of its points outside junctions, every second one near the ego's way."""
     lines = scene.lines
     near_road = scene.route is not None and rng.random() < 0.5
-    for _ in range(20):
+    for _ in range(_TRIES):
         lane = int(rng.integers(len(lines)))
         point = int(rng.integers(max(1, lines.count[lane])))
         if near_road:
             lane, point = _beside_way(scene, rng)
-        if np.abs(lines.points[lane, point, :2]).max() < _WINDOW:
+        place = lines.points[lane, point, :2]
+        if np.abs(place).max() < _WINDOW and scene.junction_distance(place[None])[0] > _JUNCTION:
             break
     return lane, point
 
