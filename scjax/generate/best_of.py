@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from scjax.language.attributes.table import score_attributes
-from scjax.metrics.loose_ends import count_loose_ends
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
+from scjax.scene.loose_ends import loose_ends
 
 _AGAINST = 90.0  # degrees between a vehicle and its lane
 
@@ -37,7 +37,7 @@ def score_scene(scene: Scene, attributes: Mapping[str, Any]) -> SceneScore:
         missed = len(score_attributes(scene, attributes).misses) + int((offsets[:1] > ON_LANE).sum())
     misplaced = (offsets > ON_LANE) | (angles > _AGAINST)
     faults = len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + int(misplaced.sum())
-    faults += count_loose_ends(scene)
+    faults += len(loose_ends(scene))
     return SceneScore(missed, faults, float(gaps.sum()))
 
 

@@ -31,7 +31,7 @@ def fit_agents(scene: Scene, request: Mapping[str, Any], *, known: int = 0) -> S
     The ego stays, and so do numbers and classes of agents. The same scene and request give the same result.
 
     Args:
-      scene: one scene without padding.
+      scene: one scene.
       request: in its normal form.
       known: so many leading agents stay.
     """
@@ -59,7 +59,9 @@ def fit_agents(scene: Scene, request: Mapping[str, Any], *, known: int = 0) -> S
             best, cost, lacking = moved, total, now
         if not lacking:
             break
-    return scene.replace(agents=best.agents.astype(np.asarray(scene.agents).dtype))
+    agents = np.array(scene.agents)
+    agents[np.asarray(scene.agent_mask)] = best.agents
+    return scene.replace(agents=agents)
 
 
 def _lacking(analysis: Analysis, request: Mapping[str, Any]) -> Iterator[tuple[str, float]]:

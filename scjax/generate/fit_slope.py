@@ -22,7 +22,7 @@ def fit_slope(scene: Scene, request: Mapping[str, Any]) -> Scene:
     A scene that shows the requested slope, or whose ego is on no lane, stays as it is.
 
     Args:
-      scene: one scene without padding.
+      scene: one scene.
       request: in its normal form; "slope" alone counts.
     """
     if "slope" not in request:
@@ -40,6 +40,6 @@ def fit_slope(scene: Scene, request: Mapping[str, Any]) -> Scene:
     gradient = (_RISES[name] - rise) / distance * step[:2] / distance
     scene = scene.to_numpy()
     lanes, agents = np.array(scene.lanes), np.array(scene.agents)
-    lanes[..., 2] += (lanes[..., :2] - route.pose(0.0)[:2]) @ gradient
-    agents[..., 2] += (agents[..., :2] - route.pose(0.0)[:2]) @ gradient
+    for values, mask in ((lanes, scene.lane_mask), (agents, scene.agent_mask)):
+        values[mask, ..., 2] += (values[mask][..., :2] - route.pose(0.0)[:2]) @ gradient
     return scene.replace(lanes=lanes, agents=agents)

@@ -10,7 +10,7 @@ from scjax.generate.fit_slope import fit_slope
 from scjax.language.analysis.scene_analysis import analyze
 from scjax.language.attributes.table import check_attributes, measure_attributes, score_attributes
 from scjax.metrics.realism import overlapping_pairs
-from scjax.scene import AgentType
+from scjax.scene import AgentType, pad
 from tests.factories.traffic import agent, lane, scene
 
 PERSON = (0.6, 0.6, 1.7)
@@ -74,6 +74,13 @@ def test_ground_inclines_as_requested(name):
     np.testing.assert_array_equal(after.lanes[..., :2], before.lanes[..., :2])
     ground = after.agents[:, 2] - after.agents[:, 8] / 2
     np.testing.assert_allclose(ground[1], np.interp(after.agents[1, 0], *after.lanes[1, :, [0, 2]]), atol=1e-3)
+
+
+def test_padding_stays():
+    padded = pad(_traffic(), 12, 6)
+    after = fit_agents(fit_slope(padded, {"slope": "up"}), check_attributes({"ahead": 2}))
+    assert not after.agents[8:].any() and not after.lanes[3:].any()
+    assert measure_attributes(after)["ahead"] == 2 and measure_attributes(after)["slope"] == ("up",)
 
 
 def test_ground_that_is_as_requested_stays():
