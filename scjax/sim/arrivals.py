@@ -17,6 +17,7 @@ _BRAKING = 3.0  # m/s^2 that drivers accept
 _SECONDS = np.arange(0.25, 2.6, 0.25)
 _MARGIN = 0.4  # m by which boxes are longer and wider
 _WAY = np.arange(1.0, 17.0)  # m of the way past parked bodies
+_SIDE_GAP = 0.1  # m beside parked bodies that drivers keep
 _RETURN_LENGTH = 12.0  # m over which vehicles return to the centerline
 
 
@@ -63,7 +64,9 @@ def _meetings(start: Start, rows: np.ndarray) -> Bool[np.ndarray, "n n"]:
     walks = np.asarray(start.agents.kind)[rows] == AgentType.PEDESTRIAN
     blocked = np.zeros((count, count), bool)  # i drives, j is parked
     for distance in _WAY:
-        blocked |= overlaps(ways.boxes(np.full(count, distance)))
+        passing = ways.boxes(np.full(count, distance))
+        passing[:, 7] += _SIDE_GAP
+        blocked |= overlaps(passing)
     blocked &= ways.drives[:, None] & ~(ways.drives | walks)[None]
     meets |= blocked | blocked.T
     np.fill_diagonal(meets, False)

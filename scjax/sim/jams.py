@@ -1,4 +1,4 @@
-"""Vehicles that keep a junction closed for good; NumPy on the host."""
+"""Vehicles that keep a junction or a lane closed for good; NumPy on the host."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from scjax.sim.places import place_agents
 from scjax.sim.preparation import Start
 from scjax.sim.road_network import NONE
 
-_SECONDS = 60.0  # longer than any phase of a signal
+_SECONDS = 60.0  # longer than any signal is red
 _MOVES = 3.0  # m; who gets farther than this has moved
 _PAUSE = 10.0  # s, in which others may move off
+_QUEUE_GAP, _QUEUE_WIDTH = 8.0, 3.0  # m before a vehicle, and across, where the next one of its queue stands
 
 
 class JamWatch:
-    """Finds vehicles that have hardly moved for a minute while they stand where lanes cross or merge.
+    """Finds vehicles that have hardly moved for a minute and are in the way of others.
 
-    Such vehicles are in each other's way, and nobody gets on any more. Traffic simulators take them out of the jam
-    (``time-to-teleport`` of SUMO).
+    They stand where lanes cross or merge, or are the first of a queue; no signal is red for so long. Nobody gets on any
+    more. Traffic simulators take such vehicles out of the jam (``time-to-teleport`` of SUMO).
     """
 
     def __init__(self):
@@ -28,7 +29,9 @@ class JamWatch:
         self._next = 0.0
 
     def blocking_row(self, start: Start, agents: Agents, clock: float, driven: int) -> int | None:
-        """The row of the vehicle that has stood in a junction for longest; None without a jam.
+        """The row of the vehicle that has stood for longest, in a junction if there is one; None without a jam.
+
+        Parked vehicles are not meant.
 
         Args:
           agents: of the network of ``start``, as they are now.
@@ -48,11 +51,13 @@ class JamWatch:
         since = {row: rests[name][1] for row, name in enumerate(ids) if name in rests and row != driven}
         rows = np.array([row for row, first in since.items() if clock - first >= _SECONDS], int)
         rows = rows[np.asarray(agents.kind)[rows] == AgentType.VEHICLE]
-        rows = rows[_in_junctions(start, agents, rows)]
-        if not len(rows):
+        blocking = rows[_in_junctions(start, agents, rows)]
+        if not len(blocking):
+            blocking = rows[_first_of_queues(start, agents, rows)]
+        if not len(blocking):
             return None
         self._next = clock + _PAUSE
-        return min(rows.tolist(), key=since.__getitem__)
+        return min(blocking.tolist(), key=since.__getitem__)
 
 
 def _in_junctions(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
@@ -69,3 +74,16 @@ def _in_junctions(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> 
         begin, end = (np.asarray(edge)[conflicts] for edge in (network.conflict_start, network.conflict_end))
         out[number] = ((begin < along + half) & (end > along - half)).any()
     return out
+
+
+def _first_of_queues(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which of the vehicles follow a lane, and stand behind nobody who does."""
+    others = np.flatnonzero(np.asarray(agents.valid))
+    lanes = np.asarray(place_agents(start.lanes, agent_columns(agents, others), np.asarray(agents.kind)[others]).lane)
+    others = others[lanes != NONE]
+    mine, states = agent_columns(agents, rows)[:, None], agent_columns(agents, others)[None]
+    x, y = np.moveaxis(states[..., :2] - mine[..., :2], -1, 0)
+    ahead, side = x * mine[..., 4] + y * mine[..., 5], y * mine[..., 4] - x * mine[..., 5]
+    gap = ahead - (mine[..., 6] + states[..., 6]) / 2
+    behind = (ahead > 0) & (gap < _QUEUE_GAP) & (np.abs(side) < _QUEUE_WIDTH / 2)
+    return np.isin(rows, others) & ~behind.any(1)

@@ -14,7 +14,7 @@ from scjax.sim.road_network import NONE
 _RADIUS, _NEAR = 3.5, 2.5  # m to a centerline: of moving vehicles, and of standing ones
 _ANGLE, _WIDE_ANGLE = np.deg2rad(60.0), np.deg2rad(45.0)
 _PARKED_SPEED, _PARKED_OFFSET = 0.5, 1.6  # m/s, m
-_PARALLEL = np.deg2rad(15.0)
+_PARALLEL = np.cos(np.deg2rad(15.0))
 _ANGLE_COST = 3.0  # m for each rad: which of several lanes an agent follows
 
 
@@ -54,8 +54,8 @@ def place_agents(
         best = int(cost.argmin())
         lane[row], lateral[row], angle[row] = lanes.lane[near[best]], side[best], turn[best]
         along[row] = lanes.along[near[best]] + ahead[best]
-        other = np.abs((turn - turn[best] + np.pi / 2) % np.pi - np.pi / 2)  # of either direction
-        beside = (side * side[best] < 0) & (np.abs(ahead) < 1.0) & (other < _PARALLEL)
+        from_best = np.cos(turn - turn[best])  # -1 on lanes of the other direction, whose left is the right of this one
+        beside = (side * side[best] * from_best < 0) & (np.abs(ahead) < 1.0) & (np.abs(from_best) > _PARALLEL)
         between[row] = beside.any()
     stands = states[:, 3] < _PARKED_SPEED
     off_center = (np.abs(lateral) > _PARKED_OFFSET) & ~between

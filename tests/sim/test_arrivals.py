@@ -44,3 +44,9 @@ def test_arrivals_that_a_parked_car_keeps_from_setting_off_stay_away():
     """The lane leaves room beside the parked car, but who stands close behind it does not get to its middle."""
     parked, near, far = agent(60.0, -2.2), agent(54.0, -1.2), agent(30.0, -1.2)
     assert _too_near(with_agents([road()], [parked, near, far])) == {"a1"}
+
+
+@pytest.mark.parametrize(("y", "excluded"), [(-2.85, {"a1"}), (-2.95, set())])
+def test_arrivals_pass_a_parked_car_at_the_distance_that_drivers_keep(y, excluded):
+    parked, near = agent(60.0, y), agent(50.0, -1.4)
+    assert _too_near(with_agents([road()], [parked, near])) == excluded

@@ -1,4 +1,4 @@
-"""Vehicles that keep a junction closed."""
+"""Vehicles that keep a junction or a lane closed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,24 @@ import pytest
 
 from scjax.sim.jams import JamWatch
 from scjax.sim.preparation import prepare
-from tests.factories.road_maps import agent, crossing
+from tests.factories.road_maps import agent, crossing, road, with_agents
 
 CARS = [agent(20.0, 0.0), agent(98.0, 0.0), agent(100.0, -4.5, 90.0), agent(60.0, 0.0)]
 """One that is driven, two that meet at the crossing (100, 0), and one that waits behind them."""
 
 
+QUEUE = [agent(20.0, 0.0), agent(27.0, 0.0), agent(53.0, 0.0), agent(60.0, -0.5), agent(66.0, -2.6)]
+"""One that is driven, one behind which it stands, and two behind a parked one."""
+
+
 @pytest.fixture(scope="module")
 def start():
     return prepare(crossing(CARS), 0, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def queue():
+    return prepare(with_agents([road()], QUEUE), 0, np.random.default_rng(0))
 
 
 def rows_after(start, seconds: float, moves=None, driven: int = 0) -> list[int]:
@@ -31,7 +40,7 @@ def test_who_stands_in_a_junction_for_a_minute_is_found(start):
     assert rows_after(start, 69.0) == [1]
 
 
-def test_who_stands_before_the_junction_is_not_found(start):
+def test_junctions_come_before_queues(start):
     assert 3 not in rows_after(start, 300.0)
 
 
@@ -50,3 +59,12 @@ def test_who_moves_on_slowly_is_not_found(start):
         return start.agents.replace(x=x)
 
     assert 1 not in rows_after(start, 80.0, creeping)
+
+
+def test_the_first_of_a_queue_is_found_after_a_minute(queue):
+    assert not rows_after(queue, 59.0)
+    assert rows_after(queue, 69.0, driven=1) == [3]
+
+
+def test_who_stands_behind_others_or_is_parked_is_not_found(queue):
+    assert set(rows_after(queue, 300.0, driven=1)) == {3}
