@@ -18,7 +18,7 @@ _QUEUE_GAP, _QUEUE_WIDTH = 8.0, 3.0  # m before a vehicle, and across, where the
 
 
 class JamWatch:
-    """Finds vehicles that have hardly moved for a minute and are in the way of others.
+    """Finds vehicles and cyclists that have hardly moved for a minute and are in the way of others.
 
     They stand where lanes cross or merge, or are the first of a queue; no signal is red for so long. Nobody gets on any
     more. Traffic simulators take such vehicles out of the jam (``time-to-teleport`` of SUMO).
@@ -29,9 +29,9 @@ class JamWatch:
         self._next = 0.0
 
     def blocking_row(self, start: Start, agents: Agents, clock: float, driven: int) -> int | None:
-        """The row of the vehicle that has stood for longest, in a junction if there is one; None without a jam.
+        """The row of the agent that has stood for longest, in a junction if there is one; None without a jam.
 
-        Parked vehicles are not meant.
+        Parked ones are not meant.
 
         Args:
           agents: of the network of ``start``, as they are now.
@@ -50,7 +50,7 @@ class JamWatch:
             return None
         since = {row: rests[name][1] for row, name in enumerate(ids) if name in rests and row != driven}
         rows = np.array([row for row, first in since.items() if clock - first >= _SECONDS], int)
-        rows = rows[np.asarray(agents.kind)[rows] == AgentType.VEHICLE]
+        rows = rows[np.isin(np.asarray(agents.kind)[rows], (AgentType.VEHICLE, AgentType.CYCLIST))]
         blocking = rows[_in_junctions(start, agents, rows)]
         if not len(blocking):
             blocking = rows[_first_of_queues(start, agents, rows)]
@@ -77,13 +77,13 @@ def _in_junctions(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> 
 
 
 def _first_of_queues(start: Start, agents: Agents, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which of the vehicles follow a lane, and stand behind nobody who does."""
-    others = np.flatnonzero(np.asarray(agents.valid))
-    lanes = np.asarray(place_agents(start.lanes, agent_columns(agents, others), np.asarray(agents.kind)[others]).lane)
-    others = others[lanes != NONE]
+    """Which of the agents follow a lane, and stand behind nobody who does so in their direction."""
+    follows = np.asarray(start.places.lane) != NONE
+    others = np.flatnonzero(follows & np.asarray(agents.valid))
     mine, states = agent_columns(agents, rows)[:, None], agent_columns(agents, others)[None]
     x, y = np.moveaxis(states[..., :2] - mine[..., :2], -1, 0)
     ahead, side = x * mine[..., 4] + y * mine[..., 5], y * mine[..., 4] - x * mine[..., 5]
     gap = ahead - (mine[..., 6] + states[..., 6]) / 2
     behind = (ahead > 0) & (gap < _QUEUE_GAP) & (np.abs(side) < _QUEUE_WIDTH / 2)
-    return np.isin(rows, others) & ~behind.any(1)
+    behind &= (states[..., 4:6] * mine[..., 4:6]).sum(-1) > 0
+    return follows[rows] & ~behind.any(1)

@@ -18,7 +18,6 @@ _SIDE_GAP, _STANDING_SIDE_GAP = 0.6, 0.2  # m beside bodies on the way that move
 _END_GAP = 0.3  # m before and behind them
 _FINE, _SPACING = 3, 1.0  # points of the way for each that is seen, and m between them
 _LOOK_AHEAD, _MIN_LOOK_AHEAD = 0.4, 2.0  # s and m ahead of the center to which the vehicle steers
-_RETURN_LENGTH = 5.0  # m over which the way ahead returns to the route, as fast as the vehicle steers back to it
 _PREDICTED = (0.0, 1.0, 2.0)  # s, at which others must not be on the way
 
 
@@ -70,7 +69,6 @@ def _body_on_route(observation: Observation) -> tuple[Float[AnyArray, ""], Float
     """Gap [m] to the first body that is on the route or will be, and its speed along the route [m/s]."""
     x, y, cos, sin, speed, length, width = observation.agents.T[:, None]  # [1, agents], beside points of the route
     route, is_way, ahead = _fine_route(observation), _is_way(observation), jnp.asarray(_FINE_DISTANCES)
-    route = route - route[:1] * jnp.exp(-ahead / _RETURN_LENGTH)[:, None]  # from where the vehicle is
     step = jnp.diff(route, axis=0)
     step = jnp.concatenate([step, step[-1:]])
     tangent = step / jnp.maximum(jnp.linalg.norm(step, axis=-1, keepdims=True), 1e-3)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scjax.scene import AgentType
 from scjax.sim.jams import JamWatch
 from scjax.sim.preparation import prepare
+from tests.factories.maps import map_lane
 from tests.factories.road_maps import agent, crossing, road, with_agents
 
 CARS = [agent(20.0, 0.0), agent(98.0, 0.0), agent(100.0, -4.5, 90.0), agent(60.0, 0.0)]
@@ -68,3 +70,10 @@ def test_the_first_of_a_queue_is_found_after_a_minute(queue):
 
 def test_who_stands_behind_others_or_is_parked_is_not_found(queue):
     assert set(rows_after(queue, 300.0, driven=1)) == {3}
+
+
+def test_a_cyclist_that_stands_against_the_driven_vehicle_is_found():
+    lanes = [road(100.0), map_lane("back", (100.0, 2.4, 0.0), (0.0, 2.4, 0.0))]
+    agents = [agent(50.0, 0.0), agent(54.5, 0.6, 180.0, size=(1.8, 0.8, 1.8))]
+    map = with_agents(lanes, agents, [AgentType.VEHICLE, AgentType.CYCLIST])
+    assert set(rows_after(prepare(map, 0, np.random.default_rng(0)), 69.0)) == {1}

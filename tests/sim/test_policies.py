@@ -43,18 +43,3 @@ def test_route_policy_passes_a_parked_car_inside_a_bend_if_there_is_room(gap, dr
     body = (corner[0] - WIDTH / 2, corner[1] - 2.25, np.pi / 2)  # the corner is at its front on the right
     action, _ = RoutePolicy()(_standing_before(body), None)
     assert (action.acceleration > 0.99 * NORMAL.acceleration) == drives
-
-
-@pytest.mark.parametrize(("left", "drives"), [(0.0, True), (0.9, False)])
-def test_route_policy_waits_for_who_moves_before_its_bumper_beside_the_route(left, drives):
-    """The own car stands ``left`` of its route, and another one crosses so far left that it leaves the route free."""
-    observation = _standing_before((3.5, 3.2, np.pi / 2))
-    straight = np.stack([ROUTE_DISTANCES, np.full(20, -left), np.full(20, 8.0)], -1)
-    agents = np.array(observation.agents)
-    agents[0, 1] = 4.0 - left  # its rear is 1.75 m left of the route
-    agents[0, 4] = 1.0
-    observation = observation.replace(
-        route=jnp.asarray(straight, jnp.float32), lateral=jnp.float32(left), agents=jnp.asarray(agents)
-    )
-    action, _ = RoutePolicy()(observation, None)
-    assert (action.acceleration > 0) == drives
