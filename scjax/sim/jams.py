@@ -11,14 +11,14 @@ from scjax.sim.places import place_agents
 from scjax.sim.preparation import Start
 from scjax.sim.road_network import NONE
 
-_SECONDS = 60.0  # longer than any signal is red
+_SECONDS = 40.0  # no signal is red for more than 32 s
 _MOVES = 3.0  # m; who gets farther than this has moved
 _PAUSE = 10.0  # s, in which others may move off
 _QUEUE_GAP, _QUEUE_WIDTH = 8.0, 3.0  # m before a vehicle, and across, where the next one of its queue stands
 
 
 class JamWatch:
-    """Finds vehicles and cyclists that have hardly moved for a minute and are in the way of others.
+    """Finds vehicles and cyclists that have hardly moved for 40 s and are in the way of others.
 
     They stand where lanes cross or merge, or are the first of a queue; no signal is red for so long. Nobody gets on any
     more. Traffic simulators take such vehicles out of the jam (``time-to-teleport`` of SUMO).

@@ -37,9 +37,9 @@ def rows_after(start, seconds: float, moves=None, driven: int = 0) -> list[int]:
     return [row for row in found if row is not None]
 
 
-def test_who_stands_in_a_junction_for_a_minute_is_found(start):
-    assert not rows_after(start, 59.0)
-    assert rows_after(start, 69.0) == [1]
+def test_who_stands_in_a_junction_for_long_is_found(start):
+    assert not rows_after(start, 39.0)
+    assert rows_after(start, 49.0) == [1]
 
 
 def test_junctions_come_before_queues(start):
@@ -47,11 +47,11 @@ def test_junctions_come_before_queues(start):
 
 
 def test_the_driven_vehicle_is_not_found(start):
-    assert rows_after(start, 69.0, driven=1) == [2]
+    assert rows_after(start, 49.0, driven=1) == [2]
 
 
 def test_others_have_ten_seconds_to_move_off(start):
-    assert len(rows_after(start, 79.0)) == 2
+    assert len(rows_after(start, 59.0)) == 2
 
 
 def test_who_moves_on_slowly_is_not_found(start):
@@ -63,9 +63,9 @@ def test_who_moves_on_slowly_is_not_found(start):
     assert 1 not in rows_after(start, 80.0, creeping)
 
 
-def test_the_first_of_a_queue_is_found_after_a_minute(queue):
-    assert not rows_after(queue, 59.0)
-    assert rows_after(queue, 69.0, driven=1) == [3]
+def test_the_first_of_a_queue_is_found_after_a_while(queue):
+    assert not rows_after(queue, 39.0)
+    assert rows_after(queue, 49.0, driven=1) == [3]
 
 
 def test_who_stands_behind_others_or_is_parked_is_not_found(queue):
@@ -76,4 +76,4 @@ def test_a_cyclist_that_stands_against_the_driven_vehicle_is_found():
     lanes = [road(100.0), map_lane("back", (100.0, 2.4, 0.0), (0.0, 2.4, 0.0))]
     agents = [agent(50.0, 0.0), agent(54.5, 0.6, 180.0, size=(1.8, 0.8, 1.8))]
     map = with_agents(lanes, agents, [AgentType.VEHICLE, AgentType.CYCLIST])
-    assert set(rows_after(prepare(map, 0, np.random.default_rng(0)), 69.0)) == {1}
+    assert set(rows_after(prepare(map, 0, np.random.default_rng(0)), 49.0)) == {1}
