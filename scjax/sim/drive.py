@@ -44,9 +44,9 @@ def drive(
     With ``grow`` a scene or map grows by tiles whenever less than 110 m of the way are left. A tile beyond which no
     road goes on is drawn again; where that does not help, tiles farther than 60 m from the driven agent are taken back.
     Agents of new tiles join the traffic, without vehicles and obstacles that stand in the way, and without who comes so
-    near to others that braking does not help. Agents farther than 160 m are gone, and nobody enters at the border; a
-    vehicle that has stood in a junction for a minute is gone, too. The driven agent follows the route of the map, and
-    the loop ends early where no road goes on.
+    near to others that braking does not help. Agents farther than 160 m are gone, and nobody enters at the border. Who
+    has stood for 40 s in a junction, or as the first of a queue, is gone, too. The driven agent follows the route of
+    the map, and the loop ends early where no road goes on.
 
     Args:
       key: a key of ``jax.random``, or a number.
