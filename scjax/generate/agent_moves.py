@@ -24,7 +24,6 @@ MOVABLE = {
 """Attributes that moves of agents change -> the class of these; None: it depends on the value."""
 
 _WINDOW = 30.0  # m from the middle, where agents are put at most
-_MARGIN = 2  # points from the ends of a lane
 _ONTO, _BESIDE = 0.4, (2.6, 3.6)  # m to the side of a lane: most of a vehicle on it, and of what stands beside
 _WALKS = 1.4  # m from the middle of a lane, of people on the road at most
 _SPEEDS = (3.0, 9.0)  # m/s
@@ -37,7 +36,7 @@ _JUNCTION = 6.0  # m around places where lanes cross or turn apart, where nothin
 _TRIES = 20
 
 
-def agent_moves(scene: Analysis, rng: np.random.Generator, lacking: Mapping[str, Any], fixed: int) -> Agents | None:
+def draw_move(scene: Analysis, rng: np.random.Generator, lacking: Mapping[str, Any], fixed: int) -> Agents | None:
     """States after one random move that may help; None where this draw finds none.
 
     Args:
@@ -65,13 +64,18 @@ def agent_moves(scene: Analysis, rng: np.random.Generator, lacking: Mapping[str,
     return _put(scene, agent, _place(scene, rng), lateral, speed)
 
 
-def _pick(scene: Analysis, rng: np.random.Generator, type_: AgentType, fixed: int, number: int = 1) -> Any:
-    """One agent of a class (or ``number`` as an array) that may move; None without any."""
+def _pick(scene: Analysis, rng: np.random.Generator, type_: AgentType, fixed: int) -> int | None:
+    """One agent of a class that may move; None without any."""
+    rows = _pick_several(scene, rng, type_, fixed, 1)
+    return None if rows is None else rows[0]
+
+
+def _pick_several(
+    scene: Analysis, rng: np.random.Generator, type_: AgentType, fixed: int, number: int
+) -> list[int] | None:
+    """Agents of a class that may move; None without so many."""
     rows = np.flatnonzero(scene.is_type(type_) & (np.arange(len(scene.types)) >= fixed))
-    if len(rows) < number:
-        return None
-    rows = rng.permutation(rows)[:number]
-    return int(rows[0]) if number == 1 else rows
+    return None if len(rows) < number else rng.permutation(rows)[:number].tolist()
 
 
 def _place(scene: Analysis, rng: np.random.Generator) -> tuple[int, int]:
@@ -141,7 +145,7 @@ def _walk(scene: Analysis, rng: np.random.Generator, agent: int) -> Agents:
 
 def _queue(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | None:
     """Three vehicles behind each other on one lane, standing."""
-    rows = _pick(scene, rng, AgentType.VEHICLE, fixed, _QUEUE_SIZE)
+    rows = _pick_several(scene, rng, AgentType.VEHICLE, fixed, _QUEUE_SIZE)
     if rows is None:
         return None
     states, place = scene.agents.copy(), _place(scene, rng)
@@ -179,7 +183,7 @@ def _stopped_in_lane(scene: Analysis, rng: np.random.Generator, fixed: int) -> A
 
 def _double_parking(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | None:
     """One vehicle stands in a lane, one parks beside it."""
-    rows = _pick(scene, rng, AgentType.VEHICLE, fixed, 2)
+    rows = _pick_several(scene, rng, AgentType.VEHICLE, fixed, 2)
     if rows is None:
         return None
     place, side = _place(scene, rng), rng.choice([-1, 1])
@@ -206,7 +210,7 @@ def _beside_lane(scene: Analysis, place: tuple[int, int]) -> tuple[tuple[int, in
 
 def _cut_in(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | None:
     """A vehicle between two lanes turns into one where another one, or the ego, follows."""
-    rows = _pick(scene, rng, AgentType.VEHICLE, fixed, 2)
+    rows = _pick_several(scene, rng, AgentType.VEHICLE, fixed, 2)
     single = _pick(scene, rng, AgentType.VEHICLE, fixed)
     if single is None:
         return None
@@ -240,7 +244,7 @@ def _cut_in(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | N
 
 def _corridor(scene: Analysis, rng: np.random.Generator, fixed: int) -> Agents | None:
     """Two slow vehicles pull to the left on one lane, two to the right on the lane to its right."""
-    rows = _pick(scene, rng, AgentType.VEHICLE, fixed, 4)
+    rows = _pick_several(scene, rng, AgentType.VEHICLE, fixed, 4)
     if rows is None:
         return None
     place = _place(scene, rng)

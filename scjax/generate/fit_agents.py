@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from scjax.generate.agent_moves import MOVABLE, agent_moves
+from scjax.generate.agent_moves import MOVABLE, draw_move
 from scjax.language.analysis.scene_analysis import Analysis, analyze
 from scjax.language.attributes.base import Attribute
 from scjax.language.attributes.table import ATTRIBUTES
@@ -47,7 +47,7 @@ def fit_agents(scene: Scene, request: Mapping[str, Any], *, known: int = 0) -> S
     faults = _faults(analysis, against_allowed)
     cost = sum(lacking.values()) + _FAULT * faults
     for _ in range(_MOST_MOVES):
-        agents = agent_moves(best, rng, {name: named[name] for name in lacking}, max(known, 1))
+        agents = draw_move(best, rng, {name: named[name] for name in lacking}, max(known, 1))
         if agents is None:
             continue
         moved = best.moved(agents)

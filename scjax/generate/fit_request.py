@@ -30,9 +30,10 @@ def best_fitted(scenes: Sequence[Scene], requests: Sequence[Request]) -> Scene:
     """
     if len(scenes) == 1:
         return fit_request(scenes[0], requests[0])
-    fitted = []
-    for place in best_order(scenes, requests[0].attributes):
+    fitted, scores, attributes = [], [], requests[0].attributes
+    for place in best_order(scenes, attributes):
         fitted.append(fit_request(scenes[place], requests[place]))
-        if score_scene(fitted[-1], requests[place].attributes).missed == 0:
+        scores.append(score_scene(fitted[-1], attributes))
+        if scores[-1].missed == 0:
             return fitted[-1]
-    return fitted[best_order(fitted, requests[0].attributes)[0]]
+    return fitted[scores.index(min(scores))]

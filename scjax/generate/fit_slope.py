@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from scjax.language.analysis.scene_analysis import analyze
+from scjax.language.attributes.roads import AHEAD
+from scjax.language.attributes.table import ATTRIBUTES
 from scjax.scene import Scene
 
-_REACH = 30.0  # m ahead, over which the slope is measured
 _SHORTEST = 5.0  # m of road ahead
-_RISES = {"up": 0.9, "flat": 0.0, "down": -0.9}  # m over that reach, where the scene shows another slope
-_LEAST = 0.6  # m, of what is called up or down
+_RISES = {"up": 0.9, "flat": 0.0, "down": -0.9}  # m over ``AHEAD``, where the scene shows another slope
 
 
 def fit_slope(scene: Scene, request: Mapping[str, Any]) -> Scene:
@@ -27,17 +27,16 @@ def fit_slope(scene: Scene, request: Mapping[str, Any]) -> Scene:
     """
     if "slope" not in request:
         return scene
-    route = analyze(scene).route
-    if route is None:
+    analysis, attribute = analyze(scene), ATTRIBUTES["slope"]
+    route = analysis.route
+    if route is None or attribute.holds(request["slope"], attribute.measure(analysis)):
         return scene
-    ahead = route.points[(route.along >= 0) & (route.along <= _REACH)]
+    ahead = route.points_ahead(AHEAD)
     step = ahead[-1] - ahead[0]
     distance = float(np.hypot(*step[:2]))
-    rise, name = float(step[2]), request["slope"]
-    shown = "up" if rise > _LEAST else "down" if rise < -_LEAST else "flat"
-    if shown == name or distance < _SHORTEST:
+    if distance < _SHORTEST:
         return scene
-    gradient = (_RISES[name] - rise) / distance * step[:2] / distance
+    gradient = (_RISES[request["slope"]] - float(step[2])) / distance * step[:2] / distance
     scene = scene.to_numpy()
     lanes, agents = np.array(scene.lanes), np.array(scene.agents)
     for values, mask in ((lanes, scene.lane_mask), (agents, scene.agent_mask)):

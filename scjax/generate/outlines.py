@@ -149,8 +149,8 @@ class Outlines:
           among: the scenes to choose from; None: all.
         """
         rows = np.arange(len(self)) if among is None else among
-        numbers = {name: value for name, value in request.items() if name in _FITTED}
-        for part in ({name: value for name, value in request.items() if name not in _FITTED}, numbers):
+        for are_numbers in (False, True):
+            part = {name: value for name, value in request.items() if (name in _FITTED) == are_numbers}
             held = self.count_held(part)[rows]
             rows = rows[held == held.max()]
         unwanted = self.count_held(negative or {})[rows]

@@ -21,7 +21,8 @@ def dead_turn(
 ) -> set[Name]:
     """Lanes that can go if nothing follows ``lane``: it, and those before it that lead to it alone.
 
-    None if one of them is kept, if they are longer than 40 m together, or if a lane would begin at nothing instead.
+    No lane can go if one of them is kept, if they are longer than 40 m together, or if a lane would begin at nothing
+    instead.
 
     Args:
       lane: at whose end nothing follows. For a lane that follows nothing, exchange ``before`` and ``after``.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int
 
+from scjax.scene.angles import wrap_to_pi
 from scjax.scene.dead_turns import dead_turn
 from scjax.scene.polyline import cumulative_length, spread_points
 from scjax.scene.scene import TILE_SIZE, AgentType, Crop, Link, Scene, pad, permute
@@ -28,10 +29,7 @@ def loose_ends(scene: Scene) -> list[tuple[int, bool]]:
     """
     scene = scene.to_numpy()
     rows = np.flatnonzero(scene.lane_mask)
-    lanes = np.asarray(scene.lanes, np.float64)[rows][..., :2]
-    follows = np.asarray(scene.links)[np.ix_(rows, rows)] == Link.PREDECESSOR
-    follows |= np.linalg.norm(lanes[:, None, -1] - lanes[None, :, 0], axis=-1) < _MEETS
-    np.fill_diagonal(follows, False)
+    lanes, follows = np.asarray(scene.lanes, np.float64)[rows][..., :2], _follows(scene, rows)
     center = np.array([TILE_SIZE / 2 if scene.crop == Crop.FORWARD else 0.0, 0.0])
     found = []
     for is_start in (False, True):
@@ -41,7 +39,7 @@ def loose_ends(scene: Scene) -> list[tuple[int, bool]]:
         headings, other_headings = _headings(lanes, is_start), _headings(lanes, not is_start)
         for i in np.flatnonzero(is_open & inside):
             near = other_open & (np.hypot(*(other - own[i]).T) < _WAY_BACK)
-            turned = np.abs(np.angle(np.exp(1j * (other_headings - headings[i])))) > _OTHER_WAY
+            turned = np.abs(wrap_to_pi(other_headings - headings[i])) > _OTHER_WAY
             if not (near & turned).any():
                 found.append((int(rows[i]), is_start))
     return found
@@ -62,9 +60,9 @@ def remove_dead_turns(scene: Scene) -> Scene:
     if not (ends := loose_ends(scene)):
         return scene
     rows = np.flatnonzero(scene.lane_mask)
-    follows = np.asarray(scene.links) == Link.PREDECESSOR
-    after = {int(i): {int(j) for j in rows if follows[i, j]} for i in rows}
-    before = {int(i): {int(j) for j in rows if follows[j, i]} for i in rows}
+    follows = _follows(scene, rows)
+    after = {int(i): set(rows[follows[row]].tolist()) for row, i in enumerate(rows)}
+    before = {int(i): set(rows[follows[:, row]].tolist()) for row, i in enumerate(rows)}
     lines = {int(i): np.asarray(scene.lanes[i], np.float64) for i in rows}
     lengths = {i: float(cumulative_length(line)[-1]) for i, line in lines.items()}
     kept, removed = _driven_lanes(scene, lines), set[int]()
@@ -73,10 +71,17 @@ def remove_dead_turns(scene: Scene) -> Scene:
         removed |= dead_turn(lane, *ways, lengths, kept=kept, removed=removed)
     if not removed:
         return scene
-    some = permute(
-        scene, np.arange(len(scene.agents)), np.array([i for i in range(len(scene.lanes)) if i not in removed])
-    )
-    return pad(some, len(scene.agents), len(scene.lanes))
+    staying = np.delete(np.arange(len(scene.lanes)), list(removed))
+    return pad(permute(scene, np.arange(len(scene.agents)), staying), len(scene.agents), len(scene.lanes))
+
+
+def _follows(scene: Scene, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "n n"]:
+    """Which lane (column) follows which (row), by its link or because it begins where that one ends."""
+    lanes = np.asarray(scene.lanes, np.float64)[rows][..., :2]
+    follows = np.asarray(scene.links)[np.ix_(rows, rows)] == Link.PREDECESSOR
+    follows |= np.linalg.norm(lanes[:, None, -1] - lanes[None, :, 0], axis=-1) < _MEETS
+    np.fill_diagonal(follows, False)
+    return follows
 
 
 def _headings(lanes: Float64[np.ndarray, "lanes points 2"], at_start: bool) -> Float64[np.ndarray, " lanes"]:

@@ -31,7 +31,7 @@ class JamWatch:
     def blocking_row(self, start: Start, agents: Agents, clock: float, driven: int) -> int | None:
         """The row of the agent that has stood for longest, in a junction if there is one; None without a jam.
 
-        Parked ones are not meant.
+        Parked ones do not count.
 
         Args:
           agents: of the network of ``start``, as they are now.

@@ -50,27 +50,27 @@ def _checked(function: Callable, typechecker: Callable) -> Callable:
 
 
 def _with_checks(function: Callable, typechecker: Callable) -> Callable:
-    hints = _types(function)
+    annotations = _types(function)
     if inspect.isgeneratorfunction(function):
-        return _checks_at_the_call(function, hints, typechecker)
-    function.__annotations__ = hints
-    if not any(map(_has_array, hints.values())):
+        return _checks_at_the_call(function, annotations, typechecker)
+    function.__annotations__ = annotations
+    if not any(map(_has_array, annotations.values())):
         return typechecker(function, conf=_AS_JAXTYPING)
     parameters = inspect.signature(function).parameters.values()
-    arrays = [parameter for parameter in parameters if _has_array(hints.get(parameter.name))]
+    arrays = [parameter for parameter in parameters if _has_array(annotations.get(parameter.name))]
     several = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
-    if all(map(_is_known_by_shape, hints.values())) and not any(one.kind in several for one in arrays):
-        return _remembers_shapes(function, hints, typechecker, [one.name for one in parameters], arrays)
+    if all(map(_is_known_by_shape, annotations.values())) and not any(one.kind in several for one in arrays):
+        return _remembers_shapes(function, annotations, typechecker, [one.name for one in parameters], arrays)
     return _with_sizes(function, typechecker)
 
 
-def _checks_at_the_call(function: Callable, hints: dict[str, Any], typechecker: Callable) -> Callable:
+def _checks_at_the_call(function: Callable, annotations: dict[str, Any], typechecker: Callable) -> Callable:
     """A generator with checks of its arguments: beartype alone would check them at the first element."""
 
     @functools.wraps(function)
     def arguments_of(*arguments: Any, **named: Any) -> None: ...
 
-    arguments_of.__annotations__ = {name: hint for name, hint in hints.items() if name != "return"}
+    arguments_of.__annotations__ = {name: hint for name, hint in annotations.items() if name != "return"}
     check = _with_checks(arguments_of, typechecker)
 
     @functools.wraps(function)
@@ -92,10 +92,12 @@ def _with_sizes(function: Callable, typechecker: Callable) -> Callable:
     return with_sizes
 
 
-def _remembers_shapes(function: Callable, hints: dict[str, Any], typechecker: Callable, names, arrays) -> Callable:
+def _remembers_shapes(
+    function: Callable, annotations: dict[str, Any], typechecker: Callable, names, arrays
+) -> Callable:
     """As ``_with_sizes``, but arrays are checked at their first shapes only, and everything else at every call."""
     positions = [names.index(one.name) for one in arrays if one.kind is not inspect.Parameter.KEYWORD_ONLY]
-    array_names, returns_arrays = [one.name for one in arrays], _has_array(hints.get("return"))
+    array_names, returns_arrays = [one.name for one in arrays], _has_array(annotations.get("return"))
     passed: dict[Any, set] = {}  # shapes of arguments -> those of the results that passed with them
     all_checked = _with_sizes(function, typechecker)
     result = threading.local()
@@ -103,7 +105,7 @@ def _remembers_shapes(function: Callable, hints: dict[str, Any], typechecker: Ca
     @functools.cache
     def without_arrays() -> Callable:
         copy = _copy(function)
-        copy.__annotations__ = {name: hint for name, hint in hints.items() if not _has_array(hint)}
+        copy.__annotations__ = {name: hint for name, hint in annotations.items() if not _has_array(hint)}
         return typechecker(copy, conf=_AS_JAXTYPING)
 
     @functools.cache

@@ -1,4 +1,4 @@
-"""What tokens are told of what lies near them; and that a fresh network does not hear it."""
+"""What tokens learn of what lies near them; and that a fresh network does not use it."""
 
 import jax
 import jax.numpy as jnp
@@ -40,27 +40,27 @@ def _weight(distance, scale):
 def test_lane_geometry_points_to_the_next_lane():
     """One lane ends at (10, 0); another begins 0.6 m ahead and 0.8 m left of there, a third far away."""
     lanes = jnp.asarray([[_lane((-5, 0), (10, 0)), _lane((10.6, 0.8), (25, 3)), _lane((0, 900), (0, 950))]])
-    told = np.asarray(_of_lanes(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
+    numbers = np.asarray(_of_lanes(lanes, jnp.ones((1, 3), bool)))[0].reshape(3, 5, 3, 3)  # pairing, scale, numbers
     for k, scale in enumerate((1.0, 3.0, 9.0)):
         weight = _weight(1.0, scale)
         shift = weight / (weight + 0.1) / scale
-        np.testing.assert_allclose(told[0, 0, k], [0.6 * shift, 0.8 * shift, weight / (1 + weight)], atol=1e-5)
-        np.testing.assert_allclose(told[1, 1, k], [-0.6 * shift, -0.8 * shift, weight / (1 + weight)], atol=1e-5)
-    assert not told[2].any() and np.abs(told[0, 3, 0]).max() < 1e-6  # nothing ends where the first lane does
+        np.testing.assert_allclose(numbers[0, 0, k], [0.6 * shift, 0.8 * shift, weight / (1 + weight)], atol=1e-5)
+        np.testing.assert_allclose(numbers[1, 1, k], [-0.6 * shift, -0.8 * shift, weight / (1 + weight)], atol=1e-5)
+    assert not numbers[2].any() and np.abs(numbers[0, 3, 0]).max() < 1e-6  # nothing ends where the first lane does
 
 
 def test_agent_geometry_points_to_lane_and_agents():
     lane = jnp.asarray([[_lane((-20, 0), (20, 0))]])
     agents = jnp.asarray([[[(3.0, 1.5), (13.0, 1.5)], [(6.0, 1.5), (16.0, 1.5)]]])
     masks = PerType(agents=jnp.ones((1, 2), bool), lanes=jnp.ones((1, 1), bool))
-    told = np.asarray(_of_agents(agents, lane, masks))[0, 0]
+    numbers = np.asarray(_of_agents(agents, lane, masks))[0, 0]
     for k, scale in enumerate((2.0, 4.0, 8.0)):
         weight = _weight(3.0, scale)
         np.testing.assert_allclose(
-            told[3 * k : 3 * k + 3], [3 / scale * weight / (weight + 0.1), 0, weight / (1 + weight)], atol=1e-5
+            numbers[3 * k : 3 * k + 3], [3 / scale * weight / (weight + 0.1), 0, weight / (1 + weight)], atol=1e-5
         )
     for k, scale in enumerate((1.0, 2.0, 4.0)):
-        shift_x, shift_y, _, along, across = told[9 + 5 * k : 14 + 5 * k]
+        shift_x, shift_y, _, along, across = numbers[9 + 5 * k : 14 + 5 * k]
         assert -1.5 / scale < shift_y < 0 and along > 0.5
         # Segments that end before the agent pull along the lane; where the foot lies, nothing does.
         assert abs(across) < 1e-6 and abs(shift_x) < 1

@@ -36,6 +36,10 @@ class EgoRoute:
     points: Float64[np.ndarray, "points 4"]
     along: Float64[np.ndarray, " points"]
 
+    def points_ahead(self, distance: float) -> Float64[np.ndarray, "points 4"]:
+        """The points up to so far ahead of the ego [m]."""
+        return self.points[(self.along >= 0) & (self.along <= distance)]
+
     def pose(self, along: float) -> np.ndarray:
         """x, y, z and heading at a distance from the ego."""
         return self.points[int(np.abs(self.along - along).argmin())]

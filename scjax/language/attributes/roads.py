@@ -26,7 +26,8 @@ LAYOUTS = (
     "multi-intersection",
     "crossing-overpass",
 )
-_AHEAD = 30.0  # m of the ego's way
+AHEAD = 30.0
+"""Length of the ego's way over which bends and slopes are measured [m]."""
 _MIN_BEND = np.deg2rad(12.0)
 _MIN_RISE = 0.6  # m
 _MAX_ARM_DISTANCE = 12.0  # m between the ego's way and a junction that it reaches
@@ -36,7 +37,7 @@ def _bend(scene: Analysis) -> tuple[str, ...]:
     if scene.route is None:
         return ()
     route = scene.route
-    turn, _, _ = route_turns(route.points[(route.along >= 0) & (route.along <= _AHEAD), 3])
+    turn, _, _ = route_turns(route.points_ahead(AHEAD)[:, 3])
     return ("left",) if turn > _MIN_BEND else ("right",) if turn < -_MIN_BEND else ()
 
 
@@ -60,7 +61,7 @@ def _ego_arm(scene: Analysis) -> tuple[str, ...]:
 def _slope(scene: Analysis) -> tuple[str, ...]:
     if scene.route is None:
         return ()
-    heights = scene.route.points[(scene.route.along >= 0) & (scene.route.along <= _AHEAD), 2]
+    heights = scene.route.points_ahead(AHEAD)[:, 2]
     rise = float(heights[-1] - heights[0])
     return ("up",) if rise > _MIN_RISE else ("down",) if rise < -_MIN_RISE else ("flat",)
 
