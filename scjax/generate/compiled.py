@@ -6,6 +6,7 @@ often and wherever it runs.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -49,7 +50,8 @@ def encode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgra
 
     def encode(params: Params, mean: PerType, std: PerType, scenes: Scene) -> tuple[PerType, PerType]:
         tokens = codec.normalize(scenes)
-        posterior = autoencoder(config).apply(params, tokens, method="encode")
+        with jax.default_matmul_precision("float32"):
+            posterior = autoencoder(_exact(config)).apply(params, tokens, method="encode")
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         return masks, jax.tree.map(lambda z, m, s: (z - m) / s, posterior.mean, mean, std)
 
@@ -72,7 +74,8 @@ def decode_program(codec: SceneCodec, config: AutoencoderConfig) -> StoredProgra
         known: Scene | None,
     ) -> Scene:
         latents = jax.tree.map(lambda z, m, s: z * s + m, latents, mean, std)
-        return decode_latents(config, params, codec, latents, masks, crop, domain, known)
+        with jax.default_matmul_precision("float32"):
+            return decode_latents(_exact(config), params, codec, latents, masks, crop, domain, known)
 
     return StoredProgram(decode, shared=3, options=(codec, config))
 
@@ -180,6 +183,15 @@ def descend_program(config: DenoiserConfig, options: EnergyGuidance) -> StoredPr
 
     functions = (ENERGIES[name] for name, _ in options.energies)
     return StoredProgram(energy_step, shared=1, options=(config, options, *functions), light=True)
+
+
+def _exact(config: AutoencoderConfig) -> AutoencoderConfig:
+    """The network in float32, whatever it was trained in.
+
+    With bfloat16 points of a lane are up to a decimeter off: of 44 raw scenes of people's prompts 14 had a kinked lane,
+    with float32 2.
+    """
+    return dataclasses.replace(config, compute="float32")
 
 
 def decode_latents(

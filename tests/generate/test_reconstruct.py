@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,17 @@ def test_reconstruct_keeps_count_and_order():
     for scene, decoded in zip(scenes, scjax.reconstruct(tiny_model(), scenes), strict=True):
         assert decoded.agents.shape == scene.agents.shape and decoded.lanes.shape == scene.lanes.shape
         assert (np.diag(decoded.links) == Link.SELF).all()
+
+
+def test_scenes_are_decoded_in_float32_whatever_the_network_was_trained_in():
+    model = tiny_model()
+    assert model.autoencoder.config.compute == "float32"
+    config = dataclasses.replace(model.autoencoder.config, compute="bfloat16")
+    rounded = model.with_component("autoencoder", config, model.autoencoder.params)
+    scene = unpadded(example_scene(0, agents=3, lanes=4))
+    ((exact,), (decoded,)) = (scjax.reconstruct(one, [scene]) for one in (model, rounded))
+    np.testing.assert_array_equal(decoded.lanes, exact.lanes)
+    np.testing.assert_array_equal(decoded.agents, exact.agents)
 
 
 def test_reconstruct_refuses_a_model_without_autoencoder():
