@@ -18,6 +18,8 @@ from scjax.scene import AnyArray, Link, Scene
 
 MAX_GAP = 5.0
 """Links over wider gaps [m] are taken for mistakes and removed, as by ``scene.repair``."""
+_NEAR = 1.5
+"""A link over a wider gap [m] is one too many where both of its lanes have a link within this gap."""
 _ROUNDS = 3  # removals of the widest link of a node that joins both ends of a lane
 
 
@@ -36,8 +38,9 @@ class _Nodes(NamedTuple):
 def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None, max_gap: float = MAX_GAP) -> Scene:
     """The scenes with one point for all ends of a node; differentiable, and independent of padding.
 
-    Removed are links over gaps wider than ``max_gap``, and the widest links of a node that would bring both ends of a
-    lane to one place; if that does not help, all links of the node. Links between fixed lanes stay.
+    Removed are links over gaps wider than ``max_gap``, those over more than 1.5 m between lanes of which each has a
+    nearer one, and the widest links of a node that would bring both ends of a lane to one place; if that does not help,
+    all links of the node. Links between fixed lanes stay.
 
     Args:
       scene: batch [B] in meters with consistent links.
@@ -52,6 +55,8 @@ def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None,
     gap = jnp.sqrt(jnp.square(offset).sum(-1))
     stays = fixed[:, :, None] & fixed[:, None]
     linked = joined & ((gap <= max_gap) | stays)
+    near = linked & ((gap <= _NEAR) | stays)
+    linked = near | (linked & ~(near.any(2)[:, :, None] & near.any(1)[:, None]))
     for _ in range(_ROUNDS):
         width = jnp.where(_folding(linked) & ~stays, gap, -1)
         widest = jnp.where(_nodes(linked).end_end, width.max(-1)[:, None], -1).max(-1)

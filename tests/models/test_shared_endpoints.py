@@ -66,6 +66,28 @@ def test_ends_that_are_joined_by_way_of_others_are_one_node():
     np.testing.assert_array_equal([closed.lanes[1, 0], closed.lanes[2, -1], closed.lanes[3, 0]], [node] * 3)
 
 
+@pytest.mark.parametrize("beside", [1.2, 3.0])
+def test_link_to_the_lane_beside_goes_where_both_have_nearer_ones(beside):
+    """Two lanes beside each other, each followed by another; the first also leads into the lane after the second."""
+    scene = chain(0.2, lanes=4)
+    for lane, (x, y) in enumerate(((0, 0), (10, 0), (0, beside), (10, beside))):
+        scene.lanes[lane, :, 0], scene.lanes[lane, :, 1] = x + np.linspace(0, 10, 20), y
+    scene.links[:] = np.diag([Link.SELF] * 4)
+    for pair in ((0, 1), (2, 3), (0, 3)):
+        link(scene, *pair)
+    (closed,) = share(scene)
+    assert (closed.links[0, 3] == Link.NONE) == (beside == 3.0)
+    np.testing.assert_allclose(closed.lanes[1, 0, 1], 0 if beside == 3.0 else beside / 2, atol=1e-6)
+    (alone,) = share(scene.replace(links=np.where(np.eye(4) == 1, scene.links, 0) + _only(scene.links, 0, 3)))
+    assert alone.links[0, 3] == Link.PREDECESSOR  # the only link of both
+
+
+def _only(links: np.ndarray, first: int, second: int) -> np.ndarray:
+    kept = np.zeros_like(links)
+    kept[first, second], kept[second, first] = links[first, second], links[second, first]
+    return kept
+
+
 def test_moves_fade_along_the_lane_and_keep_its_heading_at_both_ends():
     scene = chain(1.0)
     (closed,) = share(scene)
