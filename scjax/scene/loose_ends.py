@@ -30,12 +30,11 @@ def loose_ends(scene: Scene) -> list[tuple[int, bool]]:
     scene = scene.to_numpy()
     rows = np.flatnonzero(scene.lane_mask)
     lanes, follows = np.asarray(scene.lanes, np.float64)[rows][..., :2], _follows(scene, rows)
-    center = np.array([TILE_SIZE / 2 if scene.crop == Crop.FORWARD else 0.0, 0.0])
     found = []
     for is_start in (False, True):
         own, other = (lanes[:, 0], lanes[:, -1]) if is_start else (lanes[:, -1], lanes[:, 0])
         is_open, other_open = (~follows.any(0), ~follows.any(1)) if is_start else (~follows.any(1), ~follows.any(0))
-        inside = (np.abs(own - center) < TILE_SIZE / 2 - _BORDER).all(-1)
+        inside = _inside(own, scene)
         headings, other_headings = _headings(lanes, is_start), _headings(lanes, not is_start)
         for i in np.flatnonzero(is_open & inside):
             near = other_open & (np.hypot(*(other - own[i]).T) < _WAY_BACK)
@@ -46,7 +45,7 @@ def loose_ends(scene: Scene) -> list[tuple[int, bool]]:
 
 
 def remove_dead_turns(scene: Scene) -> Scene:
-    """Leaves out lanes that only lead to a loose end, up to the place where the road has another way.
+    """Leaves out lanes that only lead to a loose end, up to the place where the road has another way, or the border.
 
     Lanes with the ego, or with a vehicle or cyclist that is on no other lane, stay.
 
@@ -65,14 +64,22 @@ def remove_dead_turns(scene: Scene) -> Scene:
     before = {int(i): set(rows[follows[:, row]].tolist()) for row, i in enumerate(rows)}
     lines = {int(i): np.asarray(scene.lanes[i], np.float64) for i in rows}
     lengths = {i: float(cumulative_length(line)[-1]) for i, line in lines.items()}
+    tips = np.asarray(scene.lanes, np.float64)[rows][:, [0, -1], :2]
+    from_border, to_border = (set(rows[~_inside(tips[:, end], scene)].tolist()) for end in (0, 1))
     kept, removed = _driven_lanes(scene, lines), set[int]()
     for lane, is_start in ends:
-        ways = (after, before) if is_start else (before, after)
-        removed |= dead_turn(lane, *ways, lengths, kept=kept, removed=removed)
+        ways, border = ((after, before), to_border) if is_start else ((before, after), from_border)
+        removed |= dead_turn(lane, *ways, lengths, kept=kept, removed=removed, from_border=border)
     if not removed:
         return scene
     staying = np.delete(np.arange(len(scene.lanes)), list(removed))
     return pad(permute(scene, np.arange(len(scene.agents)), staying), len(scene.agents), len(scene.lanes))
+
+
+def _inside(points: Float64[np.ndarray, "n 2"], scene: Scene) -> Bool[np.ndarray, " n"]:
+    """Which points lie 4 m or more inside the window."""
+    center = np.array([TILE_SIZE / 2 if scene.crop == Crop.FORWARD else 0.0, 0.0])
+    return np.abs(points - center).max(-1) < TILE_SIZE / 2 - _BORDER
 
 
 def _follows(scene: Scene, rows: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "n n"]:

@@ -55,5 +55,15 @@ def test_lanes_that_are_known_or_driven_on_stay():
 def test_a_road_without_another_way_stays():
     scene = fork()
     scene.links[0, 1] = scene.links[1, 0] = Link.NONE
-    scene.lanes[1, :, 1] += 5.0
+    scene.lanes[1, :, :2] = np.linspace((-32, 5), (32, 5), 20)
     assert int(remove_dead_turns(scene).lane_mask.sum()) == 3
+
+
+def test_a_short_way_from_the_border_to_nowhere_is_left_out_and_a_long_one_stays():
+    for length, lanes in ((20.0, 2), (45.0, 3)):
+        scene = fork()
+        scene.links[0, 2] = scene.links[2, 0] = Link.NONE
+        scene.lanes[2, :, :2] = np.linspace((32, 10), (32 - length, 10), 20)
+        assert len(loose_ends(scene)) == 1 and int(remove_dead_turns(scene).lane_mask.sum()) == lanes
+        scene.lanes[2] = scene.lanes[2, ::-1]  # from nowhere to the border
+        assert len(loose_ends(scene)) == 1 and int(remove_dead_turns(scene).lane_mask.sum()) == lanes
