@@ -97,13 +97,28 @@ def _signals(log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Los
         if lane not in rows:
             losses["signals of lanes that are not there, left out"] += 1
             continue
-        own = [road for road in roads if road.lane == rows[lane]]
-        first = min((road.start for road in own if road.junction), default=None)
-        targets = [road for road in own if road.junction and road.start == first] or own[:1]
-        for number, road in enumerate(targets):
+        places = _lit_places(rows[lane], roads)
+        losses["signals of lanes that no lane leads to, left out"] += not places
+        for number, (road, s) in enumerate(places):
             name = f"signal-{row}" + (f"-{number + 1}" if number else "")
-            signals.setdefault(road.id, []).append(PlacedSignal(name, row, 0.0))
+            signals.setdefault(road, []).append(PlacedSignal(name, row, s))
     return signals
+
+
+def _lit_places(lane: int, roads: Sequence[PlannedRoad]) -> list[tuple[int, float]]:
+    """(road, arc length on it) of the lights of a lane: where it begins, or at the ends of what leads to it.
+
+    The latter is for lanes that lead nowhere: a light on their roads would control no way.
+    """
+    own = [road for road in roads if road.lane == lane]
+    if not own:  # a short lane between a fork and a merge, a part of the ways there
+        return []
+    first = min((road.start for road in own if road.junction), default=None)
+    if first is not None:
+        return [(road.id, 0.0) for road in own if road.junction and road.start == first]
+    if own[0].after or own[0].junction_after:
+        return [(own[0].id, 0.0)]
+    return [(road.id, road.curve.length) for road in roads if road.after == own[0].id]
 
 
 def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:

@@ -146,3 +146,21 @@ def test_signal_stands_in_the_junction_of_its_lane(tmp_path):
     root = ElementTree.parse(path).getroot()
     (road,) = [road for road in root.iter("road") if road.find("signals") is not None]
     assert road.get("name") == "straight" and road.get("junction") != "-1"
+
+
+def test_signal_of_a_lane_that_leads_nowhere_stands_where_lanes_lead_to_it():
+    network = road_network(crossing_log(signal_lane_ids=("out",)), Losses())
+    by_id = {road.id: road for road in network.roads}
+    lit = [by_id[road] for road in network.signals]
+    assert {network.lanes.lanes[road.lane].id for road in lit} == {"straight", "merge"}
+    for road in lit:
+        assert network.lanes.lanes[by_id[road.after].lane].id == "out"
+        assert [signal.s for signal in network.signals[road.id]] == [road.curve.length]
+
+
+def test_signal_of_a_lane_without_others_is_left_out_and_said():
+    log, losses = crossing_log(), Losses()
+    alone = dataclasses.replace(two_lane_log(), signal_lane_ids=("left",), signal_states=log.signal_states,
+                                signal_positions=log.signal_positions)  # fmt: skip
+    assert road_network(alone, losses).signals == {}
+    assert losses["signals of lanes that no lane leads to, left out"] == 1
