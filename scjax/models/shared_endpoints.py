@@ -18,8 +18,8 @@ from scjax.scene import AnyArray, Link, Scene
 
 MAX_GAP = 5.0
 """Links over wider gaps [m] are taken for mistakes and removed, as by ``scene.repair``."""
-_NEAR = 1.5
-"""A link over a wider gap [m] is one too many where both of its lanes have a link within this gap."""
+_NEAR, _APART = 1.5, 2.0
+"""Gap of a link that surely holds, and distance between ends that are surely two places [m]."""
 _ROUNDS = 3  # removals of the widest link of a node that joins both ends of a lane
 
 
@@ -38,9 +38,9 @@ class _Nodes(NamedTuple):
 def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None, max_gap: float = MAX_GAP) -> Scene:
     """The scenes with one point for all ends of a node; differentiable, and independent of padding.
 
-    Removed are links over gaps wider than ``max_gap``, those over more than 1.5 m between lanes of which each has a
-    nearer one, and the widest links of a node that would bring both ends of a lane to one place; if that does not help,
-    all links of the node. Links between fixed lanes stay.
+    Removed are links over gaps wider than ``max_gap``, those that would draw two places together, and the widest links
+    of a node that would bring both ends of a lane to one place; if that does not help, all links of the node. Links
+    between fixed lanes stay.
 
     Args:
       scene: batch [B] in meters with consistent links.
@@ -55,8 +55,9 @@ def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None,
     gap = jnp.sqrt(jnp.square(offset).sum(-1))
     stays = fixed[:, :, None] & fixed[:, None]
     linked = joined & ((gap <= max_gap) | stays)
-    near = linked & ((gap <= _NEAR) | stays)
-    linked = near | (linked & ~(near.any(2)[:, :, None] & near.any(1)[:, None]))
+    to_start = _one_too_many(linked, gap, lanes[:, :, 0])
+    to_end = _one_too_many(linked.swapaxes(1, 2), gap.swapaxes(1, 2), lanes[:, :, -1]).swapaxes(1, 2)
+    linked = linked & (stays | ~(to_start | to_end))
     for _ in range(_ROUNDS):
         width = jnp.where(_folding(linked) & ~stays, gap, -1)
         widest = jnp.where(_nodes(linked).end_end, width.max(-1)[:, None], -1).max(-1)
@@ -68,6 +69,17 @@ def share_endpoints(scene: Scene, *, fixed: Bool[AnyArray, "b l"] | None = None,
     removed = joined & ~linked
     removed = removed | removed.swapaxes(1, 2)
     return scene.replace(lanes=moved, links=jnp.where(removed, Link.NONE, jnp.asarray(scene.links)).astype(jnp.int32))
+
+
+def _one_too_many(
+    linked: Bool[Array, "b l l"], gap: Float[Array, "b l l"], starts: Float[Array, "b l 3"]
+) -> Bool[Array, "b l l"]:
+    """Links of a lane to another place than its nearest link, to lanes that others lead to."""
+    nearest = jnp.where(linked, gap, jnp.inf).argmin(2)  # follower of each lane
+    offset = starts[:, None, :, :2] - jnp.take_along_axis(starts, nearest[..., None], 1)[:, :, None, :2]
+    near = linked & (gap <= _NEAR)
+    others = near.sum(1)[:, None] - near
+    return linked & (jnp.square(offset).sum(-1) > _APART**2) & (others > 0)
 
 
 def _spread(

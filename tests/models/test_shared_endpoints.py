@@ -67,7 +67,7 @@ def test_ends_that_are_joined_by_way_of_others_are_one_node():
 
 
 @pytest.mark.parametrize("beside", [1.2, 3.0])
-def test_link_to_the_lane_beside_goes_where_both_have_nearer_ones(beside):
+def test_link_to_the_lane_beside_goes_where_another_lane_leads_there(beside):
     """Two lanes beside each other, each followed by another; the first also leads into the lane after the second."""
     scene = chain(0.2, lanes=4)
     for lane, (x, y) in enumerate(((0, 0), (10, 0), (0, beside), (10, beside))):
