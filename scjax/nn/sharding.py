@@ -47,11 +47,23 @@ def use_every_core() -> None:
 
 
 def scene_mesh(scenes: int, devices: Sequence[jax.Device] | None = None) -> Mesh:  # pyright: ignore[reportInvalidTypeForm]
-    """As many of the devices (default: all) as divide the number of scenes."""
-    devices = jax.devices() if devices is None else devices
-    if jax.process_count() == 1:
-        devices = devices[: math.gcd(scenes, len(devices))]
-    return Mesh(np.asarray(devices), (AXIS,))
+    """As many of the devices (default: those of this process) as divide the number of scenes."""
+    devices = jax.local_devices() if devices is None else devices
+    return Mesh(np.asarray(devices[: math.gcd(scenes, len(devices))]), (AXIS,))
+
+
+def mesh_of_processes(scenes: int) -> Mesh:
+    """All devices of all processes; of a single process as many as divide the number of scenes.
+
+    Raises:
+      ValueError: there are several processes, and their devices cannot share the scenes evenly.
+    """
+    if jax.process_count() > 1 and scenes % jax.device_count():
+        raise ValueError(
+            f"a batch of {scenes} scenes does not divide over {jax.device_count()} devices of {jax.process_count()} "
+            "processes: choose another --config.batch.batch_size"
+        )
+    return scene_mesh(scenes, jax.devices())
 
 
 def replicated(tree: Any, scenes: int) -> Any:

@@ -108,9 +108,9 @@ class StoredProgram:
 
 
 def _signature(leaf: Any) -> tuple:
-    """Shape, type and place of an argument; None for what lies on the first device or on the host."""
+    """Shape, type and place of an argument; None for what lies on the first device of this process or on the host."""
     place = None
-    if isinstance(leaf, jax.Array) and leaf.sharding.device_set != {jax.devices()[0]}:
+    if isinstance(leaf, jax.Array) and leaf.sharding.device_set != {jax.local_devices()[0]}:
         place = leaf.sharding
     return getattr(leaf, "shape", ()), getattr(leaf, "dtype", type(leaf)), place
 

@@ -12,7 +12,11 @@ at the very next batch; Ctrl-C and SIGTERM save first. At the end FOLDER/model i
 
   --no-keep-memory   give freed memory back to the system (slower on CPUs; see scjax/train/malloc.py)
   --debug            print the trace of an unexpected error
-  --distributed      one process of several, which JAX finds in the environment (jax.distributed.initialize)
+  --distributed      one process of several, which JAX finds in the environment of a cluster (Slurm, Open MPI, TPUs)
+  --coordinator_address=HOST:PORT --num_processes=N --process_id=I
+                     the same without such a cluster, as jax.distributed.initialize takes it; HOST runs process 0
+
+The processes need one WORKDIR that all of them see. What they train is what one process trains, apart from rounding.
 """
 
 from __future__ import annotations
@@ -58,8 +62,13 @@ def main(arguments: Sequence[str], program: str) -> int:
 
     # orbax reports every file that it touches, and logs errors with a traceback before it raises them.
     logging.set_verbosity(logging.FATAL)
-    if distributed:
-        jax.distributed.initialize()
+    if distributed is not None:
+        try:
+            jax.distributed.initialize(**distributed)
+        except (RuntimeError, ValueError) as error:
+            advice = "give --coordinator_address, --num_processes and --process_id, the same address to all processes"
+            print(f"{program}: the processes do not find each other ({_one_line(error)}): {advice}", file=sys.stderr)
+            return 1
     start_jax()
     return _train(config, workdir, program, debug=DEBUG in arguments)
 
@@ -110,8 +119,8 @@ def without_debug(arguments: Sequence[str]) -> list[str]:
     return [argument for argument in arguments if argument != DEBUG]
 
 
-def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, bool]:
-    """(config, workdir, whether --distributed is given).
+def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, dict[str, Any] | None]:
+    """(config, workdir, arguments of ``jax.distributed.initialize``; None for a process of its own).
 
     Raises:
       ValueError, AttributeError, KeyError, TypeError, flags.Error: a flag or field is unknown, renamed, missing or of
@@ -128,6 +137,9 @@ def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, 
     )
     flags.DEFINE_string("workdir", None, "Folder of the run.", flag_values=values)
     flags.DEFINE_bool("distributed", False, "One process of several.", flag_values=values)
+    flags.DEFINE_string("coordinator_address", None, "HOST:PORT of process 0.", flag_values=values)
+    flags.DEFINE_integer("num_processes", None, "Number of processes.", 1, flag_values=values)
+    flags.DEFINE_integer("process_id", None, "Number of this process.", 0, flag_values=values)
     rest = values([program, *arguments])[1:]
     if rest:
         raise ValueError(f"unknown argument {rest[0]!r}: fields are given as --config.FIELD=VALUE")
@@ -136,7 +148,15 @@ def parse_arguments(arguments: Sequence[str], program: str) -> tuple[Any, Path, 
         if value is None:
             raise ValueError(f"give --{name}=..., see --help")
     check_renamed(dotted_fields(cast(Any, config).to_dict()))
-    return config, Path(str(workdir)), bool(values["distributed"].value)
+    return config, Path(str(workdir)), _distributed_arguments(values)
+
+
+def _distributed_arguments(values: flags.FlagValues) -> dict[str, Any] | None:
+    names = "coordinator_address", "num_processes", "process_id"
+    given = {name: values[name].value for name in names if values[name].value is not None}
+    if given and len(given) < len(names):
+        raise ValueError(f"--{' and --'.join(given)} say too little: give --{', --'.join(names)} together")
+    return given if given or values["distributed"].value else None
 
 
 _FIELD = re.compile(r"--?(?:no)?config\.([\w.]+)")

@@ -16,7 +16,7 @@ from jaxtyping import Array, Integer
 
 from scjax.nn.cpu.backend import fast_compile_options, scenes_at_once
 from scjax.nn.functional import Params, Path
-from scjax.nn.sharding import AXIS, RULES, partition_specs, scene_mesh
+from scjax.nn.sharding import AXIS, RULES, mesh_of_processes, partition_specs, scene_mesh
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.train.ema import update_ema
 from scjax.train.flat_params import FlatParams
@@ -91,8 +91,8 @@ class TrainingStep:
     Attributes:
       loss: see ``LossFn``.
       param_groups: how the state holds the parameters; those of the frozen group stay as they are.
-      batch_size: scenes in a step over all processes; as many devices are used as divide it.
-      devices: default: all.
+      batch_size: scenes in a step over all processes; of a single process as many devices are used as divide it.
+      devices: of this process. Default: all of all processes.
       at_once: largest number of scenes that a device works on at once. Default: ``scenes_at_once``.
     """
 
@@ -108,6 +108,8 @@ class TrainingStep:
     @property
     def mesh(self) -> Mesh:
         """The devices that share a batch."""
+        if self.devices is None:
+            return mesh_of_processes(self.batch_size)
         return scene_mesh(self.batch_size, self.devices)
 
     def place(self, state: TrainState) -> TrainState:

@@ -308,7 +308,7 @@ def test_parse_arguments_finds_packaged_configs_and_files(name, form, monkeypatc
         [f"--config={form.format(name)}", "--workdir=runs/x", "--config.batch.batch_size=3"], "scjax train"
     )
     assert config.objective == ("counts" if name == "counter" else name)
-    assert (config.batch.batch_size, workdir, distributed) == (3, Path("runs/x"), False)
+    assert (config.batch.batch_size, workdir, distributed) == (3, Path("runs/x"), None)
 
 
 def test_config_path_keeps_the_variant():
