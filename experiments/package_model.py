@@ -26,7 +26,7 @@ from experiments.studies.page import script_parser
 from scjax.cli.demo import PROMPTS
 from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.encoders import TextEncoder, load_text_encoder
-from scjax.generate.components import COMPONENTS, Model
+from scjax.generate.components import Model
 from scjax.generate.model import DEFAULT_MODEL, INDEX
 from scjax.generate.model_format import index_hash
 from scjax.nn.safetensors import read_arrays, sha256_of
@@ -35,6 +35,7 @@ from scjax.synthetic.domains import DOMAINS
 
 _FILE, _ALL = 15.0, 60.0  # megabytes at most
 _CARD = "README.md"
+_PARTS = ("autoencoder", "denoiser", "count_predictor")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -103,7 +104,7 @@ def ship(model: Model, out: Path, encoder: TextEncoder | None = None) -> dict[st
     Raises:
       ValueError: a part is missing, a domain is not of the synthetic world, or the files are too large.
     """
-    for part in COMPONENTS:
+    for part in _PARTS:
         if part not in model.components:
             raise ValueError(f"the model has no {part}: train that stage first")
     foreign = set(model.domains) - {domain.name for domain in DOMAINS}

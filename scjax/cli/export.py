@@ -16,9 +16,22 @@ if TYPE_CHECKING:
     from scjax.scene import Log, Map, Scene
 
 
-@click.command("export")
+class CommandWithFormats(click.Command):
+    """A command whose help ends with the table of formats, which is imported to print it."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options, then the formats: name, file or folder, the programs that open them."""
+        from scjax.export import EXPORTS
+
+        super().format_options(ctx, formatter)
+        with formatter.section("Formats"):
+            rows = [(name, f"{one.title}, {one.suffix or 'folder'}: {one.consumers}") for name, one in EXPORTS.items()]
+            formatter.write_dl(rows)
+
+
+@click.command("export", cls=CommandWithFormats)
 @click.argument("file")
-@click.option("--to", "format", metavar="FORMAT", required=True, help="Format to write, one of those above.")
+@click.option("--to", "format", metavar="FORMAT", required=True, help="Format to write, one of those below.")
 @click.option(
     "--out", metavar="PATH", help="File or folder to write. [default: the name of FILE in this folder, with an ending]"
 )
@@ -28,18 +41,7 @@ def export_command(file, format, out, number, as_json) -> None:
     """Writes what FILE holds in the format of another program.
 
     FILE is anything that scjax plot draws: a scene, a map, a log, or a file of another program. A scene or map has one
-    step.
-
-    \b
-    scenarionet   folder, one more scenario in each call: MetaDrive, ScenarioNet
-    waymax        .npz with the arrays of a simulator state: Waymax
-    gpudrive      .json: GPUDrive, PufferDrive
-    commonroad    .xml, version 2020a: CommonRoad
-    opendrive     .xodr: SUMO, esmini, CARLA; the map alone
-    openscenario  .xosc with the .xodr beside it: esmini, CARLA
-    npz, json     scjax's own log and recording
-    lanelet2, sumo, womd, clipgt, rdshq
-                  the map, by the package roadgen: pip install 'scjax[formats]'
+    step. Lanelet2, SUMO, Waymo, ClipGT and RDS-HQ files hold the map alone, and need roadgen: pip install 'scjax[formats]'
 
     The names of the files go to stdout. On stderr stands what the format cannot say about this log, and what was
     unknown and had to be filled in, with counts.

@@ -27,7 +27,11 @@ MAX_CHARACTERS = 100_000
 """Of a text; an encoder reads 512 tokens, some 2,500 characters."""
 
 
-NETWORKS: dict[str, PublishedNetwork] = {"bert": bert.NETWORK, "t5": t5.NETWORK, "umt5": t5.NETWORK}
+NETWORKS: dict[str, PublishedNetwork] = {
+    "bert": bert.NETWORK,
+    "t5": t5.NETWORK,
+    "umt5": t5.NETWORK,
+}
 """``model_type`` of a ``config.json`` -> the network that reads such folders."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 
+import click
 import numpy as np
 import pytest
 
@@ -126,4 +127,5 @@ def test_export_command_says_what_is_wrong(arguments, code, message, run, tmp_pa
 def test_help_of_the_command_names_every_format():
     from scjax.cli.export import export_command
 
-    assert set(EXPORTS) <= set(re.findall(r"\w+", export_command.help))
+    text = export_command.get_help(click.Context(export_command))
+    assert set(EXPORTS) <= set(re.findall(r"^ +(\w+) ", text, re.MULTILINE))

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scjax.nn.cross_attention import ContextSpec, build_cross_attention, from_name
+from scjax.nn.cross_attention import OPTIONS, ContextSpec, build_cross_attention, from_name
 from scjax.nn.functional import functional
 from tests.factories import golden
 from tests.factories.initial_values import initial_params
@@ -20,7 +20,7 @@ IMAGE = ContextSpec(kind="image", grid=(2, 2), modalities=2)
 
 _SAAP = {"buckets": 4, "probes": 2, "router_width": 5}
 _SQUEEZED = {"clusters": 3, "iterations": 3}
-CASES = {
+_VARIANTS = {
     "concat": (from_name("concat"), TEXT),
     "full": (from_name("full"), TEXT),
     "full memory": (from_name("full", memory_tokens=2), TEXT),
@@ -42,6 +42,9 @@ CASES = {
     "squeezed top": (from_name("squeezed", rule="top", pool="none", form="gather", keep=0.5, **_SQUEEZED), TEXT),
     "cross_global": (from_name("cross_global", latent_tokens=3), TEXT),
 }
+_NAMED = {"none", *(options.name for options, _ in _VARIANTS.values())}
+CASES = _VARIANTS | {name: (from_name(name), TEXT) for name in OPTIONS if name not in _NAMED}
+"""Mechanisms with small options; one that has none here is tested with its defaults."""
 
 
 @functools.lru_cache
