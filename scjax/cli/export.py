@@ -41,7 +41,7 @@ def export_command(file, format, out, number, as_json) -> None:
     """Writes what FILE holds in the format of another program.
 
     FILE is anything that scjax plot draws: a scene, a map, a log, or a file of another program. A scene or map has one
-    step. Lanelet2, SUMO, Waymo, ClipGT and RDS-HQ files hold the map alone, and need roadgen: pip install 'scjax[formats]'
+    step. Files of Lanelet2, SUMO, Waymo, ClipGT and RDS-HQ hold the map alone and need roadgen (scjax[formats]).
 
     The names of the files go to stdout. On stderr stands what the format cannot say about this log, and what was
     unknown and had to be filled in, with counts.
