@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Crop, Link, Scene, Signal
+from scjax.scene import INVERSE_LINK, STATE_COLUMNS, AgentType, AnyArray, Link, Scene, Signal
+from scjax.scene.partition import elements_behind
 from scjax.scene.pytree import Replaceable, pytree
 
 Range = tuple[float, float]
@@ -108,21 +109,20 @@ class SceneCodec:
         agents, lanes = self._rotate(scene.agents, scene.lanes, 1)
         agents = self.normalize_agents(agents, agent_types, scene.crop)
         lanes = self.normalize_lanes(lanes[..., : self.point_dims], scene.crop)
-        partitioned = (jnp.asarray(scene.crop) == Crop.PARTITIONED)[..., None]
-        middle = scene.lanes.shape[-2] // 2 - 1
+        behind = elements_behind(scene)
         signal = self.lane_classes == "signal"
         return NormalizedScene(
             agents=jnp.where(scene.agent_mask[..., None], agents, 0.0),
             agent_types=jnp.where(scene.agent_mask, agent_types, 0),
             agent_mask=scene.agent_mask,
             agent_known=scene.agent_known[..., self.column_indices],
-            agent_behind=partitioned & scene.agent_mask & (scene.agents[..., 0] <= 0),
+            agent_behind=behind.agents,
             lanes=jnp.where(scene.lane_mask[..., None, None], lanes, 0.0),
             lane_types=scene.signals if signal else self._light_classes(scene),
             lane_type_known=self._signal_known(scene) if signal else scene.lane_mask,
             lane_mask=scene.lane_mask,
             lane_known=scene.lane_known[..., : self.point_dims],
-            lane_behind=partitioned & scene.lane_mask & (scene.lanes[..., middle, 0] <= 0),
+            lane_behind=behind.lanes,
             links=jnp.asarray(link_of)[scene.links],
             crop=scene.crop,
             domain=scene.domain,

@@ -6,13 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from scjax.models import codec
 from scjax.scene import Crop
 from scjax.train.objectives.known_elements import KnownShares, draw_known
 from tests.factories.examples import example_batch
 
 SCENES = 6
-_known_of = jax.jit(draw_known, static_argnums=(2, 3))
+_known_of = jax.jit(draw_known, static_argnums=2)
 
 
 def _batch(crop):
@@ -21,7 +20,7 @@ def _batch(crop):
 
 def _draw(crop, lanes=0.0, region=0.0):
     batch = _batch(crop)
-    return batch, *_known_of(jax.random.key(1), batch, codec.scjax(), KnownShares(lanes=lanes, region=region))
+    return batch, *_known_of(jax.random.key(1), batch, KnownShares(lanes=lanes, region=region))
 
 
 @pytest.mark.parametrize("shares", [{}, {"lanes": 1.0}, {"region": 1.0}])

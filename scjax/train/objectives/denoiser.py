@@ -300,7 +300,7 @@ class DenoiserObjective:
 
     def _latent_batch(self, batch: TrainingExample, keys: Array) -> tuple[Scene, LatentBatch]:
         """Scenes and their latents, known tokens first."""
-        scene, known, apart = draw_known(random.fold_in(keys, 1), batch.scene, self.codec, self.options.known)
+        scene, known, apart = draw_known(random.fold_in(keys, 1), batch.scene, self.options.known)
         tokens = self.codec.normalize(scene).replace(agent_behind=apart.agents, lane_behind=apart.lanes)
         posterior = autoencoder(self.base.autoencoder.config).apply(self._autoencoder_params, tokens, method="encode")
         latents = reparameterize(random.fold_in(keys, 0), posterior)

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from scjax.models.codec import SceneCodec
 from scjax.nn import random
 from scjax.scene import TILE_SIZE, AnyArray, Scene
+from scjax.scene.partition import elements_behind
 from scjax.scene.per_type import PerType
 
 _AGENT_FIELDS = ("agents", "agent_types", "agent_mask", "agent_known")
@@ -30,20 +30,18 @@ class KnownShares:
     region: float
 
 
-def draw_known(keys: Array, scene: Scene, codec: SceneCodec, shares: KnownShares) -> tuple[Scene, PerType, PerType]:
+def draw_known(keys: Array, scene: Scene, shares: KnownShares) -> tuple[Scene, PerType, PerType]:
     """Draws what is known of each scene, and puts known tokens before the others, as in sampling.
 
     Returns:
       The scenes; known tokens; and tokens that must be encoded as if the others were not there, True or False
       [B, tokens] per type.
     """
-    tokens = codec.normalize(scene)
-    choice = random.uniform(random.fold_in(keys, 0), tokens.crop.shape)[:, None]
+    behind = elements_behind(scene)
+    choice = random.uniform(random.fold_in(keys, 0), scene.crop.shape)[:, None]
     all_lanes, region = choice < shares.lanes, (choice >= shares.lanes) & (choice < shares.lanes + shares.region)
     side = _side_of_line(random.fold_in(keys, 1), scene)
-    apart = PerType(
-        agents=tokens.agent_behind | (region & side.agents), lanes=tokens.lane_behind | (region & side.lanes)
-    )
+    apart = PerType(agents=behind.agents | (region & side.agents), lanes=behind.lanes | (region & side.lanes))
     some = _some_agents(random.fold_in(keys, 2), scene.agent_mask)
     known = PerType(agents=apart.agents | (all_lanes & some), lanes=apart.lanes | (all_lanes & scene.lane_mask))
     return _known_first(scene, known, apart)
