@@ -65,6 +65,7 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
     help='Prompts of a file, one a line: {"id": "a1", "prompt": "a roundabout"}. Their scenes go to DIR/ID/; what is '
     "there is not generated again.",
 )
+@click.option("--no-prompt", is_flag=True, help="Scenes of no request, also by models that read no prompts.")
 @picture_options
 @click.option("-n", "num_scenes", default=1, show_default=True, type=click.IntRange(1, 1000), help="Scenes per prompt.")
 @best_of_option
@@ -107,6 +108,7 @@ def _known_sampler(ctx: click.Context, option: click.Parameter, name: str | None
 def generate(
     prompts,
     prompt_file,
+    no_prompt,
     image,
     depth,
     camera,
@@ -136,7 +138,7 @@ def generate(
     SCJAX_TEXT_ENCODER (see the README). `scjax read` shows what is understood of a prompt.
     """
     picture = read_picture(image, depth, camera, camera_name)
-    entries = _entries(prompts, prompt_file, picture)
+    entries = _entries(prompts, prompt_file, no_prompt, picture)
     out = writable_folder(folder)
     clock = Clock()
     with clock.part("start"):
@@ -179,14 +181,20 @@ def generate(
     say(f"{len(results)} scenes: {clock.summary()}", quiet=as_json)
 
 
-def _entries(prompts: Sequence[str], prompt_file: str | None, picture: PictureInput | None) -> list[ListedPrompt]:
+def _entries(
+    prompts: Sequence[str], prompt_file: str | None, no_prompt: bool, picture: PictureInput | None
+) -> list[ListedPrompt]:
     """What to generate; UsageError where the arguments do not fit together."""
+    if no_prompt and (prompts or prompt_file is not None):
+        raise click.UsageError("--no-prompt excludes PROMPT and --prompts: leave out one of them")
     if picture is not None and prompt_file is not None:
         raise click.UsageError("--image and --prompts exclude each other: give the picture with a PROMPT, or without")
-    if picture is not None and not prompts:
+    if no_prompt or (picture is not None and not prompts):
         return [ListedPrompt("", None)]
     if bool(prompts) == (prompt_file is not None):
-        raise click.UsageError("give PROMPT, --image FILE or --prompts FILE; a prompt and a picture may come together")
+        raise click.UsageError(
+            "give PROMPT, --image FILE, --prompts FILE or --no-prompt; a prompt and a picture may come together"
+        )
     return read_prompt_list(prompt_file) if prompt_file is not None else [ListedPrompt("", one) for one in prompts]
 
 

@@ -17,7 +17,7 @@ _CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}
 
 
 class ListedPrompt(NamedTuple):
-    """A prompt of a list, and the name of its folder; no prompt where a picture says all."""
+    """A prompt of a list, and the name of its folder; no prompt where a picture says all, or nothing is requested."""
 
     id: str
     prompt: str | None

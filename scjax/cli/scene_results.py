@@ -72,7 +72,7 @@ class SceneFiles(NamedTuple):
     def _name(self, entry: ListedPrompt, number: int) -> str:
         words = [] if self.picture is None else [self.picture.name]
         words += [] if entry.prompt is None else [slug(entry.prompt)]
-        return f"{'-'.join(words)}-{self.seed}-{number}"
+        return f"{'-'.join(words or ['scene'])}-{self.seed}-{number}"
 
 
 def scene_report(scene: Scene, request: Mapping[str, Any]) -> dict[str, Any]:

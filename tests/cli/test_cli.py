@@ -77,6 +77,13 @@ def test_generate_prints_json(run, folder):
     assert set(content["seconds"]) == {"start", "scenes", "files"}
 
 
+def test_generate_without_a_prompt_samples_an_unconditional_model(run, tmp_path):
+    model = scjax.save(tiny_model(), tmp_path / "model")
+    options = ("--model", model, "-n", 2, "--num-steps", 2, "--lanes", 5, "--best-of", 1, "--format", "npz")
+    assert run("generate", "--no-prompt", *options)[0] == 0
+    assert [load_npz(tmp_path / f"scene-0-{k}.npz").num_lanes for k in (0, 1)] == [5, 5]
+
+
 def test_sampler_guidance_and_temperature_change_the_scene(run, folder, tmp_path):
     scenes = []
     for words in ((), ("--sampler", "dpm++"), ("--guidance", 1), ("--temperature", 0.5)):

@@ -171,7 +171,8 @@ def test_bad_files_are_one_line(words, message, generate, tmp_path):
         (("a road", "--camera", "dashcam"), "--camera is given without --image"),
         (("a road", "--depth", "d.npy"), "--depth is given without --image"),
         (("--image", "Road 1.png", "--camera-name", "front"), "--camera-name is given without --camera"),
-        ((), "give PROMPT, --image FILE or --prompts FILE"),
+        ((), "give PROMPT, --image FILE, --prompts FILE or --no-prompt"),
+        (("a road", "--no-prompt"), "--no-prompt excludes PROMPT and --prompts"),
     ],
 )
 def test_options_that_do_not_fit_are_wrong_usage(words, message, generate):

@@ -19,11 +19,9 @@ import jax.numpy as jnp
 import pytest
 
 import scjax
-from experiments import sample
 from scjax.data.manifest import load_manifest
 from scjax.models.denoiser.config import TextCondition
 from scjax.scene.files import LOCK_FILE, locked_folder
-from scjax.scene.io import load_npz
 from scjax.train.launch import config_path, main, parse_arguments
 from scjax.train.loop import train
 from scjax.train.objectives.counts import CountObjective
@@ -313,20 +311,6 @@ def test_parse_arguments_finds_packaged_configs_and_files(name, form, monkeypatc
 
 def test_config_path_keeps_the_variant():
     assert config_path("denoiser:small").endswith("scjax/train/configs/denoiser.py:small")
-
-
-def test_sample_command_writes_scenes(tmp_path):
-    model = scjax.save(tiny_model(), tmp_path / "model")
-    sample.main([f"--model={model}", f"--out={tmp_path}/samples", "-n", "2", "--steps", "3"])
-    scenes = load_npz(tmp_path / "samples" / "scenes.npz")
-    assert scenes.batch_shape == (2,)
-    assert (tmp_path / "samples" / "scenes.png").stat().st_size > 10_000
-
-
-def test_sample_command_rejects_an_unknown_domain(tmp_path):
-    scjax.save(tiny_model(), tmp_path / "model")
-    with pytest.raises(SystemExit, match="unknown"):
-        sample.main([f"--model={tmp_path / 'model'}", f"--out={tmp_path}/x", "--domain", "mars"])
 
 
 def test_train_exports_models_of_chosen_steps(undisturbed):
