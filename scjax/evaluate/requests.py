@@ -1,4 +1,4 @@
-"""What a model is asked for, given a reference scene: its counts, lanes or caption."""
+"""Conditions from a reference scene: its counts, lanes or caption."""
 
 from __future__ import annotations
 

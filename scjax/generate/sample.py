@@ -1,6 +1,15 @@
 """``scjax.sample``: conditions -> scenes in meters.
 
-The stages, in order: prompts and streams -> counts -> latents -> decoding -> (repair) -> (best of several candidates).
+The stages, in order, each a module of this package:
+
+1. ``readings``: prompts become attributes, for models that read these.
+2. ``encode``: texts and pictures become streams of tokens.
+3. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
+   lane and agent is, without coordinates, from a scene of the training that shows most of the request).
+4. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
+5. ``scjax.repair`` and ``best_of``, if they are chosen.
+
+Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted.
 """
 
 from __future__ import annotations
@@ -101,6 +110,8 @@ def sample_scenes(
     scene j of condition c is scene number ``c * num_scenes + j``. A single scene and several are different programs, as
     are those of other processors: between them, scenes of one key differ in their last bits.
 
+    It compiles its programs itself, and cannot be called under ``jax.jit`` or ``jax.vmap``.
+
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
       condition: what to hold fixed; a text is a condition with that prompt; None draws everything.
@@ -126,8 +137,8 @@ def sample_scenes(
         fastest once all are compiled.
 
     Returns:
-      For one condition a batch [num_scenes] in meters, padded to its largest scene. For a sequence of conditions a list
-      of single scenes without padding, condition by condition.
+      For one condition a batch [num_scenes] of NumPy arrays in meters, padded to its largest scene. For a sequence of
+      conditions a list of single scenes without padding, condition by condition.
 
     Raises:
       ValueError: an option out of range, a model without denoiser or autoencoder, a condition that the model cannot
@@ -156,7 +167,7 @@ def sample_scenes(
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
     scenes = [
-        _chosen(scenes[start : start + best_of], group, repair)
+        _best_candidate(scenes[start : start + best_of], group, repair)
         for start, group in zip(range(0, len(scenes), best_of), groups, strict=True)
     ]
     return stack(scenes) if is_single else scenes
@@ -227,9 +238,9 @@ def _sample_latents_and_decode(
     return [scenes[index] for index in range(len(requests))]
 
 
-def _chosen(scenes: Sequence[Scene], requests: Sequence[Request], fit: bool) -> Scene:
-    """The best of the candidates for one scene."""
-    if fit:
+def _best_candidate(scenes: Sequence[Scene], requests: Sequence[Request], repair: bool) -> Scene:
+    """The best of the candidates for one scene; with ``repair`` each is fitted to its request before."""
+    if repair:
         return best_fitted(scenes, requests)
     return scenes[best_index(scenes, requests[0].attributes)] if len(scenes) > 1 else scenes[0]
 

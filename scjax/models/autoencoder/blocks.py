@@ -215,7 +215,7 @@ def link_head(head: ResidualMLP) -> Callable[[Array], Array]:
     return apply
 
 
-# Products with pairs are tall and thin (64 features); there float32 is faster than bfloat16 on CPUs with AMX (measured:
+# Products with pairs have many rows and 64 columns; there float32 is faster than bfloat16 on CPUs with AMX (measured:
 # 0.5 against 1.2 ms for 10,000 x 64 x 64), so they ignore ``compute``.
 #
 # Linear followed by LN, over many rows: subtracting the mean over the output features from kernel and bias makes the

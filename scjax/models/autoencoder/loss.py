@@ -193,7 +193,7 @@ def _norm(difference: Float[AnyArray, "*b 2"]) -> Float[AnyArray, "*b"]:
 
 
 def _absolute_error(prediction: AnyArray, target: AnyArray, known: AnyArray) -> AnyArray:
-    """|found - wanted|, zero (gradient too) where unknown."""
+    """|prediction - target|, zero (gradient too) where unknown."""
     return jnp.abs(jnp.where(known, prediction - jnp.where(known, target, 0.0), 0.0))
 
 
