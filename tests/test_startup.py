@@ -15,8 +15,8 @@ from scjax.cli import cli
 
 SELDOM_USED = {"grain", "matplotlib", "ml_collections", "orbax", "scipy", "tensorstore", "tokenizers"}
 HEAVY = SELDOM_USED | {"flax", "jax", "numpy", "optax", "rich", "treescope"}
-NAME_SAMPLERS = {("simulate",), ("outpaint",), ("demo",), ("edit",), ("generate",), ("place",)}
-"""Commands whose help names samplers and their steps, which stand beside their code."""
+NAME_TABLES = {("simulate",), ("outpaint",), ("demo",), ("edit",), ("generate",), ("place",), ("export",)}
+"""Commands whose help names samplers and their steps, or formats, which stand beside their code."""
 
 
 def _imported_packages(code: str) -> set[str]:
@@ -60,7 +60,7 @@ def help_imports():
 
     The first one adds those of the start. Commands whose help needs JAX come last.
     """
-    words = json.dumps(sorted(COMMANDS, key=lambda words: words in NAME_SAMPLERS))
+    words = json.dumps(sorted(COMMANDS, key=lambda words: words in NAME_TABLES))
     process = subprocess.run([sys.executable, "-c", HELP, words], check=True, capture_output=True, text=True)
     return json.loads(process.stderr)
 
@@ -69,7 +69,7 @@ def help_imports():
 def test_help_imports_no_heavy_package(words, help_imports):
     packages, imported = help_imports
     assert "scjax" in packages
-    assert not set(imported[" ".join(words)]) & (SELDOM_USED if words in NAME_SAMPLERS else HEAVY)
+    assert not set(imported[" ".join(words)]) & (SELDOM_USED if words in NAME_TABLES else HEAVY)
 
 
 def test_import_of_scjax_imports_no_heavy_package():

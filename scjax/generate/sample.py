@@ -9,7 +9,8 @@ The stages, in order, each a module of this package:
 4. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
 5. ``scjax.repair`` and ``best_of``, if they are chosen.
 
-Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted.
+Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit`` or
+``jax.vmap``: give it several conditions instead.
 """
 
 from __future__ import annotations
@@ -109,8 +110,6 @@ def sample_scenes(
     Scene i depends on ``fold_in(key, i)`` only, not on how many scenes are sampled with it. With several conditions,
     scene j of condition c is scene number ``c * num_scenes + j``. A single scene and several are different programs, as
     are those of other processors: between them, scenes of one key differ in their last bits.
-
-    It compiles its programs itself, and cannot be called under ``jax.jit`` or ``jax.vmap``.
 
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
