@@ -9,8 +9,8 @@ The stages, in order, each a module of this package:
 4. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
 5. ``scjax.repair`` and ``best_of``, if they are chosen.
 
-Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit`` or
-``jax.vmap``: give it several conditions instead.
+Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
+or ``jax.vmap``: give it several conditions instead.
 """
 
 from __future__ import annotations
