@@ -99,8 +99,12 @@ def _remembers_shapes(
     positions = [names.index(one.name) for one in arrays if one.kind is not inspect.Parameter.KEYWORD_ONLY]
     array_names, returns_arrays = [one.name for one in arrays], _has_array(annotations.get("return"))
     passed: dict[Any, set] = {}  # shapes of arguments -> those of the results that passed with them
-    all_checked = _with_sizes(function, typechecker)
     result = threading.local()
+
+    @functools.cache
+    def all_checked() -> Callable:
+        """Made at the first call: to make checks takes a millisecond, and a process calls few of all functions."""
+        return _with_sizes(function, typechecker)
 
     @functools.cache
     def without_arrays() -> Callable:
@@ -124,7 +128,7 @@ def _remembers_shapes(
             shapes += tuple([(name, _shape(named[name])) for name in array_names if name in named])
         results = passed.get(shapes)
         if results is None:
-            value = all_checked(*arguments, **named)
+            value = all_checked()(*arguments, **named)
             if len(passed) < _MOST_SHAPES:
                 passed[shapes] = {_shape(value)}
             return value
@@ -158,7 +162,11 @@ def _copy(function: Callable) -> Callable:
 
 
 def _types(function: Callable) -> dict[str, Any]:
-    return {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
+    try:  # all at once, which is quicker
+        types_of = typing.get_type_hints(function, include_extras=True)
+    except Exception:
+        return {name: _resolved(hint, function.__globals__) for name, hint in function.__annotations__.items()}
+    return {name: types_of[name] for name in function.__annotations__}
 
 
 class _SharedChecks:

@@ -16,6 +16,7 @@ from scjax.generate.model import load_model, save_model
 from scjax.generate.outline_draw import draw_outline
 from scjax.generate.requests import draw_candidates, draw_request
 from scjax.language.attributes.table import check_attributes
+from scjax.models import codec as presets
 from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agent_kinds, lane_kinds
 from scjax.scene import AgentType, Crop
 from tests.factories.outlines import outlines
@@ -23,7 +24,7 @@ from tests.factories.repair_scenes import queue
 from tests.factories.traffic import agent, lane, scene
 from tests.factories.worlds import tiny_model
 
-CODEC = tiny_model().codec
+CODEC = presets.scjax()
 CLASSES = agent_digits(CODEC)[0]
 CAR, PERSON, CYCLIST, CONE = (
     CODEC.agent_types.index(AgentType[name]) for name in ("VEHICLE", "PEDESTRIAN", "CYCLIST", "STATIC")
