@@ -39,8 +39,7 @@ def count_table(
         weights = np.exp(-0.5 * ((log[:, None] - log[None, :]) / bandwidth) ** 2)
         return weights / weights.sum(1, keepdims=True)
 
-    smooth = np.einsum("kmlo,lp,oq->kmpq", raw[:, :, 1:, 1:], kernel(max_lanes), kernel(max_agents))
-    raw[:, :, 1:, 1:] = smooth
+    raw[:, :, 1:, 1:] = kernel(max_lanes).T @ raw[:, :, 1:, 1:] @ kernel(max_agents)
     return (raw / max(raw.sum(), 1e-12)).astype(np.float32)
 
 
