@@ -75,13 +75,23 @@ class AgentDraw:
                 kinds = np.delete(kinds, 1 + self._rng.choice(same))
         return np.concatenate([known, kinds[1:]])
 
-    def _members(self, kinds: Kinds, name: str) -> Bool[np.ndarray, " _"]:
+    def count_misses(self, kinds: Int[np.ndarray, "scenes agents"], request: Mapping[str, Any]) -> np.ndarray:
+        """Of every scene, how many requested numbers of agents in one place its kinds do not show [scenes]."""
+        misses = np.zeros(len(kinds), int)
+        for name in _PART_OF:
+            if name in request:
+                least, most = request[name]
+                number = self._members(kinds, name).sum(1)
+                misses += (number < least) | (number > (np.inf if most is None else most))
+        return misses
+
+    def _members(self, kinds: Int[np.ndarray, "*n"], name: str) -> Bool[np.ndarray, "*n"]:
         """Agents of a class, or of a part of one, besides the ego."""
         are_members = (kinds >= 0) & np.isin(kinds % self._classes, self._classes_of[_PART_OF.get(name, name)])
-        are_members[:1] = False
+        are_members[..., :1] = False
         return are_members & self._in_place(kinds, name) if name in _PART_OF else are_members
 
-    def _in_place(self, kinds: Kinds, name: str) -> Bool[np.ndarray, " _"]:
+    def _in_place(self, kinds: Int[np.ndarray, "*n"], name: str) -> Bool[np.ndarray, "*n"]:
         """Whether agents are where, or as fast as, a part says."""
         _, speed, direction, lane, side, _ = digits_of(np.maximum(kinds, 0), self._sizes)
         onward = (lane == _ALONG) & np.isin(direction, _ONWARD)

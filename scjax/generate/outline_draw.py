@@ -72,6 +72,7 @@ def draw_outline(
     if known is not None and len(known.lane_mask) == condition.num_lanes:
         request, negative = _of_agents(request), _of_agents(negative)
         known_lanes = _known_kinds(known, model).lanes
+    draw = AgentDraw(rng, model.outlines.agents, model.codec)
     row = model.outlines.draw(
         rng,
         request,
@@ -80,9 +81,9 @@ def draw_outline(
         num_lanes=condition.num_lanes,
         num_agents=condition.num_agents,
         lanes=known_lanes,
+        count_misses=lambda kinds: draw.count_misses(kinds, request),
     )
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
-    draw = AgentDraw(rng, model.outlines.agents, model.codec)
     agents = draw.fit(agents, condition.attributes, model.outlines.missed_by(row, condition.attributes))
     num_known = 1
     if known is not None and len(known.agent_mask):

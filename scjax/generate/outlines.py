@@ -7,7 +7,7 @@ model keeps those of scenes of its training; one that fulfills a request is draw
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -138,15 +138,18 @@ class Outlines:
         num_agents: int | None = None,
         among: Int[np.ndarray, " rows"] | None = None,
         lanes: Int[np.ndarray, " tokens"] | None = None,
+        count_misses: Callable[[Int[np.ndarray, "rows agents"]], np.ndarray] | None = None,
     ) -> int:
         """A scene of those that show most of the request; numbers of agents decide last, since they can be changed.
 
         Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers; with
         ``lanes``, kinds of lanes that are known, it is nearest to these and to the number of agents. Of many that are
-        equal it is one of those whose road few other words of layouts fit.
+        equal it is one of the plainest: few other words of layouts fit its road, and its kinds of agents show the
+        request.
 
         Args:
           among: the scenes to choose from; None: all.
+          count_misses: of kinds of agents, how much of the request these do not show [rows].
         """
         rows = np.arange(len(self)) if among is None else among
         for are_numbers in (False, True):
@@ -165,13 +168,17 @@ class Outlines:
             if number is not None:
                 distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
                 rows = rows[distance == distance.min()]
-        return int(rng.choice(self._plainest(rows) if "layout" in request else rows))
+        doubts = np.zeros(len(rows), np.int32)
+        if "layout" in request:
+            doubts += self._layout_words(rows)
+        if count_misses is not None:
+            doubts += count_misses(self.agents[rows])
+        return int(rng.choice(rows[doubts <= np.sort(doubts)[:_ENOUGH][-1]]))
 
-    def _plainest(self, rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-        """Of many rows those whose road the fewest words of layouts fit, at least ``_ENOUGH``."""
-        column = list(ATTRIBUTES).index("layout")
-        words = np.array([len(value) for value in self.values["layout"]])[self.measured[rows, column]]
-        return rows[words <= np.sort(words)[:_ENOUGH][-1]]
+    def _layout_words(self, rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """How many words of layouts fit the road of each scene."""
+        words = np.array([len(value) for value in self.values["layout"]])
+        return words[self.measured[rows, list(ATTRIBUTES).index("layout")]]
 
 
 def _lane_counts(kinds: Int[np.ndarray, "scenes lanes"]) -> Float32[np.ndarray, "scenes counts"]:

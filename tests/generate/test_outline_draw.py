@@ -114,6 +114,13 @@ def test_agents_become_those_of_a_place_that_the_scene_does_not_show():
         assert kinds == [CAR, WALKER]
 
 
+def test_numbers_of_places_that_kinds_do_not_show_are_counted():
+    kinds = np.array([[CAR, AHEAD, BEHIND], [CAR, AHEAD, AHEAD], [CAR, NO_KIND, NO_KIND]])
+    draw = AgentDraw(np.random.default_rng(0), kinds, CODEC)
+    assert draw.count_misses(kinds, check_attributes({"ahead": 1, "behind": 0})).tolist() == [1, 1, 1]
+    assert draw.count_misses(kinds, check_attributes({"ahead": [1, None], "vehicles": 9})).tolist() == [0, 0, 1]
+
+
 def test_numbers_of_the_condition_hold():
     outline = _outline(num_agents=7, num_lanes=4)
     assert len(outline.agents) == 7 and (outline.agents == NO_KIND).sum() == 3

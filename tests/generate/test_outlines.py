@@ -61,6 +61,12 @@ def test_of_many_scenes_those_of_the_plainest_layout_are_drawn():
     assert {known.draw(rng, {}) % 2 for _ in range(40)} == {0, 1}
 
 
+def test_of_many_scenes_those_whose_agents_show_the_request_are_drawn():
+    known, rng = outlines(*[((1,), (0, k % 2), {}) for k in range(100)]), np.random.default_rng(0)
+    rows = {known.draw(rng, {"ahead": (1, None)}, count_misses=lambda kinds: kinds[:, 1]) for _ in range(40)}
+    assert len(rows) > 1 and not any(row % 2 for row in rows)
+
+
 def test_what_one_scene_does_not_show_is_named():
     known = outlines(*ROWS)
     assert known.missed_by(1, check_attributes({"layout": "straight", "vehicles": 2, "signal": "green"})) == {
