@@ -18,7 +18,7 @@ def dead_turn(
     *,
     kept: Collection[Name],
     removed: Collection[Name] = (),
-    from_border: Collection[Name] = (),
+    from_border: Collection[object] = (),
 ) -> set[Name]:
     """Lanes that can go if nothing follows ``lane``: it, and those before it that lead to it alone.
 
