@@ -26,10 +26,13 @@ from scjax.train.reporter import Reporter
 from scjax.train.step import Metrics, TrainingStep, TrainState, initial_state, make_optimizer, make_param_groups
 
 
-def train(config, workdir: Path) -> None:
+def train(config, workdir: Path, objective: Objective | None = None) -> None:
     """Trains ``config.objective`` in ``workdir``, from its last checkpoint if there is one, to ``config.steps``.
 
     Nothing is written before the config, the inputs and the last checkpoint are checked.
+
+    Args:
+      objective: made from ``config``, such as one with batches of its own; None: ``make_objective(config)``.
 
     Raises:
       ValueError: an option or file that does not fit, another run in ``workdir``, a damaged checkpoint, or another
@@ -38,7 +41,7 @@ def train(config, workdir: Path) -> None:
     """
     resolved = check_config(config)
     loader = loader_config(resolved)
-    objective = make_objective(config)
+    objective = make_objective(config) if objective is None else objective
     inputs, checkpoints_folder = objective.inputs, workdir / "checkpoints"
     check_resume(checkpoints_folder, resolved, inputs)
     if workdir.exists() and not workdir.is_dir():

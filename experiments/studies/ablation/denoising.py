@@ -36,23 +36,27 @@ _BATCH = 16  # scenes per compiled call
 
 
 def denoising_losses(
-    model: Model, scenes: Sequence[Scene], conditions: Sequence[Condition], seed: int
+    model: Model,
+    scenes: Sequence[Scene],
+    conditions: Sequence[Condition],
+    seed: int,
+    least: tuple[int, int] = (0, 0),
 ) -> Float[np.ndarray, " scenes"]:
     """The training loss (official-spec §5.2) of every scene under its condition, a mean over ``TIMES``.
 
     Equal seeds give equal noise at the same position of the list, whatever the condition. No element is known, and no
-    condition is dropped.
+    condition is dropped. Scenes are padded to ``least`` (agents, lanes) at least.
 
     Raises:
       ValueError: a scene has more elements than the largest bucket of ``scjax.sample``.
     """
-    config, params = model.denoiser.config, (model.autoencoder.params, model.denoiser.params)
-    run = _program(model.codec, model.autoencoder.config, config)
+    config = model.denoiser.config
+    encode, run = _encoder(model.codec, model.autoencoder.config), _program(model.codec, config)
     # All at once: texts get one length, so one program serves all batches.
     features, _ = network_inputs([condition.streams for condition in conditions], config.condition)
     groups: dict[tuple[int, int], list[int]] = {}
     for row, scene in enumerate(scenes):
-        groups.setdefault(padded_size(int(scene.num_agents), int(scene.num_lanes)), []).append(row)
+        groups.setdefault(padded_size(int(scene.num_agents), int(scene.num_lanes), least), []).append(row)
     losses_by_scene = np.zeros(len(scenes))
     for bucket, members in groups.items():
         for start in range(0, len(members), _BATCH):
@@ -61,21 +65,32 @@ def denoising_losses(
             batch = stack([sort_tokens(scenes[row])[0] for row in rows], bucket)
             keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(rows)
             mine = jax.tree.map(lambda x: x[rows], features)  # noqa: B023 - used here
-            losses = run(*params, model.latents.mean, model.latents.std, batch, mine, keys)
+            clean = encode(model.autoencoder.params, model.latents.mean, model.latents.std, batch)
+            losses = run(model.denoiser.params, clean, batch, mine, keys)
             losses_by_scene[part] = np.asarray(losses)[: len(part)]
     return losses_by_scene
 
 
 @functools.lru_cache(maxsize=8)
-def _program(codec: SceneCodec, coder_config: AutoencoderConfig, config: DenoiserConfig) -> Callable[..., Array]:
-    coder, network, schedule = autoencoder(coder_config), denoiser(config), cosine_schedule()
+def _encoder(codec: SceneCodec, config: AutoencoderConfig) -> Callable[..., PerType]:
+    """(parameters, mean and deviation of latents, scenes) -> normalized latents: one program for all mechanisms."""
+    coder = autoencoder(config)
 
     @jax.jit
-    def run(coder_params, params, mean, std, scenes: Scene, features, keys):
+    def encode(params, mean, std, scenes: Scene) -> PerType:
+        latents = coder.apply(params, codec.normalize(scenes), method="encode").mean
+        return jax.tree.map(lambda z, m, s: (z - m) / s, latents, mean, std)
+
+    return encode
+
+
+@functools.lru_cache(maxsize=8)
+def _program(codec: SceneCodec, config: DenoiserConfig) -> Callable[..., Array]:
+    network, schedule = denoiser(config), cosine_schedule()
+
+    @jax.jit
+    def run(params, clean: PerType, scenes: Scene, features, keys):
         tokens = codec.normalize(scenes)
-        clean = jax.tree.map(
-            lambda z, m, s: (z - m) / s, coder.apply(coder_params, tokens, method="encode").mean, mean, std
-        )
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
         label = config.domains * tokens.crop + tokens.domain
         times = np.array(TIMES)

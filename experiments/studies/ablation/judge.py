@@ -61,11 +61,17 @@ class SamplerSettings(NamedTuple):
 
 
 def sample_to_file(
-    model: scjax.Model, conditions: Sequence[Condition], settings: SamplerSettings, seed: int, path: Path
+    model: scjax.Model,
+    conditions: Sequence[Condition],
+    settings: SamplerSettings,
+    seed: int,
+    path: Path,
+    padded_size: tuple[int, int] = (0, 0),
 ) -> tuple[list[Scene], float]:
     """One scene per condition, stored in a file, and seconds per scene of calls without compilation (NaN if none).
 
-    Equal seeds give equal noise at the same position of the list, whatever the condition.
+    Equal seeds give equal noise at the same position of the list, whatever the condition. Scenes are padded to
+    ``padded_size`` (agents, lanes) at least.
     """
     seconds = path.with_suffix(".seconds")
     if not path.exists():
@@ -80,6 +86,7 @@ def sample_to_file(
                 num_steps=settings.num_steps,
                 guidance=settings.guidance,
                 energy_guidance=False,  # whatever the autoencoder's model has by default
+                padded_size=padded_size,
             )
             times.append((time.perf_counter() - begin) / len(part))
         seconds.write_text(str(min(times[1:], default=math.nan)))

@@ -13,10 +13,11 @@ from scipy.stats import t as student
 from experiments.studies.ablation.entries import ENTRIES
 from experiments.studies.ablation.judge import DIGITS, HEADLINE, METRICS
 from experiments.studies.ablation.picture import draw
-from experiments.studies.page import table_lines, write_page
+from experiments.studies.page import rounded, table_lines, write_page
 
 Run = dict[str, Any]
 LEVEL = 0.95
+_DIGITS = 6  # significant, of numbers in OUT.json
 
 
 class Spread(NamedTuple):
@@ -43,8 +44,8 @@ class Spread(NamedTuple):
 
 def write_report(runs: Sequence[Run], out: Path, setting: Mapping[str, Any], command: str) -> Path:
     """Writes OUT.json, OUT.png and OUT.md of the runs so far; returns the last."""
-    content = {"level": LEVEL, "setting": setting, "runs": list(runs), "rows": summary(runs)}
-    write_page(out, markdown(runs, command), content, draw(content["rows"]))
+    content = {"level": LEVEL, "setting": setting, "runs": rounded(list(runs), _DIGITS)}
+    write_page(out, markdown(runs, command), content, draw(summary(runs)))
     return out.with_name(f"{out.name}.md")
 
 

@@ -18,6 +18,7 @@ from tqdm import tqdm
 import scjax
 from experiments.studies.ablation.denoising import denoising_losses
 from experiments.studies.ablation.entries import ENTRIES, PADDED_SLOTS, Entry, select_entries
+from experiments.studies.ablation.fixed_scenes import FixedScenesObjective
 from experiments.studies.ablation.judge import SamplerSettings, measure_run, sample_to_file
 from experiments.studies.ablation.report import write_report
 from experiments.studies.ablation.requests import Requests, make_requests, pad_texts
@@ -146,7 +147,7 @@ def _base(config: Any, workdir: Path) -> str | None:
     training.optimizer.warmup = min(training.optimizer.warmup, max(config.base_steps // 5, 1))
     training.batch.crops = tuple(sum(np.array([CROPS[modality] for modality in config.modalities])).tolist())
     training.condition = "none"
-    return _trained(training, workdir / f"base-{content_hash(training.to_json())[:8]}")
+    return _trained(training, workdir / f"base-{content_hash(training.to_json())[:8]}", config.fixed_scenes)
 
 
 def run_config(config: Any, base: str, entry: Entry, modality: str, seed: int) -> ConfigDict:
@@ -195,7 +196,7 @@ class _Run:
         path = folder / f"result-{result_hash}.json"
         if path.exists():
             return json.loads(path.read_text())
-        trained = _trained(training, folder)
+        trained = _trained(training, folder, self.config.fixed_scenes)
         if trained is None:
             return None
         result = self._measure(scjax.load(trained), folder, path.stem)
@@ -206,14 +207,16 @@ class _Run:
         requests, entry = self.requests, ENTRIES[self.name]
         slots = PADDED_SLOTS if entry.padded and self.modality == "text" else 0
         real = measure(requests.references, requests.clusters)
+        # One padded size: every mechanism has programs of its own, and each size takes as long as many steps.
+        least = self.config.training.batch.buckets[0] if self.config.fixed_scenes else (0, 0)
         result: dict[str, Any] = {}
         for which, conditions in (("own", requests.own), ("shuffled", requests.shuffled)):
             if which == "shuffled" and entry.cross_attention == "none":
                 result["shuffled"] = result["own"]  # the model reads no condition
                 continue
             conditions, path = pad_texts(conditions, slots), folder / f"{stem}-{which}.npz"
-            scenes, seconds = sample_to_file(model, conditions, self.settings, self.seed, path)
-            loss = denoising_losses(model, requests.references, conditions, self.seed).mean()
+            scenes, seconds = sample_to_file(model, conditions, self.settings, self.seed, path, least)
+            loss = denoising_losses(model, requests.references, conditions, self.seed, least).mean()
             result[which] = measure_run(scenes, requests, real, float(loss))
             result["seconds_per_scene"] = seconds
         context = slots or round(requests.context)
@@ -238,11 +241,11 @@ class _Run:
         }
 
 
-def _trained(training: ConfigDict, folder: Path) -> str | None:
+def _trained(training: ConfigDict, folder: Path, fixed_scenes: bool) -> str | None:
     """Folder of the trained model; trains or continues first. None if a signal stopped the training."""
     model = folder / "model"
     if not model.exists():
-        train(training, folder)
+        train(training, folder, FixedScenesObjective.from_config(training) if fixed_scenes else None)
     if not model.exists():
         return None
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)  # ten times the size of the model
