@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import cast
+from typing import Any, cast
 
 import chex
 import jax
@@ -53,7 +53,8 @@ def fixed_config(folder):
 
 def test_encoded_windows_have_the_loss_of_windows_from_the_loader(folder):
     config = fixed_config(folder)
-    plain, fixed = DenoiserObjective.from_config(config), FixedScenesObjective.from_config(config)
+    plain = DenoiserObjective.from_config(config)
+    fixed: Any = FixedScenesObjective.from_config(config)
     scenes = validation_scenes(
         config.records, plain.codec, crop=Crop.FORWARD, split="train", bucket=plain.loader.buckets[0]
     )
@@ -69,7 +70,8 @@ def test_training_on_encoded_windows_reads_pictures(folder, tmp_path):
     config = fixed_config(folder)
     config.condition, config.images, config.image_depth = "image", str(folder / "features"), False
     config.optimizer.warmup, config.cross_attention = 1, "full"
-    train(config, tmp_path / "run", FixedScenesObjective.from_config(config))
+    objective: Any = FixedScenesObjective.from_config(config)
+    train(config, tmp_path / "run", objective)
     model = scjax.load(tmp_path / "run" / "model")
     assert model.image_encoder == "of a test" and model.notes["steps"] == 2
 
@@ -79,7 +81,8 @@ def windows_of(number):
     numbers = np.arange(number)
     values = PerType(agents=numbers[:, None, None].astype(np.float32), lanes=numbers[:, None, None].astype(np.float32))
     masks = PerType(agents=np.ones((number, 1), bool), lanes=np.ones((number, 1), bool))
-    return EncodedWindows(Posterior(values, values, values.agents[:, 0]), masks, numbers, numbers, numbers)
+    posterior = Posterior(mean=values, logvar=values, lane_count_logits=values.agents[:, 0])
+    return EncodedWindows(posterior=posterior, masks=masks, crop=numbers, domain=numbers, index=numbers)
 
 
 def test_batches_show_every_window_once_an_epoch():

@@ -200,4 +200,12 @@ def encoded_windows(source: WindowSource) -> EncodedWindows:
         parts.append(jax.tree.map(lambda x: np.asarray(x)[: len(scenes)], whole))  # noqa: B023 - used here
     posterior, masks, crop, domain = jax.tree.map(lambda *x: np.concatenate(x), *parts)
     image, image_mask = (np.stack(part) for part in zip(*pictures, strict=True)) if pictures else (None, None)
-    return EncodedWindows(posterior, masks, crop, domain, np.arange(len(crop)), image, image_mask)
+    return EncodedWindows(
+        posterior=posterior,
+        masks=masks,
+        crop=crop,
+        domain=domain,
+        index=np.arange(len(crop)),
+        image=image,
+        image_mask=image_mask,
+    )

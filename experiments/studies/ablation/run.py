@@ -245,7 +245,8 @@ def _trained(training: ConfigDict, folder: Path, fixed_scenes: bool) -> str | No
     """Folder of the trained model; trains or continues first. None if a signal stopped the training."""
     model = folder / "model"
     if not model.exists():
-        train(training, folder, FixedScenesObjective.from_config(training) if fixed_scenes else None)
+        objective: Any = FixedScenesObjective.from_config(training) if fixed_scenes else None
+        train(training, folder, objective)
     if not model.exists():
         return None
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)  # ten times the size of the model
