@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
@@ -35,6 +35,7 @@ AROUND = 160.0  # m from the driven agent, within which traffic moves
 _SHAPE = (128, 16384, 1024, 2048)  # as ``Start.shape``, of nearly all moments, so that the loop compiles once
 _SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
+_TILES_AT_ONCE = 8  # of 32 m; more are added two seconds later
 _ROOM = 1.35  # m to the side of a centerline, of a car that passes; lanes that swerve leave 1.4 m
 
 
@@ -129,8 +130,10 @@ class GrowingDrive:
             self.state = self.state.replace(agents=agents.replace(valid=agents.valid.at[row].set(False)))
 
     def _grow(self) -> None:
-        """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on."""
-        while self._way_left() < LOOK_AHEAD and self.world_grows:
+        """Adds tiles at the end of the ego's way until enough of it is there, or no tile goes on; a few at once."""
+        for _ in range(_TILES_AT_ONCE):
+            if self._way_left() >= LOOK_AHEAD or not self.world_grows:
+                return
             first = self._lane_ids()[-1]
             place = np.array([self.state.agents.x[self.row], self.state.agents.y[self.row]]) + self.start.origin[:2]
             self.world_grows = self.growth.extend(first, place)
@@ -158,7 +161,12 @@ class GrowingDrive:
             start.agents,
             start.places,
             jnp.int32(self.row),
-            lanes=_route_rows(start, self.row, self.growth.goal),
+            lanes=_route_rows(
+                int(np.asarray(start.places.lane)[self.row]),
+                np.asarray(start.network.successors),
+                start.lane_ids,
+                self.growth.path,
+            ),
             behavior=self.behavior,
         )
 
@@ -283,24 +291,26 @@ def _on_lanes(start: Start, row: int, names: tuple[str, ...]) -> LanePlaces:
     return places.replace(**changed)
 
 
-def _route_rows(start: Start, row: int, goal: str) -> Int[np.ndarray, " R"]:
-    """Lanes of the network from that of the agent along successors to the one that holds lane ``goal``.
+def _route_rows(
+    first: int, successors: Int[np.ndarray, "lanes _"], lane_ids: Sequence[tuple[str, ...]], path: Sequence[str]
+) -> Int[np.ndarray, " R"]:
+    """Lanes of the network from the agent's, ``first``, along successors to the one that holds the end of ``path``.
 
-    Without a way to it, the agent's lane alone.
+    The network ends at some distance from the agent: where it does not hold the end, the farthest lane of ``path`` that
+    can be reached. Without one, the agent's lane alone.
     """
-    first = int(np.asarray(start.places.lane)[row])
     out = np.full(_ROUTE_LANES, NONE, np.int32)
     if first == NONE:
         return out
     came_from, queue = {first: NONE}, collections.deque([first])
-    successors = np.asarray(start.network.successors)
     while queue:
         lane = queue.popleft()
         for following in successors[lane].tolist():
             if following >= 0 and following not in came_from:
                 came_from[following] = lane
                 queue.append(following)
-    way = [next((lane for lane in came_from if goal in start.lane_ids[lane]), first)]
+    holders = {name: lane for lane in reversed(came_from) for name in lane_ids[lane]}
+    way = [next((holders[name] for name in reversed(path) if name in holders), first)]
     while came_from[way[-1]] != NONE:
         way.append(came_from[way[-1]])
     way = way[::-1][:_ROUTE_LANES]

@@ -26,11 +26,11 @@ _NO_WAY, _TAKEN_BACK = "the road does not go on beyond it", "taken back: the roa
 
 @dataclasses.dataclass(frozen=True)
 class _Stage:
-    """What was there before a tile: the map, the direction of the way [rad] and the lane at its end."""
+    """What was there before a tile: the map, the direction of the way [rad] and the lanes of it."""
 
     map: Map
     yaw: float
-    goal: str
+    path: tuple[str, ...]
 
 
 class MapGrowth:
@@ -48,7 +48,7 @@ class MapGrowth:
 
     Attributes:
       map: the present one.
-      goal: the lane at which the last tile was added; empty before.
+      path: lanes from the driven agent to the one at which the last tile was added; empty before.
       gone: tiles that were taken back by the last ``extend``.
     """
 
@@ -63,7 +63,7 @@ class MapGrowth:
         rng: np.random.Generator,
         **outpainting: Any,
     ):
-        self.map, self.goal = map, ""
+        self.map, self.path = map, ()
         self.gone: list[MapTile] = []
         self._key, self._condition, self._outpainting = key, condition, outpainting
         self._way, self._yaw, self._rng = way, yaw, rng
@@ -78,13 +78,13 @@ class MapGrowth:
         Returns:
           False: no road goes on from there, and the map is what it was.
         """
-        self.gone, unchanged = [], (self.map, self._yaw, self.goal)
+        self.gone, unchanged = [], (self.map, self._yaw, self.path)
         while True:
             chosen = self._next_exit(self.map, first, self._yaw)
             if chosen is None and self._take_back(place):
                 continue
             if chosen is None:
-                self.gone, (self.map, self._yaw, self.goal) = [], unchanged
+                self.gone, (self.map, self._yaw, self.path) = [], unchanged
                 return False
             before, exit_id, pose = self.map, chosen.lane_ids[-1], chosen.pose
             self._tries[exit_id] += 1
@@ -92,8 +92,8 @@ class MapGrowth:
             grown = extend_map(key, before, self._condition, x=pose.x, y=pose.y, yaw=pose.yaw, **self._outpainting)
             continues = grown.num_lanes > before.num_lanes and grown.lane_by_id[exit_id].successors
             if continues and self._next_exit(grown, exit_id, pose.yaw) is not None:
-                self._stages.append(_Stage(before, self._yaw, self.goal))
-                self.map, self._yaw, self.goal = grown, pose.yaw, exit_id
+                self._stages.append(_Stage(before, self._yaw, self.path))
+                self.map, self._yaw, self.path = grown, pose.yaw, tuple(chosen.lane_ids)
                 self._returns = max(self._returns - 1, 0)
                 return True
             self.map = _with_missing(before, grown.tiles[len(before.tiles) :], _NO_WAY)
@@ -121,7 +121,7 @@ class MapGrowth:
         self._returns += 1
         self.gone += laid
         self.map = _with_missing(stage.map, tiles, _TAKEN_BACK)
-        self._yaw, self.goal = stage.yaw, stage.goal
+        self._yaw, self.path = stage.yaw, stage.path
         return True
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from scjax.scene import AgentType, validate_log, validate_map
 from scjax.sim.drive import drive
-from scjax.sim.growing import bodies_in_the_way, with_first_stop_lines
+from scjax.sim.growing import _route_rows, bodies_in_the_way, with_first_stop_lines
 from scjax.sim.preparation import prepare
 from tests.factories.few_programs import use_few_programs
 from tests.factories.maps import map_lane, two_tile_map
@@ -78,3 +78,19 @@ def test_of_stop_lines_in_a_row_the_first_stays():
     after = with_first_stop_lines(map)
     assert after.signal_lane_ids == ("mid", "alone") and after.signal_states.tolist() == [3, 1]
     assert validate_map(after).lanes == map.lanes
+
+
+@pytest.mark.parametrize(
+    ("path", "rows"),
+    [
+        ((), [0]),
+        (("a", "d"), [0, 1, 3]),
+        (("a", "c"), [0, 2]),
+        (("a", "d", "beyond the network"), [0, 1, 3]),
+        (("elsewhere",), [0]),
+    ],
+)
+def test_the_route_leads_as_far_along_the_path_as_the_network_reaches(path, rows):
+    successors = np.array([[1, 2], [3, -1], [-1, -1], [0, -1]])
+    route = _route_rows(0, successors, (("a",), ("b",), ("c",), ("x", "d")), path)
+    assert route[route >= 0].tolist() == rows

@@ -46,7 +46,7 @@ def growth(monkeypatch):
 def test_a_tile_beyond_which_no_road_goes_on_is_drawn_again(growth):
     run, lengths, keys = growth
     lengths += [10.0, 31.5]  # the first ends inside of its tile
-    assert run.extend("road", HERE) and run.goal == "road"
+    assert run.extend("road", HERE) and run.path == ("road",)
     assert [lane.id for lane in run.map.lanes] == ["road", "tile-2"]
     assert [tile.status for tile in run.map.tiles[1:]] == [TileStatus.MISSING, TileStatus.COMPLETE]
     assert len(set(keys)) == 2
