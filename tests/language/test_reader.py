@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
 from scjax.language.grammar.compose import compose_freely
 from scjax.language.grammar.phrasebook import languages
-from scjax.language.reader.bounds import pair_scores, serving_range
+from scjax.language.reader.bounds import pair_scores
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, read_outputs, request_targets
 
@@ -113,38 +113,13 @@ def test_pairs_of_ends_that_no_number_states_are_less_likely():
     logits[:, :, 0] = 9.0
     row = next(place for place, one in enumerate(RANGES) if one.name == "vehicles")
     logits[row] = -9.0
-    logits[row, 0, [18, 19]] = 2.4, 2.5  # "about twenty": 17 to 23, "twenty": 19 to 21
+    logits[row, 0, [18, 19]] = 2.0, 2.5  # "about twenty": 17 to 23, "twenty": 19 to 21
     logits[row, 1, 24] = 2.0
     named = np.full((len(NAMED), VALUES), -9.0)
     named[:, 0] = 9.0
     assert read_outputs(named, logits).request["vehicles"] == (19, 23)
-    logits[row, 0, [17, 18]] = 2.4, -9.0
+    logits[row, 0, [17, 18]] = 2.0, -9.0
     assert read_outputs(named, logits, [20]).request["vehicles"] == (17, 23)
-
-
-def _log_likelihoods(shares: dict[tuple[int, int], float]) -> np.ndarray:
-    """Logarithm of the likelihood of (least, 0 or one more than most), for ``serving_range``."""
-    joint = np.full((LEVELS, LEVELS), -30.0)
-    for pair, share in shares.items():
-        joint[pair] = np.log(share)
-    return joint
-
-
-@pytest.mark.parametrize(
-    ("shares", "unit", "expected"),
-    [
-        ({(1, 0): 0.6, (1, 2): 0.4}, "", (1, 2)),  # "at least one" or "one": one is right for both
-        ({(4, 7): 0.55, (5, 6): 0.45}, "", (5, 6)),  # "five", exact or about
-        ({(1, 0): 0.96, (1, 2): 0.04}, "", (1, 0)),  # too unlikely
-        ({(2, 4): 0.9, (2, 0): 0.1}, "", (2, 4)),  # the first one serves for both
-        ({(2, 3): 0.6, (5, 6): 0.4}, "", (2, 3)),  # nothing in common
-        ({(12, 0): 0.5, (12, 19): 0.5}, "m", (12, 19)),
-        ({(0, 0): 0.9, (3, 4): 0.1}, "", (3, 4)),  # no range does not count
-        ({(64, 64): 1.0}, "", (64, 64)),  # beyond the table
-    ],
-)
-def test_ranges_serve_for_all_that_the_text_may_ask_for(shares, unit, expected):
-    assert serving_range(_log_likelihoods(shares), unit) == expected
 
 
 def test_scores_allow_every_pair_in_order_and_no_other():

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from scjax.language.attributes.base import Attribute
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
-from scjax.language.reader.bounds import pair_scores, serving_range
+from scjax.language.reader.bounds import pair_scores
 
 LEVELS = 65
 """Numbers of an end of a range: 0 to 64 vehicles or meters, 63 at the upper end."""
@@ -96,7 +96,7 @@ class Reading(NamedTuple):
 def read_outputs(
     named: Float[np.ndarray, "named values"], ends: Float[np.ndarray, "ranges 2 levels"], numbers: Sequence[int] = ()
 ) -> Reading:
-    """The most likely request for the logits of one text that names ``numbers``; of ranges, one that serves best."""
+    """The most likely request for the logits of one text that names ``numbers``."""
     request: dict[str, Any] = {}
     shares: dict[str, float] = {}
     for attribute, logits in zip(NAMED, named, strict=True):
@@ -114,14 +114,14 @@ def read_outputs(
     for attribute, logits in zip(RANGES, ends, strict=True):
         low, high = (_softmax(row) for row in logits)
         joint = np.log(low + _TINY)[:, None] + np.log(high + _TINY)[None] + scores[attribute.unit]
-        if not joint.argmax():  # no lower end and no upper one
+        stated = np.unravel_index(joint.argmax(), joint.shape)
+        least, most = int(stated[0]), int(stated[1]) - 1
+        if least == 0 and most < 0:
             continue
-        least, end = serving_range(joint, attribute.unit)
-        shares[attribute.name] = float(low[least] * high[end])
-        most = end - 1
         smallest, largest = attribute.limits
         least = min(max(least, smallest), largest)
         request[attribute.name] = (least, None if most < 0 else min(max(most, least), largest))
+        shares[attribute.name] = float(low[stated[0]] * high[stated[1]])
     if request.get("one_way") and "lanes_total" in request and "lanes_same" not in request:
         for part in (request, shares):  # all lanes of a one-way road run with the ego
             part["lanes_same"] = part.pop("lanes_total")
