@@ -131,7 +131,8 @@ def test_some_scenes_have_a_request_or_a_condition_alone():
 
 def test_kinds_are_dropped_by_their_own_share():
     network = denoiser(dataclasses.replace(CONFIG, condition=None, agent_kinds=(2,), lane_kinds=(2,)))
-    params = jax.tree.map(lambda leaf: leaf + np.float32(0.1), jax.device_get(network.init(jax.random.key(0))))
+    rng, params = np.random.default_rng(0), jax.device_get(network.init(jax.random.key(0)))
+    params = jax.tree.map(lambda leaf: leaf + rng.normal(0, 0.1, np.shape(leaf)).astype(np.float32), params)
     batch = _batch().replace(condition=None, has_condition=None)
 
     @golden.jit
