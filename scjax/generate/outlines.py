@@ -168,12 +168,12 @@ class Outlines:
             if number is not None:
                 distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
                 rows = rows[distance == distance.min()]
-        doubts = np.zeros(len(rows), np.int32)
+        penalties = np.zeros(len(rows), np.int32)
         if "layout" in request:
-            doubts += self._layout_words(rows)
+            penalties += self._layout_words(rows)
         if count_misses is not None:
-            doubts += count_misses(self.agents[rows])
-        return int(rng.choice(rows[doubts <= np.sort(doubts)[:_ENOUGH][-1]]))
+            penalties += count_misses(self.agents[rows])
+        return int(rng.choice(rows[penalties <= np.sort(penalties)[:_ENOUGH][-1]]))
 
     def _layout_words(self, rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """How many words of layouts fit the road of each scene."""

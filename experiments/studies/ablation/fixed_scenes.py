@@ -19,9 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, Integer
 from scjax.data import records
 from scjax.data.loader import LoaderConfig, clip_counts
 from scjax.data.token_order import sort_tokens
-from scjax.diffusion.log_snr_schedule import log_snr_schedule
-from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.schedule import cosine_schedule
+from scjax.diffusion.loss import LatentBatch
 from scjax.models.autoencoder.model import autoencoder
 from scjax.models.autoencoder.outputs import Posterior, reparameterize
 from scjax.models.denoiser.context import ImageFeatures
@@ -31,7 +29,7 @@ from scjax.scene import AnyArray, Crop, stack
 from scjax.scene.per_type import PerType
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.train.objectives.base import Terms
-from scjax.train.objectives.denoiser import DenoiserObjective, stop_gradients
+from scjax.train.objectives.denoiser import DenoiserObjective
 from scjax.train.objectives.known_elements import KnownShares
 from scjax.train.resume import model_hash
 
@@ -104,25 +102,14 @@ class FixedScenesObjective(DenoiserObjective):
         if batch.image is not None:
             image = jax.numpy.asarray(batch.image, jax.numpy.float32)
             features = ImageFeatures(dino=image, depth=image[:, 0], mask=batch.image_mask)
-        return training_loss(
-            self.network,
-            stop_gradients(params, self.frozen),
-            log_snr_schedule() if self.model.schedule == "log_snr" else cosine_schedule(),
-            LatentBatch(
-                latents=self.base.latents.normalize(latents),
-                masks=batch.masks,
-                known=jax.tree.map(jax.numpy.zeros_like, batch.masks),
-                label=jax.numpy.asarray(self.model.domains * batch.crop + batch.domain),
-                condition=features,
-            ),
-            random.fold_in(keys, 1),
-            null_label=self.model.null_label,
-            prediction=self.model.prediction,
-            timestep_sampling=self.options.timesteps,
-            label_dropout=self.options.label_dropout,
-            condition_dropout=self.options.condition_dropout,
-            count_known=self.options.count_known,
+        latent_batch = LatentBatch(
+            latents=self.base.latents.normalize(latents),
+            masks=batch.masks,
+            known=jax.tree.map(jax.numpy.zeros_like, batch.masks),
+            label=jax.numpy.asarray(self.model.domains * batch.crop + batch.domain),
+            condition=features,
         )
+        return self.loss_of_latents(params, latent_batch, random.fold_in(keys, 1))
 
 
 class WindowBatches(Iterator[EncodedWindows]):

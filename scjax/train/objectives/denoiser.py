@@ -223,12 +223,23 @@ class DenoiserObjective:
                 self.penalties, self.base, self._autoencoder_params, estimate, level, latent_batch.masks, scene
             )
 
+        given = penalty if self.penalties else None
+        return self.loss_of_latents(params, latent_batch, random.fold_in(keys, 1), given)
+
+    def loss_of_latents(
+        self,
+        params: Params,
+        batch: LatentBatch,
+        keys: Array,
+        penalty: Callable[[PerType, NoiseLevel], Array] | None = None,
+    ) -> tuple[Array, Terms]:
+        """The denoising loss of latents; ``keys`` [B]; ``penalty`` is one of estimated latents at a noise level."""
         return training_loss(
             self.network,
             stop_gradients(params, self.frozen),
             log_snr_schedule() if self.model.schedule == "log_snr" else cosine_schedule(),
-            latent_batch,
-            random.fold_in(keys, 1),
+            batch,
+            keys,
             null_label=self.model.null_label,
             prediction=self.model.prediction,
             timestep_sampling=self.options.timesteps,
@@ -236,7 +247,7 @@ class DenoiserObjective:
             condition_dropout=self.options.condition_dropout,
             kind_dropout=self.options.kind_dropout,
             count_known=self.options.count_known,
-            penalty=penalty if self.penalties else None,
+            penalty=penalty,
         )
 
     def evaluate(self, params: Params) -> dict[str, float]:
