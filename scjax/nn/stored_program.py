@@ -15,6 +15,7 @@ import logging
 import os
 import pickle
 import platform
+import secrets
 import tempfile
 from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
@@ -51,7 +52,9 @@ class StoredProgram:
         self.name = function.__name__
         compiler_options = fast_compile_options(light=light)
         program = spread(function, shared=shared)
-        program.__name__ = f"{self.name}_stored"  # a name that JAX's own cache never has, see ``_compile``
+        program.__name__ = (
+            f"{self.name}_{secrets.token_hex(8)}"  # a name that JAX's own cache never has, see ``_compile``
+        )
         self._jitted = jax.jit(program, compiler_options=compiler_options)
         self._shared = shared
         self._is_storable = _packages(options) <= {"builtins", "scjax", "numpy"}
@@ -97,7 +100,8 @@ class StoredProgram:
         return executable
 
     def _compile(self, arguments: tuple) -> Any:
-        # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may get into it.
+        # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may be found there,
+        # whoever compiled the same program before: its name is of this object alone. And none needs to be kept there.
         name = "jax_persistent_cache_min_compile_time_secs"
         before = jax.config.values[name]
         jax.config.update(name, float("inf"))

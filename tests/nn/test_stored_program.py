@@ -46,6 +46,21 @@ def test_a_second_process_reads_what_the_first_one_compiled(folder, monkeypatch)
     check(scaled(), offset=-3.0)
 
 
+def test_what_lies_in_the_cache_of_jax_is_compiled_again(folder, monkeypatch):
+    """Executables that JAX reads from its own cache cannot be stored: their kernels are missing."""
+    name = "jax_persistent_cache_min_compile_time_secs"
+    before = jax.config.values[name]
+    jax.config.update(name, 0.0)
+    try:
+        for _ in range(2):
+            scaled().lower(np.float32(0.5), BATCH).compile()
+        check(scaled())
+    finally:
+        jax.config.update(name, before)
+    monkeypatch.setattr(StoredProgram, "_compile", None)
+    check(scaled())
+
+
 @pytest.mark.parametrize("change", ["options", "source", "instruction set"])
 def test_what_an_executable_depends_on_is_compiled_again(folder, monkeypatch, change):
     check(scaled())
