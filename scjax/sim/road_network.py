@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scjax.scene.pytree import Replaceable, pytree
 from scjax.scene.scene import AnyArray
 
-MAX_SUCCESSORS = 4
+MAX_SUCCESSORS = 8
 MAX_CONFLICTS = 16  # of one lane
 POINT_SPACING = 1.0  # m at most, between the points of a lane
 NONE = -1  # index of a lane, signal or conflict that does not exist
@@ -26,7 +26,7 @@ class RoadNetwork(Replaceable):
       intervals: number of points of each lane less one.
       spacing: between the points of each lane [m].
       length: of each lane in xy [m].
-      successors: lanes that follow.
+      successors: lanes that follow; of more than eight the first ones.
       turn: change of heading along the lane, positive to the left [rad].
       signal: row of the signal at the start of the lane.
       left, right: neighbors that run the same way.
@@ -50,7 +50,7 @@ class RoadNetwork(Replaceable):
     intervals: Int[AnyArray, "*b L"]
     spacing: Float[AnyArray, "*b L"]
     length: Float[AnyArray, "*b L"]
-    successors: Int[AnyArray, "*b L 4"]
+    successors: Int[AnyArray, "*b L 8"]
     turn: Float[AnyArray, "*b L"]
     signal: Int[AnyArray, "*b L"]
     left: Int[AnyArray, "*b L"]

@@ -94,3 +94,15 @@ def test_the_route_leads_as_far_along_the_path_as_the_network_reaches(path, rows
     successors = np.array([[1, 2], [3, -1], [-1, -1], [0, -1]])
     route = _route_rows(0, successors, (("a",), ("b",), ("c",), ("x", "d")), path)
     assert route[route >= 0].tolist() == rows
+
+
+@pytest.mark.parametrize("chosen", range(6))
+def test_every_lane_of_a_wide_junction_can_be_on_the_path(chosen):
+    ends = [(80.0, 6.0 * row - 15.0, 0.0) for row in range(6)]
+    names = tuple(f"out{row}" for row in range(6))
+    outs = [map_lane(name, (50.0, 0.0, 0.0), end, predecessors=("in",)) for name, end in zip(names, ends, strict=True)]
+    lanes = [map_lane("in", (0.0, 0.0, 0.0), (50.0, 0.0, 0.0), successors=names), *outs]
+    start = prepare(with_agents(lanes, [agent(10.0, 0.0)]), 0, np.random.default_rng(0))
+    first = start.lane_ids.index(("in",))
+    route = _route_rows(first, np.asarray(start.network.successors), start.lane_ids, ("in", names[chosen]))
+    assert [start.lane_ids[row] for row in route[route >= 0]] == [("in",), (names[chosen],)]
