@@ -14,17 +14,19 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from scjax.generate.continuations import CONTINUATION_ARRAYS, Continuations
+from scjax.generate.outline_trials import TRIAL_ARRAYS, Trials
 from scjax.language.attributes.table import ATTRIBUTES
 from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, digits_of
 
 ARRAYS = ("lanes", "agents", "domains", "measured")
 
-_AHEAD = "ahead."  # begins the names of the arrays of continuations
+_AHEAD, _TRIALS = "ahead.", "trials."  # begin the names of the arrays of continuations and of trials
 _JOINT_WEIGHT = 0.5  # of a lane's joints beside its direction, side and turn
 _AGENT_WEIGHT = 0.5  # of an agent too many or too few beside a lane of another kind
 _TENTHS = 10  # lengths are kept to 0.1 m
 _FITTED = ("vehicles", "pedestrians", "cyclists", "static", "large")  # agents are added or left out to these numbers
-_ENOUGH = 30  # outlines among which the plainest are drawn
+_ENOUGH = 30  # outlines among which one is drawn, at least, if so many show the request equally
+_EQUAL = 1e-4  # of mean numbers of attributes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Outlines:
       measured: of every scene and attribute, the position of its measurement in ``values`` [scenes, attributes].
       values: attribute -> its different measurements.
       ahead: what lies ahead of the ego in the same scenes, by its seam; None: not kept.
+      trials: what the model made of each outline; None: not tried.
     """
 
     lanes: np.ndarray
@@ -45,6 +48,7 @@ class Outlines:
     measured: np.ndarray
     values: Mapping[str, Sequence[Any]]
     ahead: Continuations | None = None
+    trials: Trials | None = None
 
     @classmethod
     def of_scenes(
@@ -77,18 +81,34 @@ class Outlines:
         checked = {
             name: [attribute.check_measured(value) for value in values[name]] for name, attribute in ATTRIBUTES.items()
         }
-        own = {name.removeprefix(_AHEAD): array for name, array in arrays.items() if name.startswith(_AHEAD)}
-        ahead = Continuations.from_arrays(own) if own else None
-        outlines = cls(**{name: arrays[name] for name in ARRAYS}, values=checked, ahead=ahead)
+        ahead, trials = (_part(arrays, prefix) for prefix in (_AHEAD, _TRIALS))
+        outlines = cls(
+            **{name: arrays[name] for name in ARRAYS},
+            values=checked,
+            ahead=Continuations.from_arrays(ahead) if ahead else None,
+            trials=Trials.from_arrays(trials) if trials else None,
+        )
         outlines.check()
         return outlines
 
+    def with_trials(self, measured: Sequence[Sequence[Mapping[str, Any]]], faults: Sequence[Sequence[int]]) -> Outlines:
+        """The same outlines with what a model made of them.
+
+        Args:
+          measured, faults: of every outline, the measurements and the number of faults of each of its trials.
+        """
+        rounded = [[{name: _rounded(value) for name, value in one.items()} for one in trials] for trials in measured]
+        trials, values = Trials.of_scenes(rounded, faults, self.values)
+        return dataclasses.replace(self, trials=trials, values=values)
+
     def arrays(self) -> dict[str, np.ndarray]:
         """Name -> array of everything but ``values``, for files."""
-        own = {name: getattr(self, name) for name in ARRAYS}
-        if self.ahead is None:
-            return own
-        return own | {f"{_AHEAD}{name}": getattr(self.ahead, name) for name in CONTINUATION_ARRAYS}
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        if self.ahead is not None:
+            arrays |= {f"{_AHEAD}{name}": getattr(self.ahead, name) for name in CONTINUATION_ARRAYS}
+        if self.trials is not None:
+            arrays |= {f"{_TRIALS}{name}": getattr(self.trials, name) for name in TRIAL_ARRAYS}
+        return arrays
 
     def check(self) -> None:
         """Whether the parts fit each other.
@@ -106,9 +126,15 @@ class Outlines:
             raise ValueError("outlines: measured points outside values")
         if self.ahead is not None:
             self.ahead.check(scenes)
+        if self.trials is not None:
+            self.trials.check(scenes, sizes)
 
     def __len__(self) -> int:
         return len(self.domains)
+
+    def measurements(self, row: int) -> dict[str, Any]:
+        """Attribute -> measurement of one scene, lengths to 0.1 m."""
+        return {name: self.values[name][place] for name, place in zip(ATTRIBUTES, self.measured[row], strict=True)}
 
     def count_held(self, request: Mapping[str, Any]) -> Int[np.ndarray, " scenes"]:
         """Of every scene, how many attributes of a request in its normal form it shows."""
@@ -142,20 +168,24 @@ class Outlines:
     ) -> int:
         """A scene of those that show most of the request; numbers of agents decide last, since they can be changed.
 
-        Of these it shows least of ``negative``, is of the domain if any of them is, and is nearest in numbers; with
-        ``lanes``, kinds of lanes that are known, it is nearest to these and to the number of agents. Of many that are
-        equal it is one of the plainest: few other words of layouts fit its road, and its kinds of agents show the
-        request.
+        What trials of an outline show counts as much as what its scene shows. Of these it shows least of ``negative``,
+        is of the domain if any of them is, and is nearest in numbers; with ``lanes``, kinds of lanes that are known, it
+        is nearest to these and to the number of agents. Of many that are equal it is one whose kinds of agents show the
+        request and whose trials have few faults.
 
         Args:
           among: the scenes to choose from; None: all.
           count_misses: of kinds of agents, how much of the request these do not show [rows].
         """
+        trials = self.trials if among is None and lanes is None and request else None
         rows = np.arange(len(self)) if among is None else among
-        for are_numbers in (False, True):
-            part = {name: value for name, value in request.items() if (name in _FITTED) == are_numbers}
-            held = self.count_held(part)[rows]
-            rows = rows[held == held.max()]
+        others = {name: value for name, value in request.items() if name not in _FITTED}
+        held = self.count_held(others)[rows].astype(np.float32)
+        if trials is not None:
+            held += trials.mean_held(others, self.values)
+        rows = rows[held >= held.max() - _EQUAL]
+        held = self.count_held({name: value for name, value in request.items() if name in _FITTED})[rows]
+        rows = rows[held == held.max()]
         unwanted = self.count_held(negative or {})[rows]
         rows = rows[unwanted == unwanted.min()]
         rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
@@ -168,17 +198,16 @@ class Outlines:
             if number is not None:
                 distance = np.abs((kinds[rows] != NO_KIND).sum(1) - number)
                 rows = rows[distance == distance.min()]
-        penalties = np.zeros(len(rows), np.int32)
-        if "layout" in request:
-            penalties += self._layout_words(rows)
+        penalties = np.zeros(len(rows), np.float32)
         if count_misses is not None:
             penalties += count_misses(self.agents[rows])
+        if trials is not None:
+            penalties += trials.mean_faulty(rows)
         return int(rng.choice(rows[penalties <= np.sort(penalties)[:_ENOUGH][-1]]))
 
-    def _layout_words(self, rows: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """How many words of layouts fit the road of each scene."""
-        words = np.array([len(value) for value in self.values["layout"]])
-        return words[self.measured[rows, list(ATTRIBUTES).index("layout")]]
+
+def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _lane_counts(kinds: Int[np.ndarray, "scenes lanes"]) -> Float32[np.ndarray, "scenes counts"]:

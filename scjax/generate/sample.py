@@ -151,7 +151,7 @@ def sample_scenes(
     is_single = condition is None or isinstance(condition, Condition | str)
     conditions = as_conditions(condition, num_scenes)
     model = as_model(model)
-    settings = _settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
+    settings = sampling_settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
 
     conditions = read_prompts(conditions, model)
     streams = encode_conditions(conditions, model)
@@ -161,7 +161,7 @@ def sample_scenes(
         for i in range(len(conditions))
     ]
     candidates = [candidate for group in groups for candidate in group]
-    scenes = _sample_latents_and_decode(candidates, model, settings, least)
+    scenes = sample_requests(candidates, model, settings, least)
     check_finite(scenes)
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
@@ -172,7 +172,7 @@ def sample_scenes(
     return stack(scenes) if is_single else scenes
 
 
-def _settings(
+def sampling_settings(
     model: Model,
     num_steps: int | None,
     guidance: float | Guidance | None,
@@ -180,6 +180,11 @@ def _settings(
     temperature: float | PerType | None,
     energy_guidance: EnergyGuidance | bool | None,
 ) -> SamplingSettings:
+    """Options of ``sample_scenes``, those that are None as the model has them.
+
+    Raises:
+      ValueError: an option is out of range or does not fit the model.
+    """
     config = model.denoiser.config
     num_steps = model.num_steps if num_steps is None and sampler is None else num_steps
     sampler = resolve_sampler(sampler, config.prediction)
@@ -224,7 +229,7 @@ def _temperature(value: float | PerType) -> PerType:
     return PerType(agents=jnp.float32(agents), lanes=jnp.float32(lanes))
 
 
-def _sample_latents_and_decode(
+def sample_requests(
     requests: Sequence[Request], model: Model, settings: SamplingSettings, least: Bucket = (0, 0)
 ) -> list[Scene]:
     """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -53,12 +54,49 @@ def test_numbers_of_agents_decide_after_all_else():
     assert outlines(*rows).draw(np.random.default_rng(0), request) == 1
 
 
-def test_of_many_scenes_those_of_the_plainest_layout_are_drawn():
-    plain, busy = ("T", "intersection"), ("four-way", "T", "merge", "intersection")
-    known = outlines(*[((1,), (0,), {"layout": plain if k % 2 else busy}) for k in range(100)])
-    rng = np.random.default_rng(0)
-    assert all(known.draw(rng, check_attributes({"layout": "T"})) % 2 for _ in range(40))
-    assert {known.draw(rng, {}) % 2 for _ in range(40)} == {0, 1}
+def _tried(known, trials):
+    """Outlines with trials (changed measurements, faults) of every row."""
+    return known.with_trials(
+        [[measurements(**one) for one, _ in row] for row in trials], [[faults for _, faults in row] for row in trials]
+    )
+
+
+def test_what_trials_show_counts_as_much_as_what_the_scene_shows():
+    known = outlines(*[((1,), (0,), {"layout": ("T",)}) for _ in range(3)])
+    shows, loses = ({"layout": ("T",)}, 0), ({"layout": ("straight",)}, 0)
+    tried, rng = _tried(known, [[loses, loses], [shows, shows], [shows, loses]]), np.random.default_rng(0)
+    assert {tried.draw(rng, check_attributes({"layout": "T"})) for _ in range(20)} == {1}
+    assert {tried.draw(rng, check_attributes({"vehicles": 0})) for _ in range(40)} == {0, 1, 2}
+    assert {known.draw(rng, check_attributes({"layout": "T"})) for _ in range(40)} == {0, 1, 2}
+
+
+def test_of_many_scenes_those_with_fewest_faults_in_trials_are_drawn_for_a_request():
+    known, rng = outlines(*[((1,), (0,), {"layout": ("T",)}) for _ in range(100)]), np.random.default_rng(0)
+    tried = _tried(known, [[({"layout": ("T",)}, row % 2)] for row in range(100)])
+    rows = {tried.draw(rng, check_attributes({"layout": "T"})) for _ in range(40)}
+    assert len(rows) > 1 and not any(row % 2 for row in rows)
+    assert {tried.draw(rng, {}) % 2 for _ in range(40)} == {0, 1}
+
+
+def test_trials_do_not_count_for_parts_of_scenes():
+    known = outlines(*[((1,), (0,), {"layout": ("T",)}) for _ in range(2)])
+    tried, rng = _tried(known, [[({"layout": ("T",)}, 0)], [({}, 1)]]), np.random.default_rng(0)
+    draws = {tried.draw(rng, check_attributes({"layout": "T"}), among=np.arange(2)) for _ in range(40)}
+    assert draws == {0, 1}
+
+
+@pytest.mark.parametrize("part", ["measured", "faults"])
+def test_trials_are_read_from_files_or_refused(part):
+    tried = _tried(outlines(*ROWS), [[({"gap_ahead": 5.55 + row}, row)] * 2 for row in range(3)])
+    arrays, values = tried.arrays(), json.loads(json.dumps(tried.values))
+    again = Outlines.from_files(arrays, values)
+    assert again.values == tried.values and all(np.array_equal(again.arrays()[name], arrays[name]) for name in arrays)
+    for broken in (arrays[f"trials.{part}"][1:], arrays[f"trials.{part}"].astype(np.float32)):
+        with pytest.raises(ValueError, match=f"outlines: {part} of trials"):
+            Outlines.from_files({**arrays, f"trials.{part}": broken}, values)
+    beyond = arrays["trials.measured"] + np.int16(30_000)
+    with pytest.raises(ValueError, match="outside values"):
+        Outlines.from_files({**arrays, "trials.measured": beyond}, values)
 
 
 def test_of_many_scenes_those_whose_agents_show_the_request_are_drawn():

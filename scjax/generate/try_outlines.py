@@ -1,0 +1,70 @@
+"""Samples from the outlines of a model, to know what the model makes of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from scjax.generate.best_of import count_faults
+from scjax.generate.conditions import Condition, Stream
+from scjax.generate.encode import encode_conditions
+from scjax.generate.model import Model
+from scjax.generate.outlines import Outlines
+from scjax.generate.requests import Request
+from scjax.generate.sample import sample_requests, sampling_settings
+from scjax.language.attributes.draw import draw_attributes
+from scjax.language.attributes.table import measure_attributes
+from scjax.models.denoiser.kinds import NO_KIND
+from scjax.scene import Crop
+from scjax.scene.per_type import PerType
+
+
+class Trial(NamedTuple):
+    """A raw single sample from an outline: its attributes (``measure_attributes``), and ``count_faults``."""
+
+    measured: Mapping[str, Any]
+    faults: int
+
+
+def try_outlines(model: Model, rows: Sequence[int], trial: int, seed: int = 0) -> list[Trial]:
+    """One sample from each of some outlines, with a random request that the outline's scene fulfills, as in training.
+
+    Args:
+      rows: numbers of the outlines.
+      trial: its number; the requests depend on it and the row, the samples on ``seed``, too.
+
+    Raises:
+      ValueError: the model has no outlines.
+    """
+    outlines = model.outlines
+    if outlines is None:
+        raise ValueError("the model has no outlines to try: train a denoiser with agent_kinds=True on requests")
+    settings = sampling_settings(model, None, None, None, None, False)
+    requests = [draw_attributes(outlines.measurements(row), np.random.default_rng([trial, row])) for row in rows]
+    conditions = [Condition(attributes=request) for request in requests]
+    key = jax.random.key(seed + trial)
+    drawn = [
+        _request(jax.random.fold_in(key, row), condition, streams, outlines, row)
+        for row, condition, streams in zip(rows, conditions, encode_conditions(conditions, model), strict=True)
+    ]
+    return [Trial(measure_attributes(scene), count_faults(scene)) for scene in sample_requests(drawn, model, settings)]
+
+
+def _request(
+    key: jax.Array, condition: Condition, streams: Mapping[str, Stream], outlines: Outlines, row: int
+) -> Request:
+    agents, lanes = (kinds[row][kinds[row] != NO_KIND].astype(np.int32) for kinds in (outlines.agents, outlines.lanes))
+    return Request(
+        key=key,
+        streams=streams,
+        crop=Crop.CENTERED,
+        domain=int(outlines.domains[row]),
+        num_agents=len(agents),
+        num_lanes=len(lanes),
+        known=None,
+        kinds=PerType(agents=agents, lanes=lanes),
+        attributes=condition.attributes,
+    )
