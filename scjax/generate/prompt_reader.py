@@ -18,6 +18,7 @@ from scjax.encoders.e5 import E5
 from scjax.encoders.text import FrozenTextEncoder, clean_text, load_text_encoder
 from scjax.generate.model import DEFAULT_MODEL
 from scjax.language.attributes.table import check_attributes
+from scjax.language.reader.comparisons import compared_bounds
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, Reading, read_outputs
 from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
@@ -104,8 +105,8 @@ class PromptReader:
                 warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
             inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
             outputs = _program(self.config)(self.params, *inputs)
-            stated = [value for _, _, value in find_numbers(text)]
-            readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0]), stated))
+            stated, compared = [value for _, _, value in find_numbers(text)], list(compared_bounds(text))
+            readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0]), stated, compared))
         return readings
 
 

@@ -16,13 +16,17 @@ _EXACT_BELOW = 4  # smaller numbers are exact
 _MANY = 18  # from here on "about" reaches one further
 _DISTANCE_TOLERANCE, _DISTANCE_SHARE = 3, 0.25
 _UNSTATED = -1.0  # logarithm of how much less likely a pair is that no wording makes
+_COMPARED = 3.0  # of how much likelier one is that a comparison in the text makes
 
 
-def pair_scores(numbers: Sequence[int], unit: str, levels: int) -> Float[np.ndarray, "levels levels"]:
+def pair_scores(
+    numbers: Sequence[int], unit: str, levels: int, compared: Sequence[Bounds] = ()
+) -> Float[np.ndarray, "levels levels"]:
     """What is added to the logarithm of the likelihood of (least, 0 or one more than most).
 
     Args:
       numbers: of the text.
+      compared: ranges that its comparisons state (``compared_bounds``).
       unit: of the attribute, "" for counts.
       levels: numbers that an end can be.
     """
@@ -31,10 +35,11 @@ def pair_scores(numbers: Sequence[int], unit: str, levels: int) -> Float[np.ndar
     scores = np.where(is_pair, _UNSTATED, -np.inf)
     numbers = [int(number) for number in numbers if number < levels]
     pairs = _distances(numbers) if unit else itertools.chain(VAGUE.values(), [(0, 1), (1, 2)], _counts(numbers))
-    for least, most in pairs:
-        end = 0 if most is None else int(most) + 1
-        if 0 <= least < levels and end < levels:
-            scores[int(least), end] = 0.0
+    for score, some in ((0.0, pairs), (_COMPARED, () if unit else _with_both_ends(compared))):
+        for least, most in some:
+            end = 0 if most is None else int(most) + 1
+            if 0 <= least < levels and end < levels:
+                scores[int(least), end] = score
     scores[[0, -1], [0, -1]] = 0.0  # no ends, and numbers beyond the table
     return scores
 
@@ -54,6 +59,14 @@ def _counts(numbers: Sequence[int]) -> Iterator[Bounds]:
         for some in itertools.combinations(numbers[:_SUMMED], size):
             yield from _exact(sum(some))
             yield sum(some), None
+
+
+def _with_both_ends(compared: Sequence[Bounds]) -> Iterator[Bounds]:
+    """The ranges, and those of a lower and an upper end: "under ten but over five"."""
+    yield from compared
+    for (least, most), (other_least, other_most) in itertools.permutations(compared, 2):
+        if most is None and other_least == 0 and other_most is not None and least <= other_most:
+            yield least, other_most
 
 
 def _exact(number: int) -> Iterator[Bounds]:

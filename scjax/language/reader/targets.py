@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from scjax.language.attributes.base import Attribute
+from scjax.language.attributes.base import Attribute, Bounds
 from scjax.language.attributes.table import ATTRIBUTES, check_attributes
 from scjax.language.reader.bounds import pair_scores
 
@@ -94,9 +94,12 @@ class Reading(NamedTuple):
 
 
 def read_outputs(
-    named: Float[np.ndarray, "named values"], ends: Float[np.ndarray, "ranges 2 levels"], numbers: Sequence[int] = ()
+    named: Float[np.ndarray, "named values"],
+    ends: Float[np.ndarray, "ranges 2 levels"],
+    numbers: Sequence[int] = (),
+    compared: Sequence[Bounds] = (),
 ) -> Reading:
-    """The most likely request for the logits of one text that names ``numbers``."""
+    """The most likely request for the logits of one text that names ``numbers``, with the ranges of comparisons."""
     request: dict[str, Any] = {}
     shares: dict[str, float] = {}
     for attribute, logits in zip(NAMED, named, strict=True):
@@ -110,11 +113,14 @@ def read_outputs(
         sure = _softmax(logits[: len(names)])
         if best := int(sure.argmax()):
             request[attribute.name], shares[attribute.name] = names[best], float(sure[best])
-    scores = {unit: pair_scores(numbers, unit, LEVELS) for unit in {attribute.unit for attribute in RANGES}}
+    units = {attribute.unit for attribute in RANGES}
+    plain, scores = ({unit: pair_scores(numbers, unit, LEVELS, some) for unit in units} for some in ((), compared))
     for attribute, logits in zip(RANGES, ends, strict=True):
         low, high = (_softmax(row) for row in logits)
-        joint = np.log(low + _TINY)[:, None] + np.log(high + _TINY)[None] + scores[attribute.unit]
-        stated = np.unravel_index(joint.argmax(), joint.shape)
+        joint = np.log(low + _TINY)[:, None] + np.log(high + _TINY)[None]
+        if not (joint + plain[attribute.unit]).argmax():  # comparisons change ranges, they add none
+            continue
+        stated = np.unravel_index((joint + scores[attribute.unit]).argmax(), joint.shape)
         least, most = int(stated[0]), int(stated[1]) - 1
         if least == 0 and most < 0:
             continue
