@@ -1,6 +1,6 @@
-"""Conditions as inputs of the networks: prompts become token streams, and streams become batched features.
+"""Conditions as inputs of the networks: conditions become streams of tokens, and streams become batched features.
 
-This is the only place that knows which streams a network reads.
+This is the only place that knows what makes streams, and which streams a network reads.
 """
 
 from __future__ import annotations
@@ -14,13 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from scjax.encoders.base import TextEncoder
-from scjax.encoders.text import load_text_encoder
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.image_streams import image_streams
 from scjax.generate.model import Model
-from scjax.generate.readings import reads_requests
-from scjax.language.attributes.request_text import request_text
+from scjax.generate.text_streams import text_streams
 from scjax.models.denoiser.config import ConditionConfig, ImageCondition, TextCondition
 from scjax.models.denoiser.context import ConditionFeatures, ImageFeatures, TextFeatures
 
@@ -29,29 +26,25 @@ NetworkInputs = tuple[ConditionFeatures | None, TextFeatures | None]
 """Features of the conditions, and of the negative prompts that guidance leads away from; None where there are none."""
 
 
-def encode_conditions(
-    conditions: Sequence[Condition], model: Model, encoder: TextEncoder | None = None
-) -> list[Streams]:
-    """The streams of every condition, those of its prompts included; each different text is encoded once.
+StreamEncoder = Callable[[Sequence[Condition], Model], Sequence[Streams]]
+"""Makes the streams of one kind of input, one mapping for each condition; each different input is encoded once."""
 
-    Args:
-      encoder: the text encoder; by default the one that ``load_text_encoder`` finds. It is needed only for texts that
-        are not among ``model.prompts``.
+STREAM_ENCODERS: tuple[StreamEncoder, ...] = (text_streams, image_streams)
+"""All that makes streams of conditions. A new encoder is one file with such a function, and its name here."""
+
+
+def encode_conditions(conditions: Sequence[Condition], model: Model) -> list[Streams]:
+    """The streams of every condition: those that are given, and those of its prompts, pictures and attributes.
 
     Raises:
-      ValueError: the model cannot read a stream, or the encoder is not the model's.
+      ValueError: the model cannot read a stream, or an encoder is not here or not the model's.
     """
-    by_condition = [_texts(condition, model) for condition in conditions]
-    texts = dict.fromkeys(text for one in by_condition for text in one.values())
-    features = _encode_texts(list(texts), model, encoder) if texts else {}
-    streams: list[Streams] = [
-        {**condition.streams, **{name: Stream(features[text]) for name, text in own.items()}}
-        for condition, own in zip(conditions, by_condition, strict=True)
-    ]
-    if any(condition.image is not None for condition in conditions):
-        pictures = _without_cameras(image_streams(conditions, model), model.denoiser.config.condition)
-        streams = [{**own, **more} for own, more in zip(streams, pictures, strict=True)]
-    check_readable(streams, model.denoiser.config.condition)
+    network = model.denoiser.config.condition
+    streams: list[Streams] = [condition.streams for condition in conditions]
+    for make_streams in STREAM_ENCODERS:
+        more = _without_cameras(make_streams(conditions, model), network)
+        streams = [{**own, **others} for own, others in zip(streams, more, strict=True)]
+    check_readable(streams, network)
     return streams
 
 
@@ -64,48 +57,6 @@ def _without_cameras(streams: Sequence[Streams], condition: ConditionConfig) -> 
         stacklevel=5,
     )
     return [{name: stream for name, stream in row.items() if name != "camera"} for row in streams]
-
-
-def _texts(condition: Condition, model: Model) -> dict[str, str]:
-    """Stream name -> the text that fills it.
-
-    Attributes become a text for a model that reads text alone; there they take the place of a prompt that the model
-    does not read itself. A model that reads neither leaves them to the choice among candidates.
-    """
-    texts = condition.prompts
-    if not model.text_encoder:
-        return {} if reads_requests(model) else texts
-    if model.denoiser.config.attributes:
-        return texts
-    requests = {"text": condition.attributes, "negative_text": condition.negative_attributes}
-    for name, request in requests.items():
-        is_open = name not in texts or (model.reads_prompts and texts[name] not in model.prompts)
-        if name not in condition.streams and is_open and (text := request_text(request)):
-            texts = texts | {name: text}
-    return texts
-
-
-def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | None) -> dict[str, np.ndarray]:
-    """Text -> token features [tokens, width]: those stored in the model, else from the text encoder."""
-    if not model.text_encoder:
-        raise ValueError(
-            "Condition.prompt is given, but this model was not trained on text: leave it out, or load another one"
-        )
-    missing = [text for text in texts if text not in model.prompts]
-    if not missing:
-        return dict(model.prompts)
-    encoder = encoder or load_text_encoder()
-    if encoder.name != model.text_encoder:
-        raise ValueError(
-            f"Condition.prompt needs the encoder that this model was trained with, {model.text_encoder}, but the text "
-            f"encoder here is {encoder.name}: "
-            "give the folder of that one by the variable SCJAX_TEXT_ENCODER"
-        )
-    for text in missing:
-        if encoder.is_cut(text):
-            warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
-    encoded = {text: tokens.features for text, tokens in zip(missing, encoder(missing), strict=True)}
-    return {**model.prompts, **encoded}
 
 
 def check_readable(streams: Sequence[Streams], condition: ConditionConfig) -> None:

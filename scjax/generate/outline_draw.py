@@ -11,7 +11,7 @@ import numpy as np
 
 from scjax.generate.agent_draw import AgentDraw, Kinds
 from scjax.generate.components import Model
-from scjax.generate.conditions import Condition, Stream
+from scjax.generate.scene_spec import SceneSpec
 from scjax.language.attributes.table import GROUPS
 from scjax.models.denoiser.kinds import FAR, NO_KIND, digits_of, scene_kinds
 from scjax.scene import Crop, Scene, pad
@@ -36,22 +36,13 @@ class Outline:
     num_lanes: int | None = None
 
 
-def draw_outline(
-    rng: np.random.Generator,
-    condition: Condition,
-    domain: int | None,
-    known: Scene | None,
-    model: Model,
-    view: int | None = None,
-) -> Outline | None:
+def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: int | None = None) -> Outline | None:
     """An outline of the training that shows most of the request, with agents added or left out to its numbers.
 
     Where all lanes are known, the request's roads do not count: the outline is one of those with the most similar
     lanes, so that its agents make sense there. With a picture, it is one of those that look most like it.
 
     Args:
-      domain: None: any.
-      known: known elements in token order, unpadded; None: none.
       view: number of the outline of a window that looks like the picture (``view_row``); None: no picture.
 
     Returns:
@@ -60,16 +51,16 @@ def draw_outline(
     if not model.denoiser.config.agent_kinds:
         return None
     if view is not None:
-        return _draw_view(rng, condition, domain, known, view, model)
+        return _draw_view(rng, spec, view, model)
     if model.outlines is None:
         return None
-    if condition.crop == Crop.PARTITIONED and model.outlines.ahead is not None and known is not None:
-        return _draw_continuation(rng, condition, domain, known, model)
-    if condition.crop != Crop.CENTERED:
+    if spec.crop == Crop.PARTITIONED and model.outlines.ahead is not None and spec.known is not None:
+        return _draw_continuation(rng, spec, spec.known.tokens, model)
+    if spec.crop != Crop.CENTERED:
         return None
-    known_lanes = None
-    request, negative = condition.attributes, condition.negative_attributes
-    if known is not None and len(known.lane_mask) == condition.num_lanes:
+    known, known_lanes, domain = _known_tokens(spec), None, spec.domain
+    request, negative = spec.attributes, spec.negative_attributes
+    if known is not None and len(known.lane_mask) == spec.num_lanes:
         request, negative = _of_agents(request), _of_agents(negative)
         known_lanes = _known_kinds(known, model).lanes
     draw = AgentDraw(rng, model.outlines.agents, model.codec)
@@ -78,53 +69,52 @@ def draw_outline(
         request,
         negative=negative,
         domain=domain,
-        num_lanes=condition.num_lanes,
-        num_agents=condition.num_agents,
+        num_lanes=spec.num_lanes,
+        num_agents=spec.num_agents,
         lanes=known_lanes,
         count_misses=lambda kinds: draw.count_misses(kinds, request),
     )
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
-    agents = draw.fit(agents, condition.attributes, model.outlines.missed_by(row, condition.attributes))
+    agents = draw.fit(agents, spec.attributes, model.outlines.missed_by(row, spec.attributes))
     num_known = 1
     if known is not None and len(known.agent_mask):
         agents = draw.replace(agents, _known_kinds(known, model).agents)
         num_known = len(known.agent_mask)
-    agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], condition.num_agents, num_known)
+    agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], spec.num_agents, num_known)
     if known is not None and len(known.lane_mask):
         lanes = _known_kinds(known, model).lanes
     else:
-        lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
+        lanes = _cut_or_fill(rng, lanes, spec.num_lanes, 0)
     domain = int(model.outlines.domains[row]) if domain is None else domain
     return Outline(agents, lanes, domain, None if known is not None and len(known.lane_mask) else len(lanes))
 
 
-def view_row(rng: np.random.Generator, condition: Condition, image: Stream | None, model: Model) -> int | None:
+def view_row(rng: np.random.Generator, spec: SceneSpec, model: Model) -> int | None:
     """Number of an outline of a window that looks like a picture; None without one, or if the user gives elements."""
-    if image is None or model.views is None or condition.known is not None or not model.denoiser.config.agent_kinds:
+    image = spec.streams.get("image")
+    if image is None or model.views is None or spec.known is not None or not model.denoiser.config.agent_kinds:
         return None
     cells = np.asarray(image.grid())
     tokens = cells.reshape(len(cells), -1).T
-    counts = {"num_lanes": condition.num_lanes, "num_agents": condition.num_agents}
+    counts = {"num_lanes": spec.num_lanes, "num_agents": spec.num_agents}
     return model.views.draw(rng, tokens, cells.shape[1:], **counts)
 
 
-def _draw_view(
-    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene | None, row: int, model: Model
-) -> Outline:
+def _draw_view(rng: np.random.Generator, spec: SceneSpec, row: int, model: Model) -> Outline:
     """The outline of a window that looks like the picture, with agents added or left out to the request's numbers.
 
     Agents that are known take the places of those most like them.
     """
-    views, config = model.views, model.denoiser.config
+    views, config, known, domain = model.views, model.denoiser.config, _known_tokens(spec), spec.domain
     assert views is not None
     agents, lanes = (_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
-    agents = AgentDraw(rng, views.agents, model.codec).fit(agents, condition.attributes)
+    agents = AgentDraw(rng, views.agents, model.codec).fit(agents, spec.attributes)
     num_known = 1
     if known is not None:
         agents = _with_known(agents, _known_kinds(known, model).agents, views.agent_sizes)
         num_known = len(known.agent_mask)
-    agents = _cut_or_fill(rng, agents[: config.max_agents], condition.num_agents, num_known)
-    lanes = _cut_or_fill(rng, lanes, condition.num_lanes, 0)
+    agents = _cut_or_fill(rng, agents[: config.max_agents], spec.num_agents, num_known)
+    lanes = _cut_or_fill(rng, lanes, spec.num_lanes, 0)
     return Outline(agents, lanes, int(views.domains[row]) if domain is None else domain, len(lanes))
 
 
@@ -145,16 +135,14 @@ def _with_known(kinds: Kinds, known: Kinds, sizes: Sequence[int]) -> Kinds:
     return np.concatenate([known, rest[(side == 0) | (distance == FAR)]]).astype(kinds.dtype)
 
 
-def _draw_continuation(
-    rng: np.random.Generator, condition: Condition, domain: int | None, known: Scene, model: Model
-) -> Outline:
+def _draw_continuation(rng: np.random.Generator, spec: SceneSpec, known: Scene, model: Model) -> Outline:
     """Kinds of the known half, and of what lies beyond a like seam in a scene that shows most of the request.
 
     Requested numbers of agents are those beyond the seam.
     """
-    outlines, config = model.outlines, model.denoiser.config
+    outlines, config, domain = model.outlines, model.denoiser.config, spec.domain
     assert outlines is not None and outlines.ahead is not None
-    request, negative = condition.attributes, condition.negative_attributes
+    request, negative = spec.attributes, spec.negative_attributes
     among = outlines.ahead.nearest(known)
     row = outlines.draw(rng, request, negative=negative, domain=domain, among=among)
     kinds = _known_kinds(known, model)
@@ -162,10 +150,15 @@ def _draw_continuation(
     draw = AgentDraw(rng, outlines.agents, model.codec)
     new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]), request)[1:]
     agents = np.concatenate([agents, new])[: config.max_agents]
-    agents = _cut_or_fill(rng, agents, condition.num_agents, len(known.agent_mask))
+    agents = _cut_or_fill(rng, agents, spec.num_agents, len(known.agent_mask))
     lanes = np.concatenate([lanes, _tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
-    lanes = _cut_or_fill(rng, lanes, condition.num_lanes, len(known.lane_mask))
+    lanes = _cut_or_fill(rng, lanes, spec.num_lanes, len(known.lane_mask))
     return Outline(agents, lanes, int(outlines.domains[row]) if domain is None else domain, len(lanes))
+
+
+def _known_tokens(spec: SceneSpec) -> Scene | None:
+    """Known elements in token order, unpadded; None: none."""
+    return None if spec.known is None else spec.known.tokens
 
 
 def _known_kinds(known: Scene, model: Model) -> PerType:

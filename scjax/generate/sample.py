@@ -47,6 +47,7 @@ from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model
 from scjax.generate.readings import read_prompts
 from scjax.generate.requests import Request, draw_candidates
+from scjax.generate.scene_spec import specify_scenes
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Scene, stack
 from scjax.scene.arguments import finite_number, truth_value, whole_number
@@ -155,11 +156,9 @@ def sample_scenes(
 
     conditions = read_prompts(conditions, model)
     streams = encode_conditions(conditions, model)
+    specs = specify_scenes(conditions, streams, model)
     tables = CountTables(model)
-    groups = [
-        draw_candidates(jax.random.fold_in(key, i), conditions[i], streams[i], model, tables, best_of)
-        for i in range(len(conditions))
-    ]
+    groups = [draw_candidates(jax.random.fold_in(key, i), spec, model, tables, best_of) for i, spec in enumerate(specs)]
     candidates = [candidate for group in groups for candidate in group]
     scenes = sample_requests(candidates, model, settings, least)
     check_finite(scenes)

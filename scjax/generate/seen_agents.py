@@ -14,7 +14,6 @@ from scjax.camera.dashcam.materials import AGENT_CLASSES
 from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens, sureness
 from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.components import Model
-from scjax.generate.conditions import Condition, Stream
 from scjax.models.denoiser.kinds import digits_of
 from scjax.scene import AgentType, Crop, Scene, empty
 from scjax.scene.agent_sizes import CLASS_SIZES
@@ -95,19 +94,23 @@ def sees_agents(model: Model) -> bool:
     return takes_standard_views(model.image_encoder) and model.views is not None
 
 
-def held_agents(condition: Condition, image: Stream, view: int, domain: int | None, model: Model) -> Scene:
+def held_agents(
+    tokens: Float[np.ndarray, "cells width"], view: int, num_agents: int | None, domain: int | None, model: Model
+) -> Scene:
     """The ego and the agents that a picture shows, as known elements.
 
     A picture shows no speeds: agents have those of agents of their class and direction in a window that looks like it.
 
     Args:
+      tokens: of all cells of the picture.
       view: number of that window among ``Model.views``.
+      num_agents: of all agents, the ego included; None: as many as are seen.
       domain: of the scene; None: that of the window.
     """
     views, codec = model.views, model.codec
     assert views is not None
-    seen = seen_agents(np.asarray(image.tokens))
-    most = min(condition.num_agents or model.denoiser.config.max_agents, model.denoiser.config.max_agents) - 1
+    seen = seen_agents(tokens)
+    most = min(num_agents or model.denoiser.config.max_agents, model.denoiser.config.max_agents) - 1
     known_types = np.isin(seen.types, [int(kind) for kind in codec.agent_types])
     seen = SeenAgents(*(values[known_types][:most] for values in seen))
     others = views.agents[view][views.agents[view] >= 0].astype(np.int64)

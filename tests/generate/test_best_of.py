@@ -17,6 +17,7 @@ from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.requests import draw_request
 from scjax.generate.sample import _sample_latents_and_decode, _settings
+from scjax.generate.scene_spec import specify_scene
 from scjax.models.denoiser.config import TextCondition
 from tests.factories.repair_scenes import chain, queue
 from tests.factories.words import Words
@@ -40,7 +41,7 @@ def candidates_of(model, condition, number, seed=0):
     """The candidates of a call's first scene, sampled one stage below ``scjax.sample``."""
     key = jax.random.fold_in(jax.random.key(seed), 0)
     streams = {} if condition.prompt is None else {"text": scjax.Stream(model.prompts[condition.prompt])}
-    request = draw_request(key, condition, streams, model, CountTables(model))
+    request = draw_request(key, specify_scene(condition, streams, model), model, CountTables(model))
     options = _settings(model, 2, None, None, None, None)
     return _sample_latents_and_decode(request.candidates(number), model, options)
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import pytest
 
 from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
+from scjax.generate.counts import CountTables
 from scjax.generate.encode import encode_conditions
-from scjax.generate.requests import _num_agents
+from scjax.generate.requests import _num_agents, draw_request
+from scjax.generate.scene_spec import specify_scene
+from scjax.generate.text_streams import text_streams
+from scjax.language.attributes.table import check_attributes
 from scjax.models.denoiser.config import TextCondition
 from tests.factories.repair_scenes import queue
 from tests.factories.words import Words
@@ -39,7 +44,7 @@ def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
 
     def texts(model, **condition):
         encoder = Words()
-        encode_conditions([Condition(**condition)], model, encoder)
+        text_streams([Condition(**condition)], model, encoder)
         return encoder.calls
 
     assert texts(model, attributes=attributes) == [text]
@@ -53,13 +58,20 @@ def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
     assert Condition(attributes={"layout": "unspecified"}) == Condition()
 
 
-def test_attributes_set_the_number_of_agents_unless_it_is_given():
+def test_attributes_set_the_number_of_agents():
+    attributes = check_attributes({"vehicles": (3, 5), "pedestrians": 2, "cyclists": (1, None)})
+    assert _num_agents(attributes, 0, 61) == 1 + 4 + 2 + 1
+    assert _num_agents(check_attributes({"pedestrians": 2}), 0, 61) is None
+    assert _num_agents(check_attributes({"vehicles": 90}), 0, 61) == 61
+    assert _num_agents(check_attributes({"vehicles": 2}), 9, 61) == 9
+
+
+@pytest.mark.parametrize(("given", "expected"), [(None, 8), (5, 5)])
+def test_given_numbers_of_agents_win_over_attributes(given, expected):
+    model = tiny_model()
     attributes = {"vehicles": (3, 5), "pedestrians": 2, "cyclists": (1, None)}
-    assert _num_agents(Condition(attributes=attributes), 0, 61) == 1 + 4 + 2 + 1
-    assert _num_agents(Condition(attributes=attributes, num_agents=5), 0, 61) == 5
-    assert _num_agents(Condition(attributes={"pedestrians": 2}), 0, 61) is None
-    assert _num_agents(Condition(attributes={"vehicles": 90}), 0, 61) == 61
-    assert _num_agents(Condition(attributes={"vehicles": 2}), 9, 61) == 9
+    spec = specify_scene(Condition(attributes=attributes, num_agents=given), {}, model)
+    assert draw_request(jax.random.key(0), spec, model, CountTables(model)).num_agents == expected
 
 
 def test_best_of_chooses_by_attributes():

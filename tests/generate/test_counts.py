@@ -12,6 +12,7 @@ import scjax
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.counts import CountTables
 from scjax.generate.requests import draw_request
+from scjax.generate.scene_spec import specify_scene
 from scjax.language.attributes.vector import feature_names
 from scjax.models.counts.predictor import CountPredictorConfig, count_predictor
 from scjax.models.denoiser.config import TextCondition
@@ -55,9 +56,8 @@ def test_sharp_counts_are_the_likely_ones(sharpness, lanes):
     logits = {2: 0.3, 3: 0.0}
     model = with_predictor({"lanes": logits, "agents": logits}, max_lanes=9, max_agents=5, sharpness=sharpness)
     streams, tables = {"text": Stream(model.prompts["a road"])}, CountTables(model)
-    requests = [
-        draw_request(jax.random.fold_in(jax.random.key(0), i), Condition(), streams, model, tables) for i in range(30)
-    ]
+    spec = specify_scene(Condition(), streams, model)
+    requests = [draw_request(jax.random.fold_in(jax.random.key(0), i), spec, model, tables) for i in range(30)]
     assert {request.num_lanes for request in requests} == lanes
 
 
@@ -85,7 +85,8 @@ def test_counts_follow_the_attributes_where_the_network_reads_them():
 
     def agents(**condition):
         keys = (jax.random.fold_in(jax.random.key(0), i) for i in range(20))
-        requests = [draw_request(key, Condition(**condition), {}, model, tables) for key in keys]
+        spec = specify_scene(Condition(**condition), {}, model)
+        requests = [draw_request(key, spec, model, tables) for key in keys]
         assert {request.num_lanes for request in requests} == {7}
         return {request.num_agents for request in requests}
 

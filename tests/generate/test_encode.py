@@ -13,6 +13,7 @@ import scjax
 from scjax.camera.raycast import CLASSES, GRID, render
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.encode import encode_conditions
+from scjax.generate.text_streams import text_streams
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 from scjax.nn.functional import flatten, unflatten
 from scjax.scene import Crop
@@ -41,10 +42,10 @@ def sample(model, conditions, seed=0, **options):
 
 def sample_beside(model, condition, **options):
     """The scene of a condition; beside it always one with a negative text, so that all share a program."""
-    return sample(model, [condition, Condition(streams=text_streams("a road", "rain"), **COUNTS)], **options)[0]
+    return sample(model, [condition, Condition(streams=streams_of("a road", "rain"), **COUNTS)], **options)[0]
 
 
-def text_streams(text, negative=None):
+def streams_of(text, negative=None):
     streams = {"text": Stream(Words.features(text))}
     return streams if negative is None else {**streams, "negative_text": Stream(Words.features(negative))}
 
@@ -66,7 +67,7 @@ def with_closed_gates(model):
 def test_encode_runs_once_for_each_text(text_model):
     encoder = Words()
     conditions = [Condition(prompt="two  cars "), Condition(prompt="two cars", negative_prompt="rain"), Condition()]
-    streams = encode_conditions(conditions, text_model, encoder)
+    streams = text_streams(conditions, text_model, encoder)
     assert encoder.calls == ["two cars", "rain"]
     np.testing.assert_array_equal(streams[0]["text"].tokens, streams[1]["text"].tokens)
     assert streams[1]["negative_text"].tokens.shape == (1, Words.width) and not streams[2]
@@ -92,7 +93,7 @@ def test_encode_refuses_another_encoder(text_model):
     other = Words()
     other.name = "words-2"
     with pytest.raises(ValueError, match="trained with, words-1, but the text encoder here is words-2"):
-        encode_conditions([Condition(prompt="a street")], text_model, other)
+        text_streams([Condition(prompt="a street")], text_model, other)
 
 
 def test_encode_refuses_an_empty_prompt(text_model):
@@ -102,28 +103,28 @@ def test_encode_refuses_an_empty_prompt(text_model):
 
 def test_encode_warns_of_a_long_prompt(text_model):
     with pytest.warns(UserWarning, match="10000 words is too long"):
-        encode_conditions([Condition(prompt="road " * 10_000)], text_model, Words())
+        text_streams([Condition(prompt="road " * 10_000)], text_model, Words())
 
 
 def test_prompt_equals_its_stream(text_model):
     prompt = sample_beside(text_model, Condition(prompt="a road", **COUNTS), guidance=2.0)
-    stream = sample_beside(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=2.0)
+    stream = sample_beside(text_model, Condition(streams=streams_of("a road"), **COUNTS), guidance=2.0)
     chex.assert_trees_all_equal(prompt.to_dict(), stream.to_dict())
 
 
 def test_text_and_negative_text_change_the_scene(text_model):
     plain, other, negative = (
         sample_beside(text_model, Condition(streams=streams, **COUNTS), guidance=2.0)
-        for streams in (text_streams("a road"), text_streams("many cars"), text_streams("a road", "many cars"))
+        for streams in (streams_of("a road"), streams_of("many cars"), streams_of("a road", "many cars"))
     )
     assert not np.allclose(plain.lanes, other.lanes) and not np.allclose(plain.lanes, negative.lanes)
-    unguided = sample_beside(text_model, Condition(streams=text_streams("a road"), **COUNTS), guidance=1.0)
+    unguided = sample_beside(text_model, Condition(streams=streams_of("a road"), **COUNTS), guidance=1.0)
     assert not np.allclose(negative.lanes, unguided.lanes)
 
 
 def test_negative_text_leaves_other_scenes_alone(text_model):
-    plain = Condition(streams=text_streams("a road"), **COUNTS)
-    negative = Condition(streams=text_streams("a road", "many cars"), **COUNTS)
+    plain = Condition(streams=streams_of("a road"), **COUNTS)
+    negative = Condition(streams=streams_of("a road", "many cars"), **COUNTS)
     alone = sample(text_model, [plain, plain], seed=4, guidance=2.0)[0]
     among = sample(text_model, [plain, negative], seed=4, guidance=2.0)[0]
     chex.assert_trees_all_close(alone.to_dict(), among.to_dict(), atol=2e-3)

@@ -15,12 +15,13 @@ from scjax.generate.counts import CountTables
 from scjax.generate.model import load_model, save_model
 from scjax.generate.outline_draw import draw_outline
 from scjax.generate.requests import draw_candidates, draw_request
+from scjax.generate.scene_spec import specify_scene
 from scjax.language.attributes.table import check_attributes
 from scjax.models import codec as presets
 from scjax.models.denoiser.kinds import LANE_DIGITS, NO_KIND, agent_digits, agent_kinds, lane_kinds
 from scjax.scene import AgentType, Crop
 from tests.factories.outlines import outlines
-from tests.factories.repair_scenes import queue
+from tests.factories.repair_scenes import chain, queue
 from tests.factories.traffic import agent, lane, scene
 from tests.factories.worlds import tiny_model
 
@@ -42,8 +43,9 @@ def _model(**changes):
 
 
 def _outline(request=None, known=None, seed=0, **options):
-    condition = Condition(attributes=check_attributes(request or {}), **options)
-    return draw_outline(np.random.default_rng(seed), condition, None, known, _model())
+    model = _model()
+    condition = Condition(attributes=check_attributes(request or {}), known=known, **options)
+    return draw_outline(np.random.default_rng(seed), specify_scene(condition, {}, model), model)
 
 
 def _numbers(request=None, **options):
@@ -138,7 +140,7 @@ def test_known_agents_come_first_and_count():
 
 
 def test_of_known_lanes_alone_the_kind_is_known():
-    known = queue(6.0, cars=3)
+    known = chain(0.0)
     assert _outline(known=known).lanes.tolist() == lane_kinds(known).tolist()
 
 
@@ -154,14 +156,14 @@ def test_on_known_lanes_the_roads_of_a_request_do_not_choose_the_outline():
 def test_the_network_decides_on_other_windows_and_without_outlines():
     assert _outline(crop=Crop.FORWARD) is None
     without = dataclasses.replace(_model(), outlines=None)
-    assert draw_outline(np.random.default_rng(0), Condition(), None, None, without) is None
+    assert draw_outline(np.random.default_rng(0), specify_scene(Condition(), {}, without), without) is None
 
 
 def test_scenes_have_the_numbers_of_their_outline(tmp_path):
     """Also of a model that was written and read."""
     model = load_model(save_model(_model(), tmp_path / "model"))
     condition = Condition(attributes={"pedestrians": (1, 1)})
-    request = draw_request(jax.random.key(0), condition, {}, model, CountTables(model))
+    request = draw_request(jax.random.key(0), specify_scene(condition, {}, model), model, CountTables(model))
     assert (request.num_agents, request.num_lanes) == (4, 2)
     scene = scjax.sample(jax.random.key(0), condition, model=model, num_steps=2)[0]
     assert (scene.num_agents, scene.num_lanes) == (4, 2)
@@ -170,11 +172,12 @@ def test_scenes_have_the_numbers_of_their_outline(tmp_path):
 def test_candidates_have_outlines_of_their_own():
     model = _model()
     tables, key = CountTables(model), jax.random.key(0)
-    condition = Condition(attributes={"signal": "none"})
-    drawn = draw_candidates(key, condition, {}, model, tables, 8)
+    spec = specify_scene(Condition(attributes={"signal": "none"}), {}, model)
+    drawn = draw_candidates(key, spec, model, tables, 8)
     assert {one.num_lanes for one in drawn} == {2, 3}
-    assert drawn[0].num_lanes == draw_request(key, condition, {}, model, tables).num_lanes
-    assert len({one.num_lanes for one in draw_candidates(key, Condition(), {}, model, tables, 8)}) == 1
+    assert drawn[0].num_lanes == draw_request(key, spec, model, tables).num_lanes
+    of_no_request = draw_candidates(key, specify_scene(Condition(), {}, model), model, tables, 8)
+    assert len({one.num_lanes for one in of_no_request}) == 1
 
 
 def test_scenes_with_known_lanes_are_sampled():

@@ -1,0 +1,159 @@
+"""What a condition holds fixed of one scene, in the terms of a model: the last place that knows of conditions."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from scjax.data.token_order import sort_tokens
+from scjax.generate.components import Model
+from scjax.generate.conditions import Condition, Stream
+from scjax.scene import Crop, Scene, permute, unpadded
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownElements:
+    """Elements of a scene that stay as they are.
+
+    Attributes:
+      scene: unpadded, in the user's order.
+    """
+
+    scene: Scene
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Numbers of agents and lanes; they are the first of a scene."""
+        return len(self.scene.agent_mask), len(self.scene.lane_mask)
+
+    @property
+    def tokens(self) -> Scene:
+        """The scene in the order of the networks' tokens."""
+        return self._sorted[0]
+
+    @property
+    def agent_order(self) -> Int[np.ndarray, " agents"]:
+        """The user's index of every token of an agent."""
+        return self._sorted[1]
+
+    @property
+    def lane_order(self) -> Int[np.ndarray, " lanes"]:
+        """The user's index of every token of a lane."""
+        return self._sorted[2]
+
+    @functools.cached_property
+    def _sorted(self) -> tuple[Scene, np.ndarray, np.ndarray]:
+        return sort_tokens(self.scene)
+
+    def restore(self, scene: Scene) -> Scene:
+        """A sampled scene without padding, whose known elements are exactly the user's, in the user's order."""
+        agents, lanes = (
+            np.concatenate([np.argsort(order), np.arange(len(order), len(mask))])
+            for order, mask in ((self.agent_order, scene.agent_mask), (self.lane_order, scene.lane_mask))
+        )
+        scene = permute(scene, agents, lanes)
+        fields = scene.to_dict()
+        num_agents, num_lanes = self.counts
+        for name in ("agents", "agent_types", "agent_known"):
+            fields[name] = np.concatenate([getattr(self.scene, name), fields[name][num_agents:]])
+        for name in ("lanes", "lane_known", "signals"):
+            fields[name] = np.concatenate([getattr(self.scene, name), fields[name][num_lanes:]])
+        links = fields["links"].copy()
+        links[:num_lanes, :num_lanes] = self.scene.links
+        return scene.replace(**{**fields, "links": links})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SceneSpec:
+    """What is fixed of a scene to sample, as a model can meet it; the rest is drawn.
+
+    Attributes:
+      crop: the window.
+      domain: its index; None: open.
+      num_agents, num_lanes: totals, with the ego and known elements; None: open.
+      known: elements that stay; None: none.
+      attributes, negative_attributes: what the scene shall show, and what guidance leads away from.
+      streams: tokens of the condition, by name.
+      hold_seen: whether what a picture shows holds.
+    """
+
+    crop: Crop
+    domain: int | None
+    num_agents: int | None
+    num_lanes: int | None
+    known: KnownElements | None
+    attributes: Mapping[str, Any]
+    negative_attributes: Mapping[str, Any]
+    streams: Mapping[str, Stream]
+    hold_seen: bool
+
+    @property
+    def known_counts(self) -> tuple[int, int]:
+        """Numbers of known agents and known lanes."""
+        return (0, 0) if self.known is None else self.known.counts
+
+    def check_counts(self, max_agents: int, max_lanes: int) -> None:
+        """Whether the numbers hold the known elements, and a model may have so many.
+
+        Raises:
+          ValueError: names the number and its range.
+        """
+        num_known = self.known_counts
+        for name, value, low, high in (
+            ("num_agents", self.num_agents, num_known[0], max_agents),
+            ("num_lanes", self.num_lanes, num_known[1], max_lanes),
+        ):
+            if value is not None and not low <= value <= high:
+                raise ValueError(
+                    f"Condition.{name} is {value}, but must lie in {max(low, 1)}..{high} "
+                    "(known elements .. the model's maximum)"
+                )
+
+
+def specify_scenes(
+    conditions: Sequence[Condition], streams: Sequence[Mapping[str, Stream]], model: Model
+) -> list[SceneSpec]:
+    """What each condition fixes of its scene.
+
+    Args:
+      streams: those of every condition (``encode_conditions``).
+
+    Raises:
+      ValueError: counts or a domain that the model cannot meet.
+    """
+    return [specify_scene(condition, own, model) for condition, own in zip(conditions, streams, strict=True)]
+
+
+def specify_scene(condition: Condition, streams: Mapping[str, Stream], model: Model) -> SceneSpec:
+    """As ``specify_scenes``, of one condition."""
+    known = None
+    if condition.known is not None:
+        known = KnownElements(model.codec.select(unpadded(condition.known.to_numpy())))
+    spec = SceneSpec(
+        crop=condition.crop,
+        domain=_domain_index(condition.domain, model.domains),
+        num_agents=condition.num_agents,
+        num_lanes=condition.num_lanes,
+        known=known,
+        attributes=condition.attributes,
+        negative_attributes=condition.negative_attributes,
+        streams=streams,
+        hold_seen=condition.hold_seen,
+    )
+    spec.check_counts(model.denoiser.config.max_agents, model.denoiser.config.max_lanes)
+    return spec
+
+
+def _domain_index(domain: str | int | None, names: tuple[str, ...]) -> int | None:
+    if isinstance(domain, str):
+        if domain not in names:
+            raise ValueError(f"Condition.domain {domain!r} is unknown: this model has {', '.join(names)}")
+        return names.index(domain)
+    if domain is not None and not 0 <= domain < len(names):
+        raise ValueError(f"Condition.domain {domain} is outside 0..{len(names) - 1} ({names})")
+    return domain
