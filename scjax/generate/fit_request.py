@@ -16,10 +16,11 @@ def fit_request(scene: Scene, request: Request) -> Scene:
 
     Scenes with known lanes, or whose agents a picture shows, stay as they are.
     """
-    known_agents, known_lanes = request.known_counts
-    if known_lanes or request.picture is not None or not request.attributes:
+    spec = request.spec
+    known_agents, known_lanes = spec.known_counts
+    if known_lanes or spec.picture is not None or not spec.attributes:
         return scene
-    return fit_agents(fit_slope(scene, request.attributes), request.attributes, known=known_agents)
+    return fit_agents(fit_slope(scene, spec.attributes), spec.attributes, known=known_agents)
 
 
 def best_fitted(scenes: Sequence[Scene], requests: Sequence[Request]) -> Scene:
@@ -30,7 +31,7 @@ def best_fitted(scenes: Sequence[Scene], requests: Sequence[Request]) -> Scene:
     """
     if len(scenes) == 1:
         return fit_request(scenes[0], requests[0])
-    fitted, scores, attributes = [], [], requests[0].attributes
+    fitted, scores, attributes = [], [], requests[0].spec.attributes
     for place in best_order(scenes, attributes):
         fitted.append(fit_request(scenes[place], requests[place]))
         scores.append(score_scene(fitted[-1], attributes))

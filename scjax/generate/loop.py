@@ -73,11 +73,12 @@ class Batch:
     @classmethod
     def of_requests(cls, requests: Sequence[Request], bucket: Bucket, config: DenoiserConfig) -> Batch:
         """The requests, padded to a bucket, for a network of these options."""
-        crop = np.array([request.crop for request in requests], np.int32)
+        specs = [request.spec for request in requests]
+        crop = np.array([spec.crop for spec in specs], np.int32)
         known = None
-        if any(request.known is not None for request in requests):
+        if any(spec.known is not None for spec in specs):
             nothing = empty(*bucket)
-            parts = [nothing if r.known is None else pad(r.known.tokens, *bucket) for r in requests]
+            parts = [nothing if spec.known is None else pad(spec.known.tokens, *bucket) for spec in specs]
             known = stack([part.replace(crop=np.asarray(one)) for part, one in zip(parts, crop, strict=True)])
         return cls(
             keys=jnp.stack([request.key for request in requests]),
@@ -88,10 +89,10 @@ class Batch:
             crop=crop,
             domain=np.array([request.domain for request in requests], np.int32),
             known_scenes=known,
-            attributes=_features([request.attributes for request in requests], config),
-            negative_attributes=_features([request.negative_attributes for request in requests], config),
+            attributes=_features([spec.attributes for spec in specs], config),
+            negative_attributes=_features([spec.negative_attributes for spec in specs], config),
             kinds=_padded_kinds(requests, bucket) if config.agent_kinds else None,
-            features=network_inputs([request.streams for request in requests], config.condition),
+            features=network_inputs([spec.streams for spec in specs], config.condition),
         )
 
 

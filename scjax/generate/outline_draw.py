@@ -43,7 +43,7 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
     lanes, so that its agents make sense there. With a picture, it is one of those that look most like it.
 
     Args:
-      view: number of the outline of a window that looks like the picture (``view_row``); None: no picture.
+      view: number of the outline of a window that looks like the picture (``draw_view``); None: no picture.
 
     Returns:
       None where the network decides: the model has no outlines, or none for this window.
@@ -87,17 +87,6 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
         lanes = _cut_or_fill(rng, lanes, spec.num_lanes, 0)
     domain = int(model.outlines.domains[row]) if domain is None else domain
     return Outline(agents, lanes, domain, None if known is not None and len(known.lane_mask) else len(lanes))
-
-
-def view_row(rng: np.random.Generator, spec: SceneSpec, model: Model) -> int | None:
-    """Number of an outline of a window that looks like a picture; None without one, or if the user gives elements."""
-    image = spec.streams.get("image")
-    if image is None or model.views is None or spec.known is not None or not model.denoiser.config.agent_kinds:
-        return None
-    cells = np.asarray(image.grid())
-    tokens = cells.reshape(len(cells), -1).T
-    counts = {"num_lanes": spec.num_lanes, "num_agents": spec.num_agents}
-    return model.views.draw(rng, tokens, cells.shape[1:], **counts)
 
 
 def _draw_view(rng: np.random.Generator, spec: SceneSpec, row: int, model: Model) -> Outline:

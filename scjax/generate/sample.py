@@ -245,9 +245,9 @@ def _best_candidate(scenes: Sequence[Scene], requests: Sequence[Request], repair
     """The best of the candidates for one scene; with ``repair`` each is fitted to its request before."""
     if repair:
         return best_fitted(scenes, requests)
-    return scenes[best_index(scenes, requests[0].attributes)] if len(scenes) > 1 else scenes[0]
+    return scenes[best_index(scenes, requests[0].spec.attributes)] if len(scenes) > 1 else scenes[0]
 
 
 def _repair_generated(scene: Scene, request: Request) -> Scene:
-    known_agents, known_lanes = request.known_counts
+    known_agents, known_lanes = request.spec.known_counts
     return repair_scene(scene, known_agents=known_agents, known_lanes=known_lanes)

@@ -11,9 +11,14 @@ import numpy as np
 from jaxtyping import Int
 
 from scjax.data.token_order import sort_tokens
+from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
+from scjax.generate.seen_picture import SeenPicture
 from scjax.scene import Crop, Scene, permute, unpadded
+
+AGENT_COUNTS = ("vehicles", "pedestrians", "cyclists")
+"""Attributes that give the number of agents."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +84,7 @@ class SceneSpec:
       known: elements that stay; None: none.
       attributes, negative_attributes: what the scene shall show, and what guidance leads away from.
       streams: tokens of the condition, by name.
-      hold_seen: whether what a picture shows holds.
+      picture: what its picture shows, where that holds; None: nothing.
     """
 
     crop: Crop
@@ -90,7 +95,12 @@ class SceneSpec:
     attributes: Mapping[str, Any]
     negative_attributes: Mapping[str, Any]
     streams: Mapping[str, Stream]
-    hold_seen: bool
+    picture: SeenPicture | None
+
+    @property
+    def fixes_agents(self) -> bool:
+        """Whether the number of agents is the user's, or follows from attributes."""
+        return self.num_agents is not None or any(name in self.attributes for name in AGENT_COUNTS)
 
     @property
     def known_counts(self) -> tuple[int, int]:
@@ -143,10 +153,17 @@ def specify_scene(condition: Condition, streams: Mapping[str, Stream], model: Mo
         attributes=condition.attributes,
         negative_attributes=condition.negative_attributes,
         streams=streams,
-        hold_seen=condition.hold_seen,
+        picture=_seen_picture(streams, model) if condition.hold_seen and known is None else None,
     )
     spec.check_counts(model.denoiser.config.max_agents, model.denoiser.config.max_lanes)
     return spec
+
+
+def _seen_picture(streams: Mapping[str, Stream], model: Model) -> SeenPicture | None:
+    """What is seen by the network whose tokens say where agents are, if the model's pictures are read by it."""
+    if "image" not in streams or model.views is None or not model.denoiser.config.agent_kinds:
+        return None
+    return SeenPicture(np.asarray(streams["image"].grid())) if takes_standard_views(model.image_encoder) else None
 
 
 def _domain_index(domain: str | int | None, names: tuple[str, ...]) -> int | None:

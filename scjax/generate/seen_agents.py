@@ -12,13 +12,9 @@ from jaxtyping import Float, Float64, Int
 
 from scjax.camera.dashcam.materials import AGENT_CLASSES
 from scjax.encoders.dashcam_network import PLACE_SCALE, cells_of_tokens, sureness
-from scjax.encoders.dashcam_weights import takes_standard_views
-from scjax.generate.components import Model
-from scjax.models.denoiser.kinds import digits_of
 from scjax.scene import AgentType, Crop, Scene, empty
 from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.boxes import separations
-from scjax.scene.scene import LARGE_LENGTH
 
 _LEAST = 0.3  # how sure a cell must be that there is an object
 _RADIUS, _SPREAD = 1.2, 0.05  # m, and share of the distance, within which cells agree
@@ -30,7 +26,6 @@ _HALF_WIDTH = 31.0  # m
 _APART = 1.6  # m between agents at least
 _GAP, _MOVES, _MOST_MOVED = 0.1, 8, 1.5  # m between boxes; moves of one box; m that it is moved at most
 _EGO_SIZE = (4.7, 1.9, 1.6)  # m
-_SPEEDS = (0.0, 2.0, 8.0, 14.0)  # m/s, of the classes of speeds
 
 
 class SeenAgents(NamedTuple):
@@ -87,44 +82,6 @@ def seen_agents(tokens: Float[np.ndarray, "cells width"]) -> SeenAgents:
     table = np.array(rows, np.float64).reshape(-1, 6)
     table = _apart(table)
     return SeenAgents(table[:, 0].astype(np.int64), table[:, 1:3], table[:, 3], table[:, 4:6])
-
-
-def sees_agents(model: Model) -> bool:
-    """Whether pictures of a model are read by the network whose tokens say where agents are."""
-    return takes_standard_views(model.image_encoder) and model.views is not None
-
-
-def held_agents(
-    tokens: Float[np.ndarray, "cells width"], view: int, num_agents: int | None, domain: int | None, model: Model
-) -> Scene:
-    """The ego and the agents that a picture shows, as known elements.
-
-    A picture shows no speeds: agents have those of agents of their class and direction in a window that looks like it.
-
-    Args:
-      tokens: of all cells of the picture.
-      view: number of that window among ``Model.views``.
-      num_agents: of all agents, the ego included; None: as many as are seen.
-      domain: of the scene; None: that of the window.
-    """
-    views, codec = model.views, model.codec
-    assert views is not None
-    seen = seen_agents(tokens)
-    most = min(num_agents or model.denoiser.config.max_agents, model.denoiser.config.max_agents) - 1
-    known_types = np.isin(seen.types, [int(kind) for kind in codec.agent_types])
-    seen = SeenAgents(*(values[known_types][:most] for values in seen))
-    others = views.agents[view][views.agents[view] >= 0].astype(np.int64)
-    classes, speeds, sectors = (np.asarray(digit) for digit in digits_of(others, views.agent_sizes)[:3])
-    left = np.ones(len(others), bool)
-    left[0] = False
-    own = [_SPEEDS[int(speeds[0])]]
-    for kind, heading, length in zip(seen.types.tolist(), seen.headings, seen.sizes[:, 0], strict=True):
-        is_large = kind == AgentType.VEHICLE and length > LARGE_LENGTH
-        class_ = len(codec.agent_types) if is_large else codec.agent_types.index(AgentType(kind))
-        alike = np.flatnonzero(left & (classes == class_) & (sectors == round(float(heading) / (np.pi / 4)) % 8))
-        own.append(_SPEEDS[int(speeds[alike[0]])] if len(alike) else 0.0)
-        left[alike[:1]] = False
-    return held_scene(seen, np.array(own), int(views.domains[view]) if domain is None else domain)
 
 
 def _apart(table: np.ndarray) -> np.ndarray:

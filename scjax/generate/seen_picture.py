@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
+import functools
 
 import numpy as np
 from jaxtyping import Float
 
+from scjax.generate.seen_agents import SeenAgents, seen_agents
 from scjax.generate.seen_lanes import SeenLanes, seen_lanes, shift_to_seen
 from scjax.generate.seen_space import SeenSpace, move_misplaced
 from scjax.scene import Scene
 
 
-class SeenPicture(NamedTuple):
-    """Space and lanes of a picture."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeenPicture:
+    """Agents, lanes and space of a picture.
 
-    space: SeenSpace
-    lanes: SeenLanes
+    Attributes:
+      cells: the tokens of the picture in their places.
+    """
 
-    @classmethod
-    def of_cells(cls, cells: Float[np.ndarray, "width rows columns"]) -> SeenPicture:
-        """From the tokens of a picture in their places."""
-        return cls(SeenSpace.of_cells(cells), seen_lanes(cells.reshape(len(cells), -1).T))
+    cells: Float[np.ndarray, "width rows columns"]
+
+    @functools.cached_property
+    def agents(self) -> SeenAgents:
+        """Agents that are seen."""
+        return seen_agents(self._tokens)
+
+    @functools.cached_property
+    def lanes(self) -> SeenLanes:
+        """Middles of lanes that are seen."""
+        return seen_lanes(self._tokens)
+
+    @functools.cached_property
+    def space(self) -> SeenSpace:
+        """Depth and objects of every cell."""
+        return SeenSpace.of_cells(self.cells)
+
+    @property
+    def _tokens(self) -> Float[np.ndarray, "cells width"]:
+        return self.cells.reshape(len(self.cells), -1).T
 
     def fit(self, scene: Scene, first: int, keeps_number: bool) -> Scene:
         """The scene with its lanes shifted onto those that are seen, and no vehicle where none is seen.

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
+import numpy as np
 import pytest
 
 from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
-from scjax.generate.counts import CountTables
+from scjax.generate.counts import CountTables, usual_agents
 from scjax.generate.encode import encode_conditions
-from scjax.generate.requests import _num_agents, draw_request
 from scjax.generate.scene_spec import specify_scene
 from scjax.generate.text_streams import text_streams
 from scjax.language.attributes.table import check_attributes
@@ -60,18 +59,23 @@ def test_attributes_give_the_text_of_a_model_that_reads_text_alone():
 
 def test_attributes_set_the_number_of_agents():
     attributes = check_attributes({"vehicles": (3, 5), "pedestrians": 2, "cyclists": (1, None)})
-    assert _num_agents(attributes, 0, 61) == 1 + 4 + 2 + 1
-    assert _num_agents(check_attributes({"pedestrians": 2}), 0, 61) is None
-    assert _num_agents(check_attributes({"vehicles": 90}), 0, 61) == 61
-    assert _num_agents(check_attributes({"vehicles": 2}), 9, 61) == 9
+    assert usual_agents(attributes) == 1 + 4 + 2 + 1
+    assert usual_agents(check_attributes({"pedestrians": 2})) is None
 
 
-@pytest.mark.parametrize(("given", "expected"), [(None, 8), (5, 5)])
-def test_given_numbers_of_agents_win_over_attributes(given, expected):
+@pytest.mark.parametrize(
+    ("attributes", "fields", "expected"),
+    [
+        ({"vehicles": (3, 5), "pedestrians": 2, "cyclists": (1, None)}, {}, 8),
+        ({"vehicles": (3, 5)}, {"num_agents": 2}, 2),
+        ({"vehicles": 90}, {}, 61),
+        ({"vehicles": 2}, {"known": queue(6.0, cars=9)}, 9),
+    ],
+)
+def test_numbers_of_agents_hold_those_that_are_given_or_known(attributes, fields, expected):
     model = tiny_model()
-    attributes = {"vehicles": (3, 5), "pedestrians": 2, "cyclists": (1, None)}
-    spec = specify_scene(Condition(attributes=attributes, num_agents=given), {}, model)
-    assert draw_request(jax.random.key(0), spec, model, CountTables(model)).num_agents == expected
+    spec = specify_scene(Condition(attributes=attributes, **fields), {}, model)
+    assert CountTables(model).draw(np.random.default_rng(0), spec, None)[2] == expected
 
 
 def test_best_of_chooses_by_attributes():

@@ -21,8 +21,9 @@ from scjax.encoders import load_image_encoder
 from scjax.encoders.preprocessing import Preprocessing
 from scjax.generate.conditions import Condition
 from scjax.generate.image_streams import image_streams
-from scjax.generate.outline_draw import draw_outline, view_row
+from scjax.generate.outline_draw import draw_outline
 from scjax.generate.scene_spec import specify_scene
+from scjax.generate.view_draw import draw_view
 from scjax.language.attributes.vector import feature_names
 from scjax.models.codec import scjax as ours
 from scjax.models.denoiser.kinds import LANE_DIGITS, agent_digits
@@ -168,8 +169,8 @@ def test_picture_decides_the_outline(denoiser_run, folder):
     condition = Condition(image=np.ascontiguousarray(pixels), crop=Crop.FORWARD)
     (streams,) = image_streams([condition], model, encoder)
     spec = specify_scene(condition, streams, model)
-    row = view_row(np.random.default_rng(0), spec, model)
-    outline = draw_outline(np.random.default_rng(0), spec, model, row)
+    view = draw_view(np.random.default_rng(0), spec, model)
+    outline = draw_outline(np.random.default_rng(0), spec, model, view)
     assert outline is not None and outline.num_lanes == len(outline.lanes) > 0
     seen = Condition(streams=streams, crop=Crop.FORWARD)
     scene = scjax.sample(jax.random.key(0), seen, model=model, num_steps=2)
