@@ -34,9 +34,16 @@ _PART_OF = {
 
 
 class AgentDraw:
-    """Draws of agents' kinds; ``outlines`` are those from which kinds are drawn that a scene lacks."""
+    """Draws of agents' kinds for a request in its normal form; those that a scene lacks come from ``outlines``."""
 
-    def __init__(self, rng: np.random.Generator, outlines: Int[np.ndarray, "scenes agents"], codec: SceneCodec):
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        outlines: Int[np.ndarray, "scenes agents"],
+        codec: SceneCodec,
+        request: Mapping[str, Any],
+    ):
+        self._request, self._least = request, least_numbers(request)
         self._rng, self._others, self._sizes = rng, outlines[:, 1:].ravel(), agent_digits(codec)
         self._classes = self._sizes[0]
         large = self._classes - 1
@@ -46,25 +53,24 @@ class AgentDraw:
         self._classes_of["vehicles"].append(large)
         self._classes_of[_LARGE] = [large]
 
-    def fit(self, kinds: Kinds, request: Mapping[str, Any], missed: Collection[str] = ()) -> Kinds:
+    def fit(self, kinds: Kinds, missed: Collection[str] = ()) -> Kinds:
         """Kinds whose numbers fulfill the request, its parts and events included.
 
         Args:
           missed: attributes that the scene of these kinds does not show: of those that count agents in one place,
             agents are exchanged for others.
         """
-        least = least_numbers(request)
         for name in (_LARGE, *_COUNTED):
-            _, high = request.get(name, (0, None))
+            _, high = self._request.get(name, (0, None))
             are_members = self._members(kinds, name)
-            missing = int(least.get(name, 0)) - int(are_members.sum())
+            missing = int(self._least.get(name, 0)) - int(are_members.sum())
             if missing > 0:
-                kinds = self._insert(kinds, name, missing, request)
+                kinds = self._insert(kinds, name, missing)
             elif high is not None and are_members.sum() > high:
-                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high), request, least)
+                kinds = self._leave_out(kinds, are_members, int(are_members.sum() - high))
         for name in missed:
             if name in _PART_OF:
-                kinds = self._exchange(kinds, name, request)
+                kinds = self._exchange(kinds, name)
         return kinds
 
     def replace(self, kinds: Kinds, known: Kinds) -> Kinds:
@@ -75,12 +81,12 @@ class AgentDraw:
                 kinds = np.delete(kinds, 1 + self._rng.choice(same))
         return np.concatenate([known, kinds[1:]])
 
-    def count_misses(self, kinds: Int[np.ndarray, "scenes agents"], request: Mapping[str, Any]) -> np.ndarray:
+    def count_misses(self, kinds: Int[np.ndarray, "scenes agents"]) -> np.ndarray:
         """Of every scene, how many requested numbers of agents in one place its kinds do not show [scenes]."""
         misses = np.zeros(len(kinds), int)
         for name in _PART_OF:
-            if name in request:
-                least, most = request[name]
+            if name in self._request:
+                least, most = self._request[name]
                 number = self._members(kinds, name).sum(1)
                 misses += (number < least) | (number > (np.inf if most is None else most))
         return misses
@@ -108,12 +114,12 @@ class AgentDraw:
             "pedestrians_ahead": side == _AHEAD,
         }[name]
 
-    def _requested_places(self, kinds: Kinds, request: Mapping[str, Any]) -> Bool[np.ndarray, " _"]:
-        """Agents that belong to any part of which a request says something."""
-        places = [self._members(kinds, name) for name in _PART_OF if name in request]
+    def _requested_places(self, kinds: Kinds) -> Bool[np.ndarray, " _"]:
+        """Agents that belong to any part of which the request says something."""
+        places = [self._members(kinds, name) for name in _PART_OF if name in self._request]
         return np.any(places, axis=0) if places else np.zeros(len(kinds), bool)
 
-    def _insert(self, kinds: Kinds, name: str, number: int, request: Mapping[str, Any]) -> Kinds:
+    def _insert(self, kinds: Kinds, name: str, number: int) -> Kinds:
         """``number`` more agents of kinds that such agents have here or elsewhere, at random places.
 
         They are no part of what the request counts, if there are such kinds.
@@ -122,7 +128,7 @@ class AgentDraw:
         like = np.zeros(0, int)
         for pool in (kinds[1:], self._others):
             pool = pool[(pool >= 0) & np.isin(pool % self._classes, class_)]
-            free = pool[~self._requested_places(np.append(-1, pool), request)[1:]]
+            free = pool[~self._requested_places(np.append(-1, pool))[1:]]
             if len(free):
                 return self._placed(kinds, self._rng.choice(free, number))
             like = like if len(like) else pool
@@ -141,33 +147,31 @@ class AgentDraw:
             kinds = np.insert(kinds, self._rng.integers(low, max(low, high) + 1), kind)
         return kinds
 
-    def _leave_out(
-        self, kinds: Kinds, are_members: np.ndarray, number: int, request: Mapping[str, Any], least: Mapping[str, Any]
-    ) -> Kinds:
+    def _leave_out(self, kinds: Kinds, are_members: np.ndarray, number: int) -> Kinds:
         """Without ``number`` members drawn at random: those last of which the request calls for some."""
         needed = np.zeros(len(kinds), int)
         for name in (_LARGE, *_PART_OF):
-            if least.get(name, 0) and (name == _LARGE or name in request):
+            if self._least.get(name, 0) and (name == _LARGE or name in self._request):
                 needed += self._members(kinds, name)
-            elif name in request and request[name][1] is not None:
+            elif name in self._request and self._request[name][1] is not None:
                 needed -= self._members(kinds, name)
         order = self._rng.permutation(np.flatnonzero(are_members))
         order = order[np.argsort(needed[order], kind="stable")]
         return np.delete(kinds, order[:number])
 
-    def _exchange(self, kinds: Kinds, name: str, request: Mapping[str, Any]) -> Kinds:
+    def _exchange(self, kinds: Kinds, name: str) -> Kinds:
         """Agents that the request counts nowhere become some of a part that lacks them, surplus ones the reverse."""
-        least, most = request[name]
+        least, most = self._request[name]
         own, pool = self._members(kinds, name), np.append(-1, self._others[self._others >= 0])
         of_class = self._members(pool, _PART_OF[name])
         if own.sum() < least:
             number = int(least - own.sum())
             others = self._members(kinds, _PART_OF[name]) & ~self._members(kinds, _LARGE)
-            leaving = np.flatnonzero(others & ~self._requested_places(kinds, request))
+            leaving = np.flatnonzero(others & ~self._requested_places(kinds))
             pool = pool[self._members(pool, name) & ~self._members(pool, _LARGE)]
         elif most is not None and own.sum() > most:
             number, leaving = int(own.sum() - most), np.flatnonzero(own)
-            pool = pool[of_class & ~self._requested_places(pool, request) & ~self._members(pool, _LARGE)]
+            pool = pool[of_class & ~self._requested_places(pool) & ~self._members(pool, _LARGE)]
         else:
             return kinds
         number = min(number, len(leaving))

@@ -63,7 +63,7 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
     if known is not None and len(known.lane_mask) == spec.num_lanes:
         request, negative = _of_agents(request), _of_agents(negative)
         known_lanes = _known_kinds(known, model).lanes
-    draw = AgentDraw(rng, model.outlines.agents, model.codec)
+    draw = AgentDraw(rng, model.outlines.agents, model.codec, spec.attributes)
     row = model.outlines.draw(
         rng,
         request,
@@ -72,10 +72,10 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
         num_lanes=spec.num_lanes,
         num_agents=spec.num_agents,
         lanes=known_lanes,
-        count_misses=lambda kinds: draw.count_misses(kinds, request),
+        count_misses=draw.count_misses,
     )
     agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
-    agents = draw.fit(agents, spec.attributes, model.outlines.missed_by(row, spec.attributes))
+    agents = draw.fit(agents, model.outlines.missed_by(row, spec.attributes))
     num_known = 1
     if known is not None and len(known.agent_mask):
         agents = draw.replace(agents, _known_kinds(known, model).agents)
@@ -97,7 +97,7 @@ def _draw_view(rng: np.random.Generator, spec: SceneSpec, row: int, model: Model
     views, config, known, domain = model.views, model.denoiser.config, _known_tokens(spec), spec.domain
     assert views is not None
     agents, lanes = (_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
-    agents = AgentDraw(rng, views.agents, model.codec).fit(agents, spec.attributes)
+    agents = AgentDraw(rng, views.agents, model.codec, spec.attributes).fit(agents)
     num_known = 1
     if known is not None:
         agents = _with_known(agents, _known_kinds(known, model).agents, views.agent_sizes)
@@ -136,8 +136,8 @@ def _draw_continuation(rng: np.random.Generator, spec: SceneSpec, known: Scene, 
     row = outlines.draw(rng, request, negative=negative, domain=domain, among=among)
     kinds = _known_kinds(known, model)
     agents, lanes = kinds.agents, kinds.lanes
-    draw = AgentDraw(rng, outlines.agents, model.codec)
-    new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]), request)[1:]
+    draw = AgentDraw(rng, outlines.agents, model.codec, request)
+    new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]))[1:]
     agents = np.concatenate([agents, new])[: config.max_agents]
     agents = _cut_or_fill(rng, agents, spec.num_agents, len(known.agent_mask))
     lanes = np.concatenate([lanes, _tokens(outlines.ahead.lanes[row])])[: config.max_lanes]

@@ -4,12 +4,13 @@ The stages, in order, each a module of this package:
 
 1. ``readings``: prompts become attributes, for models that read these.
 2. ``encode``: texts and pictures become streams of tokens.
-3. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
+3. ``scene_spec``: what the conditions hold fixed, in the terms of the model; from here on there are no conditions.
+4. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
    lane and agent is, without coordinates, from a scene of the training that shows most of the request).
-4. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
-5. ``scjax.repair`` and ``best_of``, if they are chosen.
+5. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
+6. ``scjax.repair`` and ``best_of``, if they are chosen.
 
-Stages 1 to 3 and 5 run in NumPy on the host; stage 4 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
+Stages 1 to 4 and 6 run in NumPy on the host; stage 5 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
 or ``jax.vmap``: give it several conditions instead.
 """
 

@@ -90,8 +90,8 @@ AHEAD, BEHIND, ASIDE, WALKER = _kind(CAR, side=1), _kind(CAR, side=2), _kind(CAR
 
 def _fitted(kinds, request, missed=(), seed=0):
     others = np.array([[CAR, AHEAD, BEHIND, ASIDE, WALKER, PERSON]])
-    draw = AgentDraw(np.random.default_rng(seed), others, CODEC)
-    return draw.fit(np.array(kinds), check_attributes(request), missed).tolist()
+    draw = AgentDraw(np.random.default_rng(seed), others, CODEC, check_attributes(request))
+    return draw.fit(np.array(kinds), missed).tolist()
 
 
 def test_agents_that_the_request_names_are_left_out_last():
@@ -118,9 +118,13 @@ def test_agents_become_those_of_a_place_that_the_scene_does_not_show():
 
 def test_numbers_of_places_that_kinds_do_not_show_are_counted():
     kinds = np.array([[CAR, AHEAD, BEHIND], [CAR, AHEAD, AHEAD], [CAR, NO_KIND, NO_KIND]])
-    draw = AgentDraw(np.random.default_rng(0), kinds, CODEC)
-    assert draw.count_misses(kinds, check_attributes({"ahead": 1, "behind": 0})).tolist() == [1, 1, 1]
-    assert draw.count_misses(kinds, check_attributes({"ahead": [1, None], "vehicles": 9})).tolist() == [0, 0, 1]
+
+    def misses(request):
+        draw = AgentDraw(np.random.default_rng(0), kinds, CODEC, check_attributes(request))
+        return draw.count_misses(kinds).tolist()
+
+    assert misses({"ahead": 1, "behind": 0}) == [1, 1, 1]
+    assert misses({"ahead": [1, None], "vehicles": 9}) == [0, 0, 1]
 
 
 def test_numbers_of_the_condition_hold():
