@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from scjax.scene import Crop
+from scjax.scene.partition import elements_behind
 from scjax.train.objectives.known_elements import KnownShares, draw_known
 from tests.factories.examples import example_batch
 
 SCENES = 6
-_known_of = jax.jit(draw_known, static_argnums=2)
+_known_of = jax.jit(draw_known, static_argnums=3)
 
 
 def _batch(crop):
@@ -20,7 +21,8 @@ def _batch(crop):
 
 def _draw(crop, lanes=0.0, region=0.0):
     batch = _batch(crop)
-    return batch, *_known_of(jax.random.key(1), batch, KnownShares(lanes=lanes, region=region))
+    keys = jax.random.split(jax.random.key(1), SCENES)
+    return batch, *_known_of(keys, batch, elements_behind(batch), KnownShares(lanes=lanes, region=region))
 
 
 @pytest.mark.parametrize("shares", [{}, {"lanes": 1.0}, {"region": 1.0}])

@@ -18,8 +18,7 @@ from scjax.data.loader import LoaderConfig, TrainingExample, training_batches
 from scjax.data.measurements import MeasuredRecords
 from scjax.data.window_images import WindowImages
 from scjax.diffusion.log_snr_schedule import log_snr_schedule
-from scjax.diffusion.loss import LatentBatch, training_loss
-from scjax.diffusion.noise_level import NoiseLevel
+from scjax.diffusion.loss import LatentBatch, Penalty, training_loss
 from scjax.diffusion.schedule import cosine_schedule
 from scjax.diffusion.timestep_sampling import TimestepSampling
 from scjax.generate.model import Model
@@ -38,12 +37,13 @@ from scjax.nn import random
 from scjax.nn.cross_attention import from_name
 from scjax.nn.functional import Functional, Params, Path, flatten, unflatten
 from scjax.scene import Crop, Scene
+from scjax.scene.partition import elements_behind
 from scjax.scene.per_type import PerType
 from scjax.train.fit_position_head import FitOptions, fit_position_heads
 from scjax.train.objectives.base import PicturePath, Terms, every_nth, mean_terms
 from scjax.train.objectives.denoiser_inputs import condition_features, condition_of, window_images
 from scjax.train.objectives.known_elements import KnownShares, draw_known
-from scjax.train.objectives.penalty import PenaltyWeights, decoded_penalty
+from scjax.train.objectives.penalty import DecodedPenalty, PenaltyWeights
 from scjax.train.objectives.record_outlines import outlines_of_records
 from scjax.train.objectives.record_views import views_of_records
 from scjax.train.objectives.validation_examples import validation_examples, validation_requests
@@ -216,24 +216,16 @@ class DenoiserObjective:
 
     def loss(self, params: Params, batch: TrainingExample, keys: Array) -> tuple[Array, Terms]:
         """The denoising loss at random noise levels, with random dropouts and known lanes."""
-        scene, latent_batch = self._latent_batch(batch, random.fold_in(keys, 0))
-
-        def penalty(estimate: PerType, level: NoiseLevel) -> Array:
-            return decoded_penalty(
-                self.penalties, self.base, self._autoencoder_params, estimate, level, latent_batch.masks, scene
-            )
-
-        given = penalty if self.penalties else None
-        return self.loss_of_latents(params, latent_batch, random.fold_in(keys, 1), given)
+        scene, latents = self._latent_batch(batch, random.fold_in(keys, 0))
+        penalty = None
+        if self.penalties:
+            penalty = DecodedPenalty(self.penalties, self.base, self._autoencoder_params, latents.masks, scene)
+        return self.loss_of_latents(params, latents, random.fold_in(keys, 1), penalty)
 
     def loss_of_latents(
-        self,
-        params: Params,
-        batch: LatentBatch,
-        keys: Array,
-        penalty: Callable[[PerType, NoiseLevel], Array] | None = None,
+        self, params: Params, batch: LatentBatch, keys: Array, penalty: Penalty | None = None
     ) -> tuple[Array, Terms]:
-        """The denoising loss of latents; ``keys`` [B]; ``penalty`` is one of estimated latents at a noise level."""
+        """The denoising loss of latents, with ``keys`` [B]."""
         return training_loss(
             self.network,
             stop_gradients(params, self.frozen),
@@ -311,7 +303,8 @@ class DenoiserObjective:
 
     def _latent_batch(self, batch: TrainingExample, keys: Array) -> tuple[Scene, LatentBatch]:
         """Scenes and their latents, known tokens first."""
-        scene, known, apart = draw_known(random.fold_in(keys, 1), batch.scene, self.options.known)
+        behind = elements_behind(batch.scene)
+        scene, known, apart = draw_known(random.fold_in(keys, 1), batch.scene, behind, self.options.known)
         tokens = self.codec.normalize(scene).replace(agent_behind=apart.agents, lane_behind=apart.lanes)
         posterior = autoencoder(self.base.autoencoder.config).apply(self._autoencoder_params, tokens, method="encode")
         latents = reparameterize(random.fold_in(keys, 0), posterior)

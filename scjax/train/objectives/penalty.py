@@ -29,32 +29,35 @@ class PenaltyWeights:
         return bool(self.collision or self.connections or self.lateral_offsets)
 
 
-def decoded_penalty(
-    weights: PenaltyWeights,
-    base: Model,
-    params: Params,
-    estimate: PerType,
-    level: NoiseLevel,
-    masks: PerType,
-    scene: Scene,
-) -> Float[Array, " b"]:
-    """The weighted penalties of the scene that an estimate of x_0 decodes to, one number per scene.
+@dataclasses.dataclass(frozen=True)
+class DecodedPenalty:
+    """The weighted penalties of the scenes that estimates of x_0 decode to, beside the true scenes of a batch.
 
-    Args:
+    Attributes:
       base, params: the frozen autoencoder's model, and its parameters.
-      estimate: normalized latents; level: noise from which they were estimated.
-      scene: the true scene, in the token order of the estimate.
+      masks: True at valid tokens [B, tokens] per type.
+      scene: the true scenes [B], in the token order of the estimates.
     """
-    latents = base.latents.denormalize(estimate)
-    decoded = decode_latents(
-        base.autoencoder.config, params["decoder"], base.codec, latents, masks, scene.crop, scene.domain
-    )
-    total = jnp.zeros(len(scene.crop))
-    if weights.collision:
-        energy = collision_energy(decoded.replace(agent_types=scene.agent_types))
-        total += weights.collision * collision_weight(level) * energy
-    if weights.connections:
-        total += weights.connections * relation_weight(level) * connection_error(decoded, scene)
-    if weights.lateral_offsets:
-        total += weights.lateral_offsets * relation_weight(level) * lateral_offset_error(decoded, scene)
-    return total
+
+    weights: PenaltyWeights
+    base: Model
+    params: Params
+    masks: PerType
+    scene: Scene
+
+    def __call__(self, estimate: PerType, level: NoiseLevel) -> Float[Array, " b"]:
+        """One number per scene, of normalized latents that were estimated at a noise level."""
+        weights, base, scene = self.weights, self.base, self.scene
+        latents = base.latents.denormalize(estimate)
+        decoded = decode_latents(
+            base.autoencoder.config, self.params["decoder"], base.codec, latents, self.masks, scene.crop, scene.domain
+        )
+        total = jnp.zeros(len(scene.crop))
+        if weights.collision:
+            energy = collision_energy(decoded.replace(agent_types=scene.agent_types))
+            total += weights.collision * collision_weight(level) * energy
+        if weights.connections:
+            total += weights.connections * relation_weight(level) * connection_error(decoded, scene)
+        if weights.lateral_offsets:
+            total += weights.lateral_offsets * relation_weight(level) * lateral_offset_error(decoded, scene)
+        return total
