@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if args.show is not None:
         picture = args.out.with_suffix(".png")
         shutil.copyfile(args.keep / f"{args.show}.png", picture)
-        reduce_colors(picture)
+        reduce_colors(picture, colors=64)
         text += f"\n![One of the maps]({picture.name})\n"
     columns = {name: [row[name] for row in rows] for name, value in rows[0].items() if not isinstance(value, list)}
     write_page(args.out, text, columns)
