@@ -104,7 +104,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def reduce_colors(path: Path, colors: int = 32) -> None:
-    """Writes a picture again with a palette of so many colors: a third of the size, edges of thin lines differ a little."""
+    """Writes a picture again with a palette: a third of the size, edges of thin lines differ a little."""
     with Image.open(path) as image:  # median cut would merge the rare colors, which are those of agents
         image.convert("RGB").quantize(colors, Image.Quantize.MAXCOVERAGE, kmeans=2).save(path, optimize=True)
 

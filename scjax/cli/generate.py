@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,11 +20,8 @@ from scjax.cli.options import (
 )
 from scjax.cli.output import FORMATS, Clock, say, writable_folder
 from scjax.cli.picture_input import PictureInput, check_reads_pictures, picture_options, read_picture
-from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt_list
+from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt_list, understood_conditions
 from scjax.cli.scene_results import SceneFiles
-
-if TYPE_CHECKING:
-    from scjax.generate.conditions import Condition
 
 
 def _guidance_help() -> str:
@@ -144,9 +140,7 @@ def generate(
     with clock.part("start"):
         import jax
 
-        from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
-        from scjax.generate.readings import read_prompts, reads_requests
         from scjax.generate.sample import sample_scenes
         from scjax.nn.startup import start_jax
 
@@ -158,21 +152,16 @@ def generate(
     given = {"negative_prompt": negative, "num_agents": agents, "num_lanes": lanes, "domain": domain}
     given |= {} if picture is None else picture.fields(model)
 
-    def sample(key: Any, some: Sequence[ListedPrompt]) -> list[dict[str, Any]]:
-        with clock.part("scenes"):
-            requested = read_prompts([Condition(prompt=entry.prompt, **given) for entry in some], model)
-            if reads_requests(model):
-                _announce(some, requested, quiet=as_json)
-            scenes = sample_scenes(key, requested, model=model, **sampling)
-        with clock.part("files"):
-            return files.write(some, [condition.attributes for condition in requested], scenes)
-
-    files, key = SceneFiles(out, seed, sampling["num_scenes"], formats, picture), jax.random.key(seed)
-    results = []
+    files, key, results = SceneFiles(out, seed, sampling["num_scenes"], formats, picture), jax.random.key(seed), []
     for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
         if number is not None and all(files.is_complete(entry) for entry in some):
             continue
-        results += sample(key if number is None else jax.random.fold_in(key, number), some)
+        with clock.part("scenes"):
+            conditions = understood_conditions(some, given, model, quiet=as_json)
+            own_key = key if number is None else jax.random.fold_in(key, number)
+            scenes = sample_scenes(own_key, conditions, model=model, **sampling)
+        with clock.part("files"):
+            results += files.write(some, [condition.attributes for condition in conditions], scenes)
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:
@@ -196,15 +185,3 @@ def _entries(
             "give PROMPT, --image FILE, --prompts FILE or --no-prompt; a prompt and a picture may come together"
         )
     return read_prompt_list(prompt_file) if prompt_file is not None else [ListedPrompt("", one) for one in prompts]
-
-
-def _announce(entries: Sequence[ListedPrompt], conditions: Sequence[Condition], *, quiet: bool) -> None:
-    """Says what was understood of the prompts, and what will not come true."""
-    from scjax.generate.readings import prompt_warnings
-    from scjax.language.attributes.shown import shown_request
-
-    for entry, condition in zip(entries, conditions, strict=True):
-        if condition.attributes and not entry.id:
-            say(f"understood: {shown_request(condition.attributes)}", quiet=quiet)
-        for warning in prompt_warnings(condition):
-            say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")

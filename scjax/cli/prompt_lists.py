@@ -1,13 +1,19 @@
-"""Lists of prompts in a file: one JSON object a line, with "id" and "prompt"."""
+"""The prompts of a command: lists in a file, one JSON object a line, with "id" and "prompt"; and what they ask for."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
+
+from scjax.cli.output import say
+
+if TYPE_CHECKING:
+    from scjax.generate.components import Model
+    from scjax.generate.conditions import Condition
 
 CHUNK = 128
 """Prompts that are sampled together, in batches by size. Scenes depend on the place of their prompt in the file."""
@@ -71,3 +77,28 @@ def progress_of_chunks(entries: Sequence[ListedPrompt]) -> Iterator[tuple[int, S
             some = entries[start : start + CHUNK]
             yield number, some
             bar.update(len(some))
+
+
+def understood_conditions(
+    entries: Sequence[ListedPrompt], fields: Mapping[str, Any], model: Model, *, quiet: bool
+) -> list[Condition]:
+    """A condition for every prompt, with what it asks for as attributes, where the model takes prompts as requests.
+
+    Then it says what was understood of prompts without an id, unless ``quiet``, and what will not come true.
+
+    Args:
+      fields: of all conditions.
+    """
+    from scjax.generate.conditions import Condition
+    from scjax.generate.readings import prompt_warnings, read_prompts, reads_requests
+    from scjax.language.attributes.shown import shown_request
+
+    conditions = read_prompts([Condition(prompt=entry.prompt, **fields) for entry in entries], model)
+    if not reads_requests(model):
+        return conditions
+    for entry, condition in zip(entries, conditions, strict=True):
+        if condition.attributes and not entry.id:
+            say(f"understood: {shown_request(condition.attributes)}", quiet=quiet)
+        for warning in prompt_warnings(condition):
+            say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")
+    return conditions

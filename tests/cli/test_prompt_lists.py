@@ -57,7 +57,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 def test_lists_are_generated_once_and_continued(tmp_path, run, monkeypatch):
     """What is there is left; what is missing comes out as it would have."""
     monkeypatch.setattr(prompt_lists, "CHUNK", 2)
-    monkeypatch.setattr("scjax.generate.encode.load_text_encoder", Words)
+    monkeypatch.setattr("scjax.generate.text_streams.load_text_encoder", Words)
     model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)
     scjax.save(model, tmp_path / "model")
     words = ["generate", "--prompts", _write(tmp_path / "list.jsonl", LINES), "--format", "npz"]
