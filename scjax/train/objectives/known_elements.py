@@ -41,31 +41,38 @@ def draw_known(keys: Array, scene: Scene, behind: PerType, shares: KnownShares) 
       The scenes; known tokens; and tokens that must be encoded as if the others were not there, True or False
       [B, tokens] per type.
     """
-    return jax.vmap(functools.partial(_draw_one, shares=shares))(keys, scene, behind)
+    known, apart = jax.vmap(functools.partial(_draw_one, shares=shares))(keys, scene, behind)
+    return _known_first(scene, known, apart)
 
 
-def _draw_one(key: Array, scene: Scene, behind: PerType, shares: KnownShares) -> tuple[Scene, PerType, PerType]:
-    """As ``draw_known``, for one scene."""
+def _draw_one(key: Array, scene: Scene, behind: PerType, shares: KnownShares) -> tuple[PerType, PerType]:
+    """Of one scene, what is known, and what must be encoded as if the rest were not there."""
     choice = jax.random.uniform(jax.random.fold_in(key, 0))
     all_lanes, region = choice < shares.lanes, (choice >= shares.lanes) & (choice < shares.lanes + shares.region)
     side = _side_of_line(jax.random.fold_in(key, 1), scene)
     apart = PerType(agents=behind.agents | (region & side.agents), lanes=behind.lanes | (region & side.lanes))
     some = _some_agents(jax.random.fold_in(key, 2), scene.agent_mask)
     known = PerType(agents=apart.agents | (all_lanes & some), lanes=apart.lanes | (all_lanes & scene.lane_mask))
-    return _known_first(scene, known, apart)
+    return known, apart
 
 
 def _known_first(scene: Scene, known: PerType, apart: PerType) -> tuple[Scene, PerType, PerType]:
     agents, lanes = _order(known.agents, scene.agent_mask), _order(known.lanes, scene.lane_mask)
-    fields = {name: getattr(scene, name)[agents] for name in _AGENT_FIELDS}
-    fields |= {name: getattr(scene, name)[lanes] for name in _LANE_FIELDS}
-    fields["links"] = scene.links[lanes][:, lanes]
-    known, apart = (PerType(agents=one.agents[agents], lanes=one.lanes[lanes]) for one in (known, apart))
+    fields = {name: _take(getattr(scene, name), agents) for name in _AGENT_FIELDS}
+    fields |= {name: _take(getattr(scene, name), lanes) for name in _LANE_FIELDS}
+    links = jnp.swapaxes(_take(scene.links, lanes), -1, -2)
+    fields["links"] = jnp.swapaxes(_take(links, lanes), -1, -2)
+    known, apart = (PerType(agents=_take(one.agents, agents), lanes=_take(one.lanes, lanes)) for one in (known, apart))
     return scene.replace(**fields), known, apart
 
 
-def _order(known: Bool[Array, " n"], mask: Bool[AnyArray, " n"]) -> Int[Array, " n"]:
-    return jnp.argsort(jnp.where(mask, jnp.where(known, 0, 1), 2), stable=True)
+def _order(known: Bool[Array, "b n"], mask: Bool[AnyArray, "b n"]) -> Int[Array, "b n"]:
+    return jnp.argsort(jnp.where(mask, jnp.where(known, 0, 1), 2), axis=-1, stable=True)
+
+
+def _take(values: AnyArray, order: Int[Array, "b n"]) -> Array:
+    values = jnp.asarray(values)
+    return jnp.take_along_axis(values, order.reshape(*order.shape, *(1,) * (values.ndim - 2)), axis=1)
 
 
 def _some_agents(key: Array, mask: Bool[AnyArray, " n"]) -> Bool[Array, " n"]:
