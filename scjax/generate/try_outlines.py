@@ -9,16 +9,16 @@ import jax
 import numpy as np
 
 from scjax.generate.best_of import count_faults
-from scjax.generate.conditions import Condition, Stream
+from scjax.generate.conditions import Condition
 from scjax.generate.encode import encode_conditions
 from scjax.generate.model import Model
 from scjax.generate.outlines import Outlines
 from scjax.generate.requests import Request
 from scjax.generate.sample import sample_requests, sampling_settings
+from scjax.generate.scene_spec import SceneSpec, specify_scenes
 from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.table import measure_attributes
 from scjax.models.denoiser.kinds import NO_KIND
-from scjax.scene import Crop
 from scjax.scene.per_type import PerType
 
 
@@ -46,25 +46,12 @@ def try_outlines(model: Model, rows: Sequence[int], trial: int, seed: int = 0) -
     requests = [draw_attributes(outlines.measurements(row), np.random.default_rng([trial, row])) for row in rows]
     conditions = [Condition(attributes=request) for request in requests]
     key = jax.random.key(seed + trial)
-    drawn = [
-        _request(jax.random.fold_in(key, row), condition, streams, outlines, row)
-        for row, condition, streams in zip(rows, conditions, encode_conditions(conditions, model), strict=True)
-    ]
+    specs = specify_scenes(conditions, encode_conditions(conditions, model), model)
+    drawn = [_request(jax.random.fold_in(key, row), spec, outlines, row) for row, spec in zip(rows, specs, strict=True)]
     return [Trial(measure_attributes(scene), count_faults(scene)) for scene in sample_requests(drawn, model, settings)]
 
 
-def _request(
-    key: jax.Array, condition: Condition, streams: Mapping[str, Stream], outlines: Outlines, row: int
-) -> Request:
+def _request(key: jax.Array, spec: SceneSpec, outlines: Outlines, row: int) -> Request:
     agents, lanes = (kinds[row][kinds[row] != NO_KIND].astype(np.int32) for kinds in (outlines.agents, outlines.lanes))
-    return Request(
-        key=key,
-        streams=streams,
-        crop=Crop.CENTERED,
-        domain=int(outlines.domains[row]),
-        num_agents=len(agents),
-        num_lanes=len(lanes),
-        known=None,
-        kinds=PerType(agents=agents, lanes=lanes),
-        attributes=condition.attributes,
-    )
+    kinds = PerType(agents=agents, lanes=lanes)
+    return Request(key, spec, int(outlines.domains[row]), len(agents), len(lanes), kinds)

@@ -16,7 +16,7 @@ from scjax.generate.best_of import best_index, score_scene
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
 from scjax.generate.requests import draw_request
-from scjax.generate.sample import _sample_latents_and_decode, _settings
+from scjax.generate.sample import sample_requests, sampling_settings
 from scjax.generate.scene_spec import specify_scene
 from scjax.models.denoiser.config import TextCondition
 from tests.factories.repair_scenes import chain, queue
@@ -42,8 +42,8 @@ def candidates_of(model, condition, number, seed=0):
     key = jax.random.fold_in(jax.random.key(seed), 0)
     streams = {} if condition.prompt is None else {"text": scjax.Stream(model.prompts[condition.prompt])}
     request = draw_request(key, specify_scene(condition, streams, model), model, CountTables(model))
-    options = _settings(model, 2, None, None, None, None)
-    return _sample_latents_and_decode(request.candidates(number), model, options)
+    options = sampling_settings(model, 2, None, None, None, None)
+    return sample_requests(request.candidates(number), model, options)
 
 
 def test_score_counts_an_ego_off_the_lanes():
