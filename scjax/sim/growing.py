@@ -30,7 +30,7 @@ from scjax.sim.simulate import TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
 
 SEGMENT = 20  # steps between two looks at what is left of the way
-LOOK_AHEAD = 110.0  # m of the way that must be there
+LOOK_AHEAD = 140.0  # m of the way that must be there: a tile that leads nowhere is known before it comes in sight
 AROUND = 160.0  # m from the driven agent, within which traffic moves
 _SHAPE = (128, 16384, 1024, 2048)  # as ``Start.shape``, of nearly all moments, so that the loop compiles once
 _SIGNALS = 256  # likewise

@@ -80,7 +80,7 @@ class MapGrowth:
         """
         self.gone, unchanged = [], (self.map, self._yaw, self.path)
         while True:
-            chosen = self._next_exit(self.map, first, self._yaw)
+            chosen = self._next_exit(self.map, first, self._yaw, self.path)
             if chosen is None and self._take_back(place):
                 continue
             if chosen is None:
@@ -98,14 +98,19 @@ class MapGrowth:
                 return True
             self.map = _with_missing(before, grown.tiles[len(before.tiles) :], _NO_WAY)
 
-    def _next_exit(self, map: Map, first: str, yaw: float) -> RoadExit | None:
-        """Of the exits that were tried least often the one nearest to the way."""
+    def _next_exit(self, map: Map, first: str, yaw: float, path: tuple[str, ...] = ()) -> RoadExit | None:
+        """Of the exits that were tried least often the one nearest to the way; first those at which ``path`` goes on.
+
+        Without that, tiles would be added here and there, and none of the ways would become long.
+        """
         exits = [one for one in find_exits(map, first) if self._tries[one.lane_ids[-1]] < MAX_TRIES]
-        for tries in range(MAX_TRIES):
-            fresh = [one for one in exits if self._tries[one.lane_ids[-1]] == tries]
-            chosen = choose_exit(fresh, self._rng, yaw=yaw, way=self._way)
-            if chosen is not None:
-                return chosen
+        onward = [one for one in exits if path and path[-1] in one.lane_ids]
+        for some in (onward, exits):
+            for tries in range(MAX_TRIES):
+                fresh = [one for one in some if self._tries[one.lane_ids[-1]] == tries]
+                chosen = choose_exit(fresh, self._rng, yaw=yaw, way=self._way)
+                if chosen is not None:
+                    return chosen
         return None
 
     def _take_back(self, place: Float64[np.ndarray, " 2"]) -> bool:

@@ -8,6 +8,8 @@ import jax
 import numpy as np
 import pytest
 
+from scjax.outpainting.exits import RoadExit
+from scjax.outpainting.window import WindowPose
 from scjax.scene import MapTile, TileStatus
 from scjax.scene.map import Map
 from scjax.sim.map_growth import MapGrowth
@@ -68,3 +70,18 @@ def test_tiles_in_sight_stay(growth):
     before = run.map
     assert not run.extend("tile-1", np.array([60.0, 0.0]))
     assert run.map is before and not run.gone
+
+
+def test_the_way_goes_on_where_the_last_tile_is(growth, monkeypatch):
+    run, lengths, _ = growth
+    lengths += [31.5, 31.5]
+    assert run.extend("road", HERE) and run.extend("road", HERE)
+    pose = WindowPose(95.0, 0.0, 0.0, 0.0)
+    onward = RoadExit(("road", "tile-1", "tile-2"), pose._replace(yaw=1.0), 0.0)
+    straight = RoadExit(("road", "other"), pose, 0.0)
+    monkeypatch.setattr("scjax.sim.map_growth.find_exits", lambda map, first: [straight, onward])
+    assert run.path[-1] == "tile-1"
+    assert run._next_exit(run.map, "road", 0.0, run.path) is onward
+    assert run._next_exit(run.map, "road", 0.0) is straight
+    monkeypatch.setattr("scjax.sim.map_growth.find_exits", lambda map, first: [straight])
+    assert run._next_exit(run.map, "road", 0.0, run.path) is straight
