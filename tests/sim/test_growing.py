@@ -51,9 +51,10 @@ def test_nobody_jumps_when_a_tile_is_added(result):
         assert (moved <= limit).all(), result.log.object_ids[row]
 
 
-def test_agents_of_new_tiles_join(result, source):
-    new = set(result.map.agent_ids) - set(source.agent_ids)
-    assert new <= set(result.log.object_ids)
+def test_agents_of_new_tiles_join_unless_they_block_a_lane(result, source):
+    new, driven = set(result.map.agent_ids) - set(source.agent_ids), set(result.log.object_ids)
+    blocking = bodies_in_the_way(prepare(result.map, 0, np.random.default_rng(0)))
+    assert new & driven and new - driven <= blocking
 
 
 def test_bodies_that_reach_into_a_lane_are_in_the_way():
