@@ -2,7 +2,7 @@
 
     python -m experiments.try_outlines --model=runs/text/model --trials=3
 
-Some outlines are drawn as they are meant, others lose an attribute in most samples, or have faults. With the trials
+Some outlines are drawn as they are meant, others lose an attribute in most samples, or have loose ends. With the trials
 ``scjax.sample`` prefers those that show the request (``scjax.generate.outline_trials``). A trial costs 0.07 core
 seconds. What is in RUNS is not sampled again, so that the command goes on where it was stopped.
 """

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from scjax.language.attributes.table import score_attributes
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
@@ -38,19 +36,13 @@ def score_scene(scene: Scene, attributes: Mapping[str, Any]) -> SceneScore:
     if attributes:
         missed = len(score_attributes(scene, attributes).misses) + int((offsets[:1] > ON_LANE).sum())
     misplaced = (offsets > ON_LANE) | (angles > _AGAINST)
-    return SceneScore(missed, _count_open(scene, gaps) + int(misplaced.sum()), float(gaps.sum()))
+    faults = len(overlapping_pairs(scene)) + count_lane_faults(scene) + int(misplaced.sum())
+    return SceneScore(missed, faults, float(gaps.sum()))
 
 
-def count_faults(scene: Scene) -> int:
-    """Overlapping boxes, open lane connections, loose ends of lanes, and vehicles against their lane."""
-    offsets, angles = lane_offsets(scene)
-    against = (angles > _AGAINST) & (offsets <= ON_LANE)
-    return _count_open(scene, connection_gaps(scene)) + int(against.sum())
-
-
-def _count_open(scene: Scene, gaps: np.ndarray) -> int:
-    """Overlapping boxes, open lane connections and loose ends of lanes."""
-    return len(overlapping_pairs(scene)) + int((gaps > OPEN_CONNECTION).sum()) + len(loose_ends(scene))
+def count_lane_faults(scene: Scene) -> int:
+    """Lane connections open by more than 1 m, and loose ends of lanes."""
+    return int((connection_gaps(scene) > OPEN_CONNECTION).sum()) + len(loose_ends(scene))
 
 
 def best_order(scenes: Sequence[Scene], attributes: Mapping[str, Any]) -> list[int]:

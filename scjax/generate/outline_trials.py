@@ -1,7 +1,8 @@
 """What a model makes of its outlines: a few scenes sampled from each, measured once after the training.
 
 Some outlines are drawn as they are meant, others lose an attribute in most samples. Of outlines that show a request
-equally well, those are drawn whose trials show it, and have no faults.
+equally well, those are drawn whose trials show it, and whose lanes have no faults there. (Faults of agents do not
+count: scenes with few agents have fewer, so that scenes of a request would become emptier than those of the world.)
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Trials:
     Attributes:
       measured: of every outline, trial and attribute, the position of the measurement in the values of the outlines
         [outlines, trials, attributes].
-      faults: of every outline and trial, the faults of the scene (``best_of.count_faults``) [outlines, trials].
+      faults: of every outline and trial, faults of the lanes (``best_of.count_lane_faults``) [outlines, trials].
     """
 
     measured: np.ndarray
@@ -97,5 +98,5 @@ class Trials:
         return held
 
     def mean_faulty(self, rows: Int[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
-        """Of some outlines, the share of trials with a fault."""
+        """Of some outlines, the share of trials with a fault of the lanes."""
         return (self.faults[rows] > 0).mean(1).astype(np.float32)

@@ -171,7 +171,7 @@ class Outlines:
         What trials of an outline show counts as much as what its scene shows. Of these it shows least of ``negative``,
         is of the domain if any of them is, and is nearest in numbers; with ``lanes``, kinds of lanes that are known, it
         is nearest to these and to the number of agents. Of many that are equal it is one whose kinds of agents show the
-        request and whose trials have few faults.
+        request and in whose trials few lanes have faults.
 
         Args:
           among: the scenes to choose from; None: all.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from scjax.generate.best_of import count_faults
+from scjax.generate.best_of import count_lane_faults
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import encode_conditions
 from scjax.generate.model import Model
@@ -23,7 +23,7 @@ from scjax.scene.per_type import PerType
 
 
 class Trial(NamedTuple):
-    """A raw single sample from an outline: its attributes (``measure_attributes``), and ``count_faults``."""
+    """A raw single sample from an outline: its attributes (``measure_attributes``), and ``count_lane_faults``."""
 
     measured: Mapping[str, Any]
     faults: int
@@ -48,7 +48,9 @@ def try_outlines(model: Model, rows: Sequence[int], trial: int, seed: int = 0) -
     key = jax.random.key(seed + trial)
     specs = specify_scenes(conditions, encode_conditions(conditions, model), model)
     drawn = [_request(jax.random.fold_in(key, row), spec, outlines, row) for row, spec in zip(rows, specs, strict=True)]
-    return [Trial(measure_attributes(scene), count_faults(scene)) for scene in sample_requests(drawn, model, settings)]
+    return [
+        Trial(measure_attributes(scene), count_lane_faults(scene)) for scene in sample_requests(drawn, model, settings)
+    ]
 
 
 def _request(key: jax.Array, spec: SceneSpec, outlines: Outlines, row: int) -> Request:
