@@ -37,6 +37,7 @@ _SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
 _TILES_AT_ONCE = 8  # of 32 m; more are added two seconds later
 _ROOM = 1.35  # m to the side of a centerline, of a car that passes; lanes that swerve leave 1.4 m
+_WIDTH = 2.2  # m, of the widest car; what is wider needs more room
 
 
 class GrowingDrive:
@@ -142,7 +143,7 @@ class GrowingDrive:
             traffic = self._with_traffic(self.world)
             start = self._prepare(traffic)
             new = set(traffic.agent_ids) - self.seen
-            blocking = bodies_in_the_way(start) & new
+            blocking = bodies_in_the_way(start, float(start.agents.width[start.log.object_ids.index(self.actor)])) & new
             if excluded := blocking | arrivals_too_near(start, new, blocking):
                 start = self._prepare(_without_agents(traffic, excluded))
             self._begin(start)
@@ -245,22 +246,22 @@ def with_first_stop_lines(map: Map) -> Map:
     )
 
 
-def bodies_in_the_way(start: Start) -> set[str]:
-    """Ids of vehicles and obstacles that follow no lane and leave a car no room on one: queues would not end."""
+def bodies_in_the_way(start: Start, width: float = _WIDTH) -> set[str]:
+    """Ids of vehicles and obstacles that follow no lane and leave who is so wide [m] no room: queues would not end."""
     from scipy.spatial import KDTree
 
     log, count, network = start.log, start.log.num_objects, start.network
     points = np.unique(np.stack([network.x, network.y], -1), axis=0)  # lanes that swerve where there is room
     follows_none = start.places.lane[:count] == NONE
     stands = follows_none & (log.object_types != AgentType.PEDESTRIAN)
-    tree, names = KDTree(points), set[str]()
+    tree, names, room = KDTree(points), set[str](), _ROOM + max(width - _WIDTH, 0.0) / 2
     for row in np.flatnonzero(stands):
         center, heading = np.array([start.agents.x[row], start.agents.y[row]]), float(start.agents.heading[row])
         half = log.sizes[row, :2] / 2
-        offset = points[tree.query_ball_point(center, float(np.hypot(*half)) + _ROOM)] - center
+        offset = points[tree.query_ball_point(center, float(np.hypot(*half)) + room)] - center
         cos, sin = np.cos(heading), np.sin(heading)
         outside = np.maximum(np.abs(offset @ np.array([[cos, -sin], [sin, cos]])) - half, 0.0)
-        if (np.hypot(*outside.T) < _ROOM).any():
+        if (np.hypot(*outside.T) < room).any():
             names.add(log.object_ids[row])
     return names
 

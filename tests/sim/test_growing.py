@@ -62,6 +62,7 @@ def test_bodies_that_reach_into_a_lane_are_in_the_way():
     kinds = [AgentType.VEHICLE, AgentType.VEHICLE, AgentType.VEHICLE, AgentType.STATIC]
     start = prepare(with_agents([road(200.0)], cars, kinds), 0, np.random.default_rng(0))
     assert bodies_in_the_way(start) == {"a1", "a3"}
+    assert bodies_in_the_way(start, width=8.0) == {"a1", "a2", "a3"}
 
 
 def test_of_stop_lines_in_a_row_the_first_stays():
