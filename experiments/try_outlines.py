@@ -40,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start_jax()
     try:
         model = scjax.load(args.model)
+        if model.outlines is None:
+            raise ValueError(f"{args.model} has no outlines to try: train a denoiser with agent_kinds=True on requests")
         found = [make_trials(model, number, args.seed, args.runs) for number in range(args.trials)]
         outlines = model.outlines.with_trials(
             [[one.measured for one in trials] for trials in zip(*found, strict=True)],
