@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from jaxtyping import Float64
+
 from scjax.language.attributes.table import score_attributes
 from scjax.metrics.realism import ON_LANE, OPEN_CONNECTION, connection_gaps, lane_offsets, overlapping_pairs
 from scjax.scene import Scene
@@ -36,13 +39,13 @@ def score_scene(scene: Scene, attributes: Mapping[str, Any]) -> SceneScore:
     if attributes:
         missed = len(score_attributes(scene, attributes).misses) + int((offsets[:1] > ON_LANE).sum())
     misplaced = (offsets > ON_LANE) | (angles > _AGAINST)
-    faults = len(overlapping_pairs(scene)) + count_lane_faults(scene) + int(misplaced.sum())
+    faults = len(overlapping_pairs(scene)) + count_lane_faults(scene, gaps) + int(misplaced.sum())
     return SceneScore(missed, faults, float(gaps.sum()))
 
 
-def count_lane_faults(scene: Scene) -> int:
-    """Lane connections open by more than 1 m, and loose ends of lanes."""
-    return int((connection_gaps(scene) > OPEN_CONNECTION).sum()) + len(loose_ends(scene))
+def count_lane_faults(scene: Scene, gaps: Float64[np.ndarray, " connections"]) -> int:
+    """Lane connections open by more than 1 m, of ``connection_gaps``, and loose ends of lanes."""
+    return int((gaps > OPEN_CONNECTION).sum()) + len(loose_ends(scene))
 
 
 def best_order(scenes: Sequence[Scene], attributes: Mapping[str, Any]) -> list[int]:

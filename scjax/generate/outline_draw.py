@@ -74,7 +74,7 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
         lanes=known_lanes,
         count_misses=draw.count_misses,
     )
-    agents, lanes = (_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
+    agents, lanes = (valid_tokens(kinds[row]) for kinds in (model.outlines.agents, model.outlines.lanes))
     agents = draw.fit(agents, model.outlines.missed_by(row, spec.attributes))
     num_known = 1
     if known is not None and len(known.agent_mask):
@@ -96,7 +96,7 @@ def _draw_view(rng: np.random.Generator, spec: SceneSpec, row: int, model: Model
     """
     views, config, known, domain = model.views, model.denoiser.config, _known_tokens(spec), spec.domain
     assert views is not None
-    agents, lanes = (_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
+    agents, lanes = (valid_tokens(kinds[row]) for kinds in (views.agents, views.lanes))
     agents = AgentDraw(rng, views.agents, model.codec, spec.attributes).fit(agents)
     num_known = 1
     if known is not None:
@@ -137,10 +137,10 @@ def _draw_continuation(rng: np.random.Generator, spec: SceneSpec, known: Scene, 
     kinds = _known_kinds(known, model)
     agents, lanes = kinds.agents, kinds.lanes
     draw = AgentDraw(rng, outlines.agents, model.codec, request)
-    new = draw.fit(np.concatenate([agents[:1], _tokens(outlines.ahead.agents[row])]))[1:]
+    new = draw.fit(np.concatenate([agents[:1], valid_tokens(outlines.ahead.agents[row])]))[1:]
     agents = np.concatenate([agents, new])[: config.max_agents]
     agents = _cut_or_fill(rng, agents, spec.num_agents, len(known.agent_mask))
-    lanes = np.concatenate([lanes, _tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
+    lanes = np.concatenate([lanes, valid_tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
     lanes = _cut_or_fill(rng, lanes, spec.num_lanes, len(known.lane_mask))
     return Outline(agents, lanes, int(outlines.domains[row]) if domain is None else domain, len(lanes))
 
@@ -166,7 +166,8 @@ def _of_agents(request: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in request.items() if name not in _ABOUT_ROADS}
 
 
-def _tokens(kinds: Kinds) -> Kinds:
+def valid_tokens(kinds: Kinds) -> Kinds:
+    """The kinds of one scene without padding."""
     return kinds[kinds != NO_KIND].astype(np.int32)
 
 

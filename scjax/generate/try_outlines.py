@@ -12,13 +12,14 @@ from scjax.generate.best_of import count_lane_faults
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import encode_conditions
 from scjax.generate.model import Model
+from scjax.generate.outline_draw import valid_tokens
 from scjax.generate.outlines import Outlines
 from scjax.generate.requests import Request
 from scjax.generate.sample import sample_requests, sampling_settings
 from scjax.generate.scene_spec import SceneSpec, specify_scenes
 from scjax.language.attributes.draw import draw_attributes
 from scjax.language.attributes.table import measure_attributes
-from scjax.models.denoiser.kinds import NO_KIND
+from scjax.metrics.realism import connection_gaps
 from scjax.scene.per_type import PerType
 
 
@@ -49,11 +50,12 @@ def try_outlines(model: Model, rows: Sequence[int], trial: int, seed: int = 0) -
     specs = specify_scenes(conditions, encode_conditions(conditions, model), model)
     drawn = [_request(jax.random.fold_in(key, row), spec, outlines, row) for row, spec in zip(rows, specs, strict=True)]
     return [
-        Trial(measure_attributes(scene), count_lane_faults(scene)) for scene in sample_requests(drawn, model, settings)
+        Trial(measure_attributes(scene), count_lane_faults(scene, connection_gaps(scene)))
+        for scene in sample_requests(drawn, model, settings)
     ]
 
 
 def _request(key: jax.Array, spec: SceneSpec, outlines: Outlines, row: int) -> Request:
-    agents, lanes = (kinds[row][kinds[row] != NO_KIND].astype(np.int32) for kinds in (outlines.agents, outlines.lanes))
+    agents, lanes = (valid_tokens(kinds[row]) for kinds in (outlines.agents, outlines.lanes))
     kinds = PerType(agents=agents, lanes=lanes)
     return Request(key, spec, int(outlines.domains[row]), len(agents), len(lanes), kinds)

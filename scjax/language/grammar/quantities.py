@@ -57,38 +57,53 @@ class StatedQuantity(NamedTuple):
         return least <= value and (most is None or value <= most)
 
 
+def about_margin(number: int) -> int:
+    """How far "about" reaches from a number, to both sides."""
+    return 2 if number < 18 else 3
+
+
+NUMBER_BOUNDS: dict[str, Callable[[int], Bounds]] = {
+    "exactly": lambda n: (n, n),
+    "at_least": lambda n: (n, None),
+    "more_than": lambda n: (n + 1, None),
+    "at_most": lambda n: (0, n),
+    "fewer_than": lambda n: (0, max(n - 1, 0)),
+    "about": lambda n: (n - about_margin(n), n + about_margin(n)),
+}
+"""Comparison -> the range that it makes of its number."""
+
+
+def _compared(kind: str, number: int) -> StatedQuantity:
+    return StatedQuantity(kind, (number,), NUMBER_BOUNDS[kind](number))
+
+
 def _exact(value: int, rng: np.random.Generator) -> StatedQuantity:
     margin = 0 if value < _EXACT_BELOW else 1
     return StatedQuantity("exact", (value,), (value - margin, value + margin))
 
 
 def _exactly(value: int, rng: np.random.Generator) -> StatedQuantity:
-    return StatedQuantity("exactly", (value,), (value, value))
+    return _compared("exactly", value)
 
 
 def _at_least(value: int, rng: np.random.Generator) -> StatedQuantity:
-    number = max(1, value - int(rng.integers(4)))
-    return StatedQuantity("at_least", (number,), (number, None))
+    return _compared("at_least", max(1, value - int(rng.integers(4))))
 
 
 def _more_than(value: int, rng: np.random.Generator) -> StatedQuantity:
-    number = max(1, value - 1 - int(rng.integers(4)))
-    return StatedQuantity("more_than", (number,), (number + 1, None))
+    return _compared("more_than", max(1, value - 1 - int(rng.integers(4))))
 
 
 def _at_most(value: int, rng: np.random.Generator) -> StatedQuantity:
-    number = max(1, value + int(rng.integers(4)))
-    return StatedQuantity("at_most", (number,), (0, number))
+    return _compared("at_most", max(1, value + int(rng.integers(4))))
 
 
 def _fewer_than(value: int, rng: np.random.Generator) -> StatedQuantity:
-    number = max(2, value + 1 + int(rng.integers(4)))
-    return StatedQuantity("fewer_than", (number,), (0, number - 1))
+    return _compared("fewer_than", max(2, value + 1 + int(rng.integers(4))))
 
 
 def _about(value: int, rng: np.random.Generator) -> StatedQuantity:
-    margin = 2 if value < 18 else 3
-    number = max(_EXACT_BELOW, value + int(rng.integers(-1, 2)))
+    margin, number = about_margin(value), max(_EXACT_BELOW, value + int(rng.integers(-1, 2)))
     return StatedQuantity("about", (number,), (number - margin, number + margin))
 
 

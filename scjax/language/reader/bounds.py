@@ -9,11 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from scjax.language.attributes.base import Bounds
-from scjax.language.grammar.quantities import VAGUE
+from scjax.language.grammar.quantities import NUMBER_BOUNDS, VAGUE, about_margin
 
 _SUMMED = 5  # numbers of a text that may be parts of a sum, at most
 _EXACT_BELOW = 4  # smaller numbers are exact
-_MANY = 18  # from here on "about" reaches one further
 _DISTANCE_TOLERANCE, _DISTANCE_SHARE = 3, 0.25
 _UNSTATED = -1.0  # logarithm of how much less likely a pair is that no wording makes
 _COMPARED = 3.0  # of how much likelier one is that a comparison in the text makes
@@ -47,9 +46,9 @@ def pair_scores(
 def _counts(numbers: Sequence[int]) -> Iterator[Bounds]:
     distinct = sorted(set(numbers))
     for number in distinct:
-        near = 2 if number < _MANY else 3
+        near = about_margin(number)
         yield from _exact(number)
-        yield from ((number, None), (number + 1, None), (0, number), (0, max(number - 1, 0)))
+        yield from (NUMBER_BOUNDS[kind](number) for kind in ("at_least", "more_than", "at_most", "fewer_than"))
         yield max(number - near, 0), number + near
     for low, high in itertools.combinations(distinct, 2):
         yield low, high

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from scjax.language.attributes.base import Bounds
 from scjax.language.grammar.phrasebook import languages, phrasebook
-from scjax.language.reader.numbers import find_numbers
+from scjax.language.grammar.quantities import NUMBER_BOUNDS
+from scjax.language.reader.numbers import find_numbers, lowered
 
 _NUMBER, _NOUN = "#", "~"
 _NEAR = 24  # characters between a number and what follows its noun
-_ABOUT, _ABOUT_MANY, _MANY = 2, 3, 18  # "about" reaches so far, from 18 on further
-_BOUNDS: dict[str, Callable[[int], Bounds]] = {
-    "exactly": lambda n: (n, n),
-    "at_least": lambda n: (n, None),
-    "more_than": lambda n: (n + 1, None),
-    "at_most": lambda n: (0, n),
-    "fewer_than": lambda n: (0, max(n - 1, 0)),
-    "about": lambda n: (n - _ABOUT, n + _ABOUT) if n < _MANY else (n - _ABOUT_MANY, n + _ABOUT_MANY),
-}
 
 
 class _Wording(NamedTuple):
@@ -35,9 +27,7 @@ class _Wording(NamedTuple):
 
 def compared_bounds(text: str) -> Iterator[Bounds]:
     """The range of every number of a text that a comparison stands at; the longest wording counts."""
-    lower = text.lower()
-    if len(lower) != len(text):
-        lower = text
+    lower = lowered(text)
     wordings, phrases = _wordings()
     for phrase, bounds in phrases.items():
         if re.search(rf"(?<!\w){re.escape(phrase)}(?!\w)", lower):
@@ -47,7 +37,7 @@ def compared_bounds(text: str) -> Iterator[Bounds]:
         fits = [one for one in wordings if _ends_with(before, one.before) and _goes_on(after, one)]
         if fits:
             kind = max(fits, key=lambda one: len(one.before) + len(one.after)).kind
-            yield _BOUNDS[kind](value)
+            yield NUMBER_BOUNDS[kind](value)
 
 
 def _ends_with(text: str, words: str) -> bool:
@@ -80,7 +70,7 @@ def _wordings() -> tuple[tuple[_Wording, ...], Mapping[str, Bounds]]:
         for table in (words["quantities"], words["symbols"]):
             for key, content in table.items():
                 kind, _, number = key.partition(" ")
-                for template in _templates(content) if kind in _BOUNDS else ():
+                for template in _templates(content) if kind in NUMBER_BOUNDS else ():
                     text = template.lower()
                     if text.count(_NUMBER) == 1:
                         before, after = text.split(_NUMBER)
@@ -88,7 +78,7 @@ def _wordings() -> tuple[tuple[_Wording, ...], Mapping[str, Bounds]]:
                         if _NOUN not in before and (before.strip() or shown):
                             wordings.add(_Wording(kind, before.strip(), shown, _NOUN in after and bool(shown)))
                     elif number and _NUMBER not in text and _NOUN not in text:
-                        phrases[text] = _BOUNDS[kind](int(number))
+                        phrases[text] = NUMBER_BOUNDS[kind](int(number))
     return tuple(sorted(wordings)), phrases
 
 

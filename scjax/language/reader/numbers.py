@@ -17,13 +17,16 @@ LARGEST = 41
 _NO_SPACES = r"[\u3040-\u30ff\u4e00-\u9fff]"  # scripts that write words without spaces
 
 
+def lowered(text: str) -> str:
+    """A text in small letters; as it is if a letter's small form has more characters, which would move the places."""
+    lower = text.lower()
+    return lower if len(lower) == len(text) else text
+
+
 def find_numbers(text: str) -> Iterator[tuple[int, int, int]]:
     """(start, end, value) of every digit sequence and number word, the longest first where words overlap."""
-    lower = text.lower()
-    if len(lower) != len(text):  # a letter whose small form has more characters would move the places
-        lower = text
     values = _values()
-    for match in _pattern().finditer(lower):
+    for match in _pattern().finditer(lowered(text)):
         word = match.group()
         yield match.start(), match.end(), int(word) if word.isdecimal() else values[word]
 
