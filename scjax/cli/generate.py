@@ -129,9 +129,9 @@ def generate(
     scjax generate --image road.jpg --camera dashcam "two cyclists"
 
     Every scene is the best of several candidates (--best-of), each repaired after sampling (--no-repair leaves them as
-    sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts that do not ship with the model
-    need two text encoders, which are downloaded once; without a network, set SCJAX_MULTILINGUAL_ENCODER and
-    SCJAX_TEXT_ENCODER (see the README). `scjax read` shows what is understood of a prompt.
+    sampled). Counts that are given (--agents, --lanes) win over the prompt. Prompts of your own need
+    a text encoder (91 MB), which is downloaded once; without a network, name its folder in SCJAX_MULTILINGUAL_ENCODER
+    (docs/generate.md). `scjax read` shows what is understood of a prompt.
     """
     picture = read_picture(image, depth, camera, camera_name)
     entries = _entries(prompts, prompt_file, no_prompt, picture)

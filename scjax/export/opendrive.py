@@ -11,6 +11,7 @@ import numpy as np
 
 from scjax.export.base import Export, Losses
 from scjax.export.crossings import lane_crossings
+from scjax.export.cut_forks import join_cut_forks
 from scjax.export.lane_curves import LaneCurve, curve_line, fit_curve, piece_length
 from scjax.export.lane_network import LaneNetwork, lane_network
 from scjax.export.lane_nodes import lane_nodes, meeting_lines
@@ -80,6 +81,7 @@ def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
     losses['lanes of type "undefined", written as not for cars'] += sum(
         lane.lane_type == "undefined" for lane in lanes.lanes
     )
+    lanes = join_cut_forks(lanes, losses)
     nodes = lane_nodes(lanes, losses)
     lines, headings = meeting_lines(lanes, nodes)
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]
