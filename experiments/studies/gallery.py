@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 import scjax
 from experiments.studies.page import command_line, script_parser, table_lines, write_page
-from scjax.generate.readings import prompt_warnings, read_requests
+from scjax.generate.readings import read_requests
 from scjax.language.attributes.table import measure_attributes, score_attributes
 from scjax.nn.startup import start_jax
 from scjax.viz.grid import grid
@@ -73,7 +73,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
     results = []
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         condition = scjax.Condition(prompt=prompt)
-        request = read_requests([condition])[0].attributes
+        (read,), (unmet,) = read_requests([condition])
         with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             scenes = scjax.sample(
@@ -89,7 +89,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
         picture = args.out / f"prompt-{number:02d}.png"
         grid(scenes, columns=args.samples, path=picture, dpi=max(60, 180 // args.samples))
         reduce_colors(picture)
-        messages = [*(str(one.message) for one in raised), *prompt_warnings(condition)]
+        messages = [*(str(one.message) for one in raised), *unmet]
         if args.numbers_only and messages:
             messages = ["the warning quotes the prompt"]
         results.append(
@@ -97,7 +97,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
                 "prompt": "" if args.numbers_only else prompt,
                 "picture": f"{args.out.name}/{picture.name}",
                 "warnings": messages,
-                "scenes": [_shown(scene, request) for scene in scenes],
+                "scenes": [_shown(scene, read.attributes) for scene in scenes],
             }
         )
     return results

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,8 +21,14 @@ from scjax.cli.options import (
 )
 from scjax.cli.output import FORMATS, Clock, say, writable_folder
 from scjax.cli.picture_input import PictureInput, check_reads_pictures, picture_options, read_picture
-from scjax.cli.prompt_lists import ListedPrompt, progress_of_chunks, read_prompt_list, understood_conditions
+from scjax.cli.prompt_lists import ListedPrompt, read_prompt_list
 from scjax.cli.scene_results import SceneFiles
+
+if TYPE_CHECKING:
+    from scjax.generate.scene_spec import SceneSpec
+
+CHUNK = 128
+"""Prompts that are sampled together, in batches by size. Scenes depend on the place of their prompt in the file."""
 
 
 def _guidance_help() -> str:
@@ -140,8 +147,10 @@ def generate(
     with clock.part("start"):
         import jax
 
+        from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
         from scjax.generate.sample import sample_scenes
+        from scjax.generate.scene_spec import specify_scenes
         from scjax.nn.startup import start_jax
 
         start_jax()
@@ -153,21 +162,45 @@ def generate(
     given |= {} if picture is None else picture.fields(model)
 
     files, key, results = SceneFiles(out, seed, sampling["num_scenes"], formats, picture), jax.random.key(seed), []
-    for number, some in [(None, entries)] if prompt_file is None else progress_of_chunks(entries):
+    for number, some in [(None, entries)] if prompt_file is None else _parts(entries):
         if number is not None and all(files.is_complete(entry) for entry in some):
             continue
         with clock.part("scenes"):
-            conditions = understood_conditions(some, given, model, quiet=as_json)
+            conditions = [Condition(prompt=entry.prompt, **given) for entry in some]
+            specs = specify_scenes(conditions, model)
+            for entry, spec in zip(some, specs, strict=True):
+                _say_understood(entry.id, spec, quiet=as_json)
             own_key = key if number is None else jax.random.fold_in(key, number)
-            scenes = sample_scenes(own_key, conditions, model=model, **sampling)
+            scenes = sample_scenes(own_key, specs, model=model, **sampling)
         with clock.part("files"):
-            results += files.write(some, [condition.attributes for condition in conditions], scenes)
+            results += files.write(some, [spec.attributes for spec in specs], scenes)
     if as_json:
         click.echo(json.dumps({"scenes": results, "seconds": clock.parts}, indent=1))
     else:
         for result in results:
             click.echo("\n".join(result["files"]))
     say(f"{len(results)} scenes: {clock.summary()}", quiet=as_json)
+
+
+def _parts(entries: Sequence[ListedPrompt]) -> Iterator[tuple[int, Sequence[ListedPrompt]]]:
+    """(number, entries) of every part of ``CHUNK`` prompts, under a progress bar."""
+    from tqdm import tqdm
+
+    with tqdm(total=len(entries), unit="prompt", disable=len(entries) <= CHUNK) as bar:
+        for number, start in enumerate(range(0, len(entries), CHUNK)):
+            some = entries[start : start + CHUNK]
+            yield number, some
+            bar.update(len(some))
+
+
+def _say_understood(id: str, spec: SceneSpec, *, quiet: bool) -> None:
+    """Says what was understood of a prompt without an id, unless ``quiet``, and what will not come true."""
+    from scjax.language.attributes.shown import shown_request
+
+    if spec.attributes and not id:
+        say(f"understood: {shown_request(spec.attributes)}", quiet=quiet)
+    for warning in spec.warnings:
+        say(f"scjax: warning: {id}{': ' if id else ''}{warning}")
 
 
 def _entries(

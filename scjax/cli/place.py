@@ -129,7 +129,7 @@ def place_command(
         model = load_model(model_folder)
     given = _input(content, file, agent if at is None else at, step, ego_speed)
     condition = Condition(prompt=prompt, negative_prompt=negative, domain=domain)
-    (condition,) = read_prompts([condition], model)
+    (condition,) = read_prompts([condition], model).conditions
     options = {"num_agents": agents, "keep_agents": keep_agents, "model": model, **sampling}
     name = slug(f"{Path(file).name.partition('.')[0]} {prompt or ''}".strip())
     results = []

@@ -1,22 +1,12 @@
-"""The prompts of a command: lists in a file, one JSON object a line, with "id" and "prompt"; and what they ask for."""
+"""Lists of prompts in a file: one JSON object a line, with "id" and "prompt"."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
-
-from scjax.cli.output import say
-
-if TYPE_CHECKING:
-    from scjax.generate.components import Model
-    from scjax.generate.conditions import Condition
-
-CHUNK = 128
-"""Prompts that are sampled together, in batches by size. Scenes depend on the place of their prompt in the file."""
 
 _ID = re.compile(r"\w[\w.-]{0,99}")
 _CURE = 'write one object a line, such as {"id": "a1", "prompt": "a roundabout"}'
@@ -66,39 +56,3 @@ def read_prompt_list(path: str | Path) -> list[ListedPrompt]:
     if not entries:
         raise ValueError(f"{path} holds no prompts: {_CURE}")
     return entries
-
-
-def progress_of_chunks(entries: Sequence[ListedPrompt]) -> Iterator[tuple[int, Sequence[ListedPrompt]]]:
-    """(number, entries) of every part of ``CHUNK`` prompts, under a progress bar."""
-    from tqdm import tqdm
-
-    with tqdm(total=len(entries), unit="prompt", disable=len(entries) <= CHUNK) as bar:
-        for number, start in enumerate(range(0, len(entries), CHUNK)):
-            some = entries[start : start + CHUNK]
-            yield number, some
-            bar.update(len(some))
-
-
-def understood_conditions(
-    entries: Sequence[ListedPrompt], fields: Mapping[str, Any], model: Model, *, quiet: bool
-) -> list[Condition]:
-    """A condition for every prompt, with what it asks for as attributes, where the model takes prompts as requests.
-
-    Then it says what was understood of prompts without an id, unless ``quiet``, and what will not come true.
-
-    Args:
-      fields: of all conditions.
-    """
-    from scjax.generate.conditions import Condition
-    from scjax.generate.readings import prompt_warnings, read_prompts, reads_requests
-    from scjax.language.attributes.shown import shown_request
-
-    conditions = read_prompts([Condition(prompt=entry.prompt, **fields) for entry in entries], model)
-    if not reads_requests(model):
-        return conditions
-    for entry, condition in zip(entries, conditions, strict=True):
-        if condition.attributes and not entry.id:
-            say(f"understood: {shown_request(condition.attributes)}", quiet=quiet)
-        for warning in prompt_warnings(condition):
-            say(f"scjax: warning: {entry.id}{': ' if entry.id else ''}{warning}")
-    return conditions

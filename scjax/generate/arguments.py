@@ -35,21 +35,24 @@ def sampling_key(key: Any) -> Array:
     return jax.random.key(whole_number(key, "key (jax.random.key(0), or its number)", 0, MAX_SEED))
 
 
-def as_conditions(condition: Condition | str | Sequence[Condition | str] | None, num_scenes: int) -> list[Condition]:
-    """One condition for each scene; a text is a condition with that prompt.
+def as_conditions(condition: object, num_scenes: int) -> list[Condition]:
+    """Conditions, of one or several; a text is a condition with that prompt, None is one that holds nothing fixed.
+
+    Args:
+      num_scenes: scenes that each stands for.
 
     Raises:
-      ValueError: something else is given.
+      ValueError: something else is given, or there are too many scenes.
     """
     if condition is None or isinstance(condition, Condition | str):
-        return [_as_condition(condition)] * num_scenes
+        return [_as_condition(condition)]
     if isinstance(condition, bytes) or not isinstance(condition, Sequence):
         raise ValueError(
             f"condition must be a scjax.Condition, a text, or a sequence of them, not {type(condition).__name__}"
         )
     if len(condition) * num_scenes > 1_000_000:
         raise ValueError(f"{len(condition)} conditions of {num_scenes} scenes each are too many for one call")
-    return [one for one in map(_as_condition, condition) for _ in range(num_scenes)]
+    return [_as_condition(one) for one in condition]
 
 
 def _as_condition(value: Any) -> Condition:

@@ -142,7 +142,7 @@ def _new_lanes(
     """``scene`` with the lanes ``drawn`` replaced by new ones, the last."""
     if not drawn.any():
         return scene
-    (condition,) = read_prompts(as_conditions(condition, 1), model)
+    (condition,) = read_prompts(as_conditions(condition, 1), model).conditions
     every = np.ones(len(scene.agents), bool)
     known = placement_condition(scene, condition, model)
     fewer = dataclasses.replace(known, known=keep_elements(scene, every, ~drawn), num_agents=max(len(every), 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from scjax.generate.conditions import Condition
 from scjax.generate.model import Model
@@ -15,7 +15,19 @@ from scjax.language.attributes.contradictions import find_contradictions
 _AGENTS = ("vehicles", "pedestrians", "cyclists", "static")
 
 
-def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptReader | None = None) -> list[Condition]:
+class PromptReadings(NamedTuple):
+    """What was read of the prompts of some conditions.
+
+    Attributes:
+      conditions: with what their prompts ask for as attributes.
+      warnings: for every condition, sentences about parts of its prompt that will not come true.
+    """
+
+    conditions: list[Condition]
+    warnings: list[list[str]]
+
+
+def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptReader | None = None) -> PromptReadings:
     """The conditions with what their prompts ask for as attributes; given attributes win over read ones.
 
     Negative prompts become negative attributes. Conditions without a prompt stay as they are, and all of them do if the
@@ -27,16 +39,21 @@ def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptRe
     Raises:
       ValueError: the reader's encoder cannot be had.
     """
-    return read_requests(conditions, reader) if reads_requests(model) else list(conditions)
+    if reads_requests(model):
+        return read_requests(conditions, reader)
+    return PromptReadings(list(conditions), [[] for _ in conditions])
 
 
-def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> list[Condition]:
+def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> PromptReadings:
     """As ``read_prompts``, whatever the model."""
     prompts = list(dict.fromkeys(text for one in conditions for text in one.prompts.values()))
     if not prompts:
-        return list(conditions)
+        return PromptReadings(list(conditions), [[] for _ in conditions])
     requests = dict(zip(prompts, _requests(prompts, reader or load_reader()), strict=True))
-    return [_with_requests(one, requests) for one in conditions]
+    return PromptReadings(
+        [_with_requests(one, requests) for one in conditions],
+        [[] if one.prompt is None else _warnings(one, requests[one.prompt]) for one in conditions],
+    )
 
 
 def reads_requests(model: Model) -> bool:
@@ -51,17 +68,28 @@ def prompt_warnings(condition: Condition, reader: PromptReader | None = None) ->
 
     Nothing is understood of it, parts contradict each other, or it asks for more agents than ``num_agents`` allows.
     """
-    if condition.prompt is None:
-        return []
-    request = (reader or load_reader())([condition.prompt])[0].request
-    short = textwrap.shorten(condition.prompt, 60, placeholder=" ...")
-    if not request:
+    return read_requests([condition], reader).warnings[0]
+
+
+class _PromptRequest(NamedTuple):
+    """What one prompt asks for: attributes, and pairs of them that cannot both hold."""
+
+    attributes: dict[str, Any]
+    contradictions: list[tuple[str, str]]
+
+
+def _requests(prompts: Sequence[str], reader: PromptReader) -> list[_PromptRequest]:
+    return [_PromptRequest(one.request, find_contradictions(one.request)) for one in reader(prompts)]
+
+
+def _warnings(condition: Condition, request: _PromptRequest) -> list[str]:
+    short = textwrap.shorten(condition.prompt or "", 60, placeholder=" ...")
+    if not request.attributes:
         return [f"nothing that a scene can show is understood of {short!r}"]
     warnings = [
-        f"{short!r} contradicts itself in {one} and {other}: neither is taken"
-        for one, other in find_contradictions(request)
+        f"{short!r} contradicts itself in {one} and {other}: neither is taken" for one, other in request.contradictions
     ]
-    least = sum(int(request.get(name, (0, None))[0]) for name in _AGENTS)
+    least = sum(int(request.attributes.get(name, (0, None))[0]) for name in _AGENTS)
     if condition.num_agents is not None and least + 1 > condition.num_agents:
         warnings.append(
             f"{short!r} asks for {least} agents or more besides the ego, but the number of agents is given as "
@@ -70,19 +98,19 @@ def prompt_warnings(condition: Condition, reader: PromptReader | None = None) ->
     return warnings
 
 
-def _requests(prompts: Sequence[str], reader: PromptReader) -> list[dict[str, Any]]:
-    return [_without_contradictions(reading.request, kept=()) for reading in reader(prompts)]
-
-
-def _with_requests(condition: Condition, requests: Mapping[str, dict[str, Any]]) -> Condition:
+def _with_requests(condition: Condition, requests: Mapping[str, _PromptRequest]) -> Condition:
     changes = {}
     for prompt, name in ((condition.prompt, "attributes"), (condition.negative_prompt, "negative_attributes")):
         if prompt is not None:
             given = getattr(condition, name)
-            changes[name] = _without_contradictions({**requests[prompt], **given}, kept=tuple(given))
+            read = _without(requests[prompt].attributes, requests[prompt].contradictions)
+            request = {**read, **given}
+            changes[name] = _without(request, find_contradictions(request), kept=tuple(given))
     return dataclasses.replace(condition, **changes)
 
 
-def _without_contradictions(request: dict[str, Any], kept: Sequence[str]) -> dict[str, Any]:
-    dropped = {name for pair in find_contradictions(request) for name in pair} - set(kept)
+def _without(
+    request: Mapping[str, Any], contradictions: Sequence[tuple[str, str]], kept: Sequence[str] = ()
+) -> dict[str, Any]:
+    dropped = {name for pair in contradictions for name in pair} - set(kept)
     return {name: value for name, value in request.items() if name not in dropped}

@@ -2,15 +2,14 @@
 
 The stages, in order, each a module of this package:
 
-1. ``readings``: prompts become attributes, for models that read these.
-2. ``encode``: texts and pictures become streams of tokens.
-3. ``scene_spec``: what the conditions hold fixed, in the terms of the model; from here on there are no conditions.
-4. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
+1. ``scene_spec``: what the conditions hold fixed, in the terms of the model. ``readings`` makes attributes of prompts,
+   for models that read these, and ``encode`` tokens of texts and pictures. From here on there are no conditions.
+2. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
    lane and agent is, without coordinates, from a scene of the training that shows most of the request).
-5. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
-6. ``scjax.repair`` and ``best_of``, if they are chosen.
+3. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
+4. ``scjax.repair`` and ``best_of``, if they are chosen.
 
-Stages 1 to 4 and 6 run in NumPy on the host; stage 5 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
+Stages 1, 2 and 4 run in NumPy on the host; stage 3 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
 or ``jax.vmap``: give it several conditions instead.
 """
 
@@ -19,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import overload
+from typing import Any, TypeGuard, overload
 
 import jax
 import jax.numpy as jnp
@@ -42,13 +41,11 @@ from scjax.generate.batching import GROUP, Bucket, in_batches, least_size
 from scjax.generate.best_of import best_index
 from scjax.generate.conditions import Condition
 from scjax.generate.counts import CountTables
-from scjax.generate.encode import encode_conditions
 from scjax.generate.fit_request import best_fitted
 from scjax.generate.loop import Batch, SamplingSettings, sample_batch
 from scjax.generate.model import Model
-from scjax.generate.readings import read_prompts
 from scjax.generate.requests import Request, draw_candidates
-from scjax.generate.scene_spec import specify_scenes
+from scjax.generate.scene_spec import SceneSpec, specify_scenes
 from scjax.models.denoiser.config import ImageCondition
 from scjax.scene import Scene, stack
 from scjax.scene.arguments import finite_number, truth_value, whole_number
@@ -77,7 +74,7 @@ def sample_scenes(
 @overload
 def sample_scenes(
     key: Array | int,
-    condition: Sequence[Condition | str],
+    condition: Sequence[Condition | str] | Sequence[SceneSpec],
     *,
     model: Model | str | Path | None = None,
     num_scenes: int = 1,
@@ -94,7 +91,7 @@ def sample_scenes(
 
 def sample_scenes(
     key: Array | int,
-    condition: Condition | str | Sequence[Condition | str] | None = None,
+    condition: Condition | str | Sequence[Condition | str] | Sequence[SceneSpec] | None = None,
     *,
     model: Model | str | Path | None = None,
     num_scenes: int = 1,
@@ -115,7 +112,8 @@ def sample_scenes(
 
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
-      condition: what to hold fixed; a text is a condition with that prompt; None draws everything.
+      condition: what to hold fixed; a text is a condition with that prompt; None draws everything. Specs that
+        ``specify_scenes`` made of conditions, for this model, stand for these; then nothing is read again.
       model: from ``scjax.load``, or a model folder, which is read at every call; None: the model that ships with the
         package.
       num_scenes: scenes for each condition.
@@ -151,15 +149,14 @@ def sample_scenes(
     repair = truth_value(repair, "repair")
     least = least_size(padded_size)
     is_single = condition is None or isinstance(condition, Condition | str)
-    conditions = as_conditions(condition, num_scenes)
+    condition = condition if _are_specs(condition) else as_conditions(condition, num_scenes)
     model = as_model(model)
     settings = sampling_settings(model, num_steps, guidance, sampler, temperature, energy_guidance)
 
-    conditions = read_prompts(conditions, model)
-    streams = encode_conditions(conditions, model)
-    specs = specify_scenes(conditions, streams, model)
+    specs = specify_scenes(condition, model)
     tables = CountTables(model)
-    groups = [draw_candidates(jax.random.fold_in(key, i), spec, model, tables, best_of) for i, spec in enumerate(specs)]
+    keys = (jax.random.fold_in(key, i) for i in range(len(specs) * num_scenes))
+    groups = [draw_candidates(next(keys), spec, model, tables, best_of) for spec in specs for _ in range(num_scenes)]
     candidates = [candidate for group in groups for candidate in group]
     scenes = sample_requests(candidates, model, settings, least)
     check_finite(scenes)
@@ -170,6 +167,10 @@ def sample_scenes(
         for start, group in zip(range(0, len(scenes), best_of), groups, strict=True)
     ]
     return stack(scenes) if is_single else scenes
+
+
+def _are_specs(value: Any) -> TypeGuard[Sequence[SceneSpec]]:
+    return isinstance(value, Sequence) and len(value) > 0 and all(isinstance(one, SceneSpec) for one in value)
 
 
 def sampling_settings(

@@ -1,9 +1,14 @@
-"""What a condition holds fixed of one scene, in the terms of a model: the last place that knows of conditions."""
+"""What a condition holds fixed of one scene, in the terms of a model: the last place that knows of conditions.
+
+Conditions become specs in three stages: prompts become attributes (``readings``), texts and pictures become streams of
+tokens (``encode``), and counts, domain and known elements are brought into the terms of the model.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +19,8 @@ from scjax.data.token_order import sort_tokens
 from scjax.encoders.dashcam_weights import takes_standard_views
 from scjax.generate.components import Model
 from scjax.generate.conditions import Condition, Stream
+from scjax.generate.encode import encode_conditions
+from scjax.generate.readings import read_prompts
 from scjax.generate.seen_picture import SeenPicture
 from scjax.scene import Crop, Scene, permute, unpadded
 
@@ -85,6 +92,7 @@ class SceneSpec:
       attributes, negative_attributes: what the scene shall show, and what guidance leads away from.
       streams: tokens of the condition, by name.
       picture: what its picture shows, where that holds; None: nothing.
+      warnings: sentences about parts of its prompt that will not come true.
     """
 
     crop: Crop
@@ -96,6 +104,7 @@ class SceneSpec:
     negative_attributes: Mapping[str, Any]
     streams: Mapping[str, Stream]
     picture: SeenPicture | None
+    warnings: Sequence[str] = ()
 
     @property
     def fixes_agents(self) -> bool:
@@ -125,22 +134,31 @@ class SceneSpec:
                 )
 
 
-def specify_scenes(
-    conditions: Sequence[Condition], streams: Sequence[Mapping[str, Stream]], model: Model
-) -> list[SceneSpec]:
-    """What each condition fixes of its scene.
+def specify_scenes(conditions: Sequence[Condition | SceneSpec], model: Model) -> list[SceneSpec]:
+    """What each condition fixes of its scene, with what its prompt asks for; specs stay as they are.
+
+    Raises:
+      ValueError: something that the model cannot read or meet; or as ``read_prompts`` and ``encode_conditions``.
+    """
+    specs = {i: one for i, one in enumerate(conditions) if isinstance(one, SceneSpec)}
+    conditions, warnings = read_prompts([one for one in conditions if isinstance(one, Condition)], model)
+    streams = encode_conditions(conditions, model)
+    others = map(specify_scene, conditions, streams, itertools.repeat(model), warnings)
+    return [specs[i] if i in specs else next(others) for i in range(len(specs) + len(conditions))]
+
+
+def specify_scene(
+    condition: Condition, streams: Mapping[str, Stream], model: Model, warnings: Sequence[str] = ()
+) -> SceneSpec:
+    """What a condition fixes of its scene, after its prompt was read.
 
     Args:
-      streams: those of every condition (``encode_conditions``).
+      streams: of the condition (``encode_conditions``).
+      warnings: about its prompt.
 
     Raises:
       ValueError: counts or a domain that the model cannot meet.
     """
-    return [specify_scene(condition, own, model) for condition, own in zip(conditions, streams, strict=True)]
-
-
-def specify_scene(condition: Condition, streams: Mapping[str, Stream], model: Model) -> SceneSpec:
-    """As ``specify_scenes``, of one condition."""
     known = None
     if condition.known is not None:
         known = KnownElements(model.codec.select(unpadded(condition.known.to_numpy())))
@@ -154,6 +172,7 @@ def specify_scene(condition: Condition, streams: Mapping[str, Stream], model: Mo
         negative_attributes=condition.negative_attributes,
         streams=streams,
         picture=_seen_picture(streams, model) if condition.hold_seen and known is None else None,
+        warnings=warnings,
     )
     spec.check_counts(model.denoiser.config.max_agents, model.denoiser.config.max_lanes)
     return spec

@@ -70,6 +70,6 @@ def _encode_texts(texts: Sequence[str], model: Model, encoder: TextEncoder | Non
         )
     for text in missing:
         if encoder.is_cut(text):
-            warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=5)
+            warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=6)
     encoded = {text: tokens.features for text, tokens in zip(missing, encoder(missing), strict=True)}
     return {**model.prompts, **encoded}

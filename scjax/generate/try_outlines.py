@@ -10,7 +10,6 @@ import numpy as np
 
 from scjax.generate.best_of import count_lane_faults
 from scjax.generate.conditions import Condition
-from scjax.generate.encode import encode_conditions
 from scjax.generate.model import Model
 from scjax.generate.outline_draw import valid_tokens
 from scjax.generate.outlines import Outlines
@@ -47,7 +46,7 @@ def try_outlines(model: Model, rows: Sequence[int], trial: int, seed: int = 0) -
     requests = [draw_attributes(outlines.measurements(row), np.random.default_rng([trial, row])) for row in rows]
     conditions = [Condition(attributes=request) for request in requests]
     key = jax.random.key(seed + trial)
-    specs = specify_scenes(conditions, encode_conditions(conditions, model), model)
+    specs = specify_scenes(conditions, model)
     drawn = [_request(jax.random.fold_in(key, row), spec, outlines, row) for row, spec in zip(rows, specs, strict=True)]
     return [
         Trial(measure_attributes(scene), count_lane_faults(scene, connection_gaps(scene)))

@@ -149,11 +149,14 @@ def test_old_flags_that_are_gone_name_their_successor(run):
 def test_generate_shows_what_it_understood_and_what_it_cannot_meet(run, folder, monkeypatch):
     known = {PROMPT: Reading({"vehicles": (2, 2)}, {"vehicles": 0.9})}
     reader = PromptReader(reader_config(8, width=16, heads=2), {}, "none", known)
+    call, read = PromptReader.__call__, []
+    monkeypatch.setattr(PromptReader, "__call__", lambda self, texts: read.append(texts) or call(self, texts))
     monkeypatch.setattr("scjax.generate.readings.load_reader", lambda: reader)
     monkeypatch.setattr("scjax.generate.readings.reads_requests", lambda model: True)
     words = ["generate", PROMPT, "--model", folder, "--num-steps", 2, "--lanes", 5]
     code, _, err = run(*words)
     assert code == 0 and "understood: vehicles 2" in err and "warning" not in err
+    assert read == [[PROMPT]]  # once: what is shown is what is used
     code, out, err = run(*words, "--agents", 1, "--json")
     assert code == 0 and "warning: 'a road with two cars' asks for 2 agents or more" in err
     (report,) = json.loads(out)["scenes"]

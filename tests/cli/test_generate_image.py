@@ -16,6 +16,7 @@ from scjax.camera.rig import Rig
 from scjax.cli.output import slug
 from scjax.encoders import load_image_encoder
 from scjax.generate.picture_networks import ENCODER_VARIABLE
+from scjax.generate.readings import PromptReadings
 from scjax.language.attributes.vector import feature_names
 from scjax.scene import Crop
 from scjax.scene.io import load_npz
@@ -76,10 +77,10 @@ def test_scene_and_view_lie_beside_each_other(generate, folder, tmp_path):
 
 def test_prompt_and_picture_name_the_files_and_both_count(generate, tmp_path, monkeypatch):
     def read_requests(conditions, reader=None):
-        return [dataclasses.replace(one, attributes={"layout": "T"}) if one.prompt else one for one in conditions]
+        read = [dataclasses.replace(one, attributes={"layout": "T"}) if one.prompt else one for one in conditions]
+        return PromptReadings(read, [[] for _ in read])
 
     monkeypatch.setattr("scjax.generate.readings.read_requests", read_requests)
-    monkeypatch.setattr("scjax.generate.readings.prompt_warnings", lambda condition: [])
     code, out, err = generate("--image", "Road 1.png", "a T-junction", "--json")
     (result,) = json.loads(out)["scenes"]
     assert code == 0, err

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 
 import pytest
 
 import scjax
-from scjax.cli import prompt_lists
 from scjax.cli.demo import PROMPTS
 from scjax.cli.prompt_lists import read_prompt_list
 from scjax.generate import sample
@@ -56,7 +56,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 
 def test_lists_are_generated_once_and_continued(tmp_path, run, monkeypatch):
     """What is there is left; what is missing comes out as it would have."""
-    monkeypatch.setattr(prompt_lists, "CHUNK", 2)
+    monkeypatch.setattr(importlib.import_module("scjax.cli.generate"), "CHUNK", 2)
     monkeypatch.setattr("scjax.generate.text_streams.load_text_encoder", Words)
     model = dataclasses.replace(tiny_model(TextCondition(Words.width)), text_encoder=Words.name)
     scjax.save(model, tmp_path / "model")

@@ -12,6 +12,7 @@ import scjax
 from scjax.diffusion.denoise_fn import prepare_denoiser_inputs
 from scjax.generate.conditions import Condition
 from scjax.generate.encode import network_inputs
+from scjax.generate.readings import PromptReadings
 from scjax.language.attributes.vector import request_vector
 from scjax.models.denoiser.model import denoiser
 from scjax.scene import Crop
@@ -156,10 +157,11 @@ def test_scenes_do_not_depend_on_the_conditions_beside_them(sample, guidance):
 def test_prompt_and_picture_go_into_one_condition(model, sample, monkeypatch):
     """A prompt with a picture is the request that the reader makes of it, with that picture."""
     monkeypatch.setattr(
-        "scjax.generate.sample.read_prompts",
-        lambda conditions, model: [
-            condition(request=REQUEST, streams=one.streams) if one.prompt else one for one in conditions
-        ],
+        "scjax.generate.scene_spec.read_prompts",
+        lambda conditions, model: PromptReadings(
+            [condition(request=REQUEST, streams=one.streams) if one.prompt else one for one in conditions],
+            [[] for _ in conditions],
+        ),
     )
     prompted = Condition(prompt="a T-junction with three vehicles", streams=feature_streams(0), **AHEAD)
     chex.assert_trees_all_equal(sample(prompted).to_dict(), sample(BOTH).to_dict())

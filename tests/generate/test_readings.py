@@ -41,27 +41,31 @@ def model():
 
 def test_prompts_become_attributes(model, reader):
     conditions = [Condition(prompt="two cars at a T", num_lanes=5), Condition(num_agents=3)]
-    first, second = read_prompts(conditions, model, reader)
+    first, second = read_prompts(conditions, model, reader).conditions
     assert first == dataclasses.replace(conditions[0], attributes=REQUESTS["two cars at a T"])
     assert second == conditions[1]
 
 
 def test_negative_prompts_become_negative_attributes(model, reader):
     condition = Condition(prompt="purple", negative_prompt="two cars at a T", negative_attributes={"layout": "Y"})
-    (read,) = read_prompts([condition], model, reader)
+    (read,) = read_prompts([condition], model, reader).conditions
     assert read.attributes == {} and read.negative_attributes == {"layout": "Y", "vehicles": (2, 2)}
 
 
 def test_given_attributes_win_over_read_ones(model, reader):
     condition = Condition(prompt="two cars at a T", attributes={"layout": "Y", "pedestrians": 1})
-    (read,) = read_prompts([condition], model, reader)
+    (read,) = read_prompts([condition], model, reader).conditions
     assert read.attributes == {"layout": "Y", "vehicles": (2, 2), "pedestrians": (1, 1)}
     empty = Condition(prompt="two cars at a T", attributes={"vehicles": 0, "ahead": 0})
-    assert read_prompts([empty], model, reader)[0].attributes == {"layout": "T", "vehicles": (0, 0), "ahead": (0, 0)}
+    assert read_prompts([empty], model, reader).conditions[0].attributes == {
+        "layout": "T",
+        "vehicles": (0, 0),
+        "ahead": (0, 0),
+    }
 
 
 def test_of_a_contradiction_neither_part_is_taken(model, reader):
-    (read,) = read_prompts([Condition(prompt="nothing ahead but a jam")], model, reader)
+    (read,) = read_prompts([Condition(prompt="nothing ahead but a jam")], model, reader).conditions
     assert read.attributes == {"vehicles": (10, None), "ahead": (0, 0)}
     assert prompt_warnings(Condition(prompt="nothing ahead but a jam"), reader) == [
         "'nothing ahead but a jam' contradicts itself in one_way and lanes_opposite: neither is taken"
@@ -71,9 +75,9 @@ def test_of_a_contradiction_neither_part_is_taken(model, reader):
 def test_networks_that_read_prompts_themselves_get_none(model, reader):
     plain = dataclasses.replace(model, reads_prompts=False)
     conditions = [Condition(prompt="two cars at a T")]
-    assert not reads_requests(plain) and read_prompts(conditions, plain, reader) == conditions
+    assert not reads_requests(plain) and read_prompts(conditions, plain, reader) == (conditions, [[]])
     given = [Condition(streams={"text": Stream(np.zeros((1, Words.width), np.float32))})]
-    assert read_prompts(given, model, reader) == given
+    assert read_prompts(given, model, reader) == (given, [[]])
 
 
 def test_networks_that_read_attributes_alone_need_requests():
@@ -99,5 +103,5 @@ def test_requests_are_shown_in_short():
 
 def test_the_reader_that_ships_is_used_by_default(model, reader, monkeypatch):
     monkeypatch.setattr(readings, "load_reader", lambda: reader)
-    (read,) = read_prompts([Condition(prompt="purple")], model)
+    (read,) = read_prompts([Condition(prompt="purple")], model).conditions
     assert read == Condition(prompt="purple")

@@ -17,6 +17,7 @@ from scjax.diffusion.energy_guidance import EnergyGuidance
 from scjax.diffusion.samplers import DDIM
 from scjax.generate import compiled
 from scjax.generate.conditions import Condition, Stream
+from scjax.generate.scene_spec import specify_scenes
 from scjax.models.denoiser.config import TextCondition
 from scjax.nn.stored_program import StoredProgram
 from scjax.scene import Crop, unpadded, validate
@@ -101,6 +102,14 @@ def test_sample_of_a_list_has_num_scenes_of_each(model):
     for one, other in zip(scenes, repeated, strict=True):
         chex.assert_trees_all_equal(one.to_dict(), other.to_dict())
     assert sample(model, []) == []
+
+
+def test_specs_stand_for_their_conditions(model, known):
+    conditions = [Condition(num_lanes=6, num_agents=5), Condition(known=known, num_lanes=9, num_agents=6)]
+    specs = specify_scenes(conditions, model)
+    assert specify_scenes([specs[0], conditions[1]], model)[0] is specs[0]
+    for one, other in zip(sample(model, specs, 2), sample(model, conditions, 2), strict=True):
+        chex.assert_trees_all_equal(one.to_dict(), other.to_dict())
 
 
 def test_sample_keeps_known_elements(model, known):

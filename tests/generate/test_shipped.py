@@ -66,7 +66,7 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
     clean, masks = jax.tree.map(lambda x: jnp.asarray(x)[row], (model.latents.normalize(clean), masks))
     rng, level = np.random.default_rng(0), log_snr_schedule().levels[step]
     noisy = q_sample(level, clean, jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), clean))
-    requests = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
+    requests = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model).conditions
     attributes = np.stack([request_vector(one.attributes, config.attributes) for one in requests])
     attributes = jnp.asarray(attributes[row % len(PROMPTS)])
     label = jnp.zeros(len(row), jnp.int32)
@@ -92,7 +92,7 @@ def test_rounded_products_hardly_change_what_a_step_estimates(model, world_recor
 def test_what_the_demo_prompts_ask_for_ships_with_the_reader(model, monkeypatch):
     """So the demo reads its prompts without an encoder."""
     monkeypatch.setattr("scjax.generate.prompt_reader.load_text_encoder", None)
-    read = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model)
+    read = read_prompts([Condition(prompt=prompt) for prompt in PROMPTS], model).conditions
     assert reads_requests(model) and [one.attributes.get("layout") for one in read[:5]] == [
         *("four-way", "T", "straight", "curve", "roundabout")
     ]
