@@ -2,7 +2,9 @@
 
 An executable is stored with a key of all that it depends on: the program's options, the shapes and places of its
 arguments, the source of this package, the versions of JAX, and the instruction set. A file that cannot be read is made
-again. (JAX's own compilation cache spares the compiler only, not tracing and lowering, which take as long as running.)
+again. Where the source has changed, the program is traced and lowered, and its StableHLO is a second key: a program
+that is still the same is not compiled again. (JAX's own compilation cache has that key alone: it always traces and
+lowers, which take as long as running.)
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from scjax.nn.cpu.backend import cpu_flags, fast_compile_options
 from scjax.nn.sharding import scene_mesh, spread
 from scjax.nn.startup import cache_folder
 
-_MAX_FILES = 128
-"""Stored executables; the oldest ones are removed first. One is 0.2 to 2 MB."""
+_MAX_FILES = 256
+"""Names of stored executables, which have two each; the oldest ones are removed first. One is 0.2 to 2 MB."""
 
 _CONFIG = ("jax_enable_x64", "jax_default_matmul_precision", "jax_disable_most_optimizations")
 
@@ -52,9 +54,8 @@ class StoredProgram:
         self.name = function.__name__
         compiler_options = fast_compile_options(light=light)
         program = spread(function, shared=shared)
-        program.__name__ = (
-            f"{self.name}_{secrets.token_hex(8)}"  # a name that JAX's own cache never has, see ``_compile``
-        )
+        self._token = secrets.token_hex(8)
+        program.__name__ = f"{self.name}_{self._token}"  # a name that JAX's own cache never has, see ``_compile``
         self._jitted = jax.jit(program, compiler_options=compiler_options)
         self._shared = shared
         self._is_storable = _packages(options) <= {"builtins", "scjax", "numpy"}
@@ -75,40 +76,55 @@ class StoredProgram:
 
     def _load_or_compile(self, arguments: tuple, signature: tuple) -> Any:
         if not self._is_storable:
-            return self._compile(arguments)
+            return self._compile(self.lower(*arguments))
         devices = scene_mesh(len(jax.tree.leaves(arguments[self._shared :])[0])).devices.ravel().tolist()
-        key = _digest(self._description, str(signature), _environment(devices[0]), len(devices))
-        path = cache_folder() / "executables" / f"{key}.program"
-        try:
-            data, outputs = pickle.loads(path.read_bytes())
-            inputs = jax.tree.structure((arguments, {}))
-            executable = serialize_executable.deserialize_and_load(
-                data, inputs, jax.tree.structure(outputs), execution_devices=devices
-            )
-            os.utime(path)  # used: it is among the last to be removed
+        place = self._description, str(signature), _environment(devices[0]), len(devices)
+        path = cache_folder() / "executables" / f"{_digest(*place, _source_digest())}.program"
+        executable = _load(path, arguments, devices)
+        if executable is not None:
             return executable
-        except FileNotFoundError:
-            pass
-        except Exception as error:  # a file that was cut off, or is of another kind: it is made again
-            _log.info("%s cannot be read (%s): it is compiled again", path, error)
-        executable = self._compile(arguments)
+        lowered = self.lower(*arguments)
+        text = lowered.as_text().replace(self._token, "")
+        of_text = path.with_name(f"{_digest(*place, text, str(lowered.out_tree))}.program")
+        stored = _load(of_text, arguments, devices)
+        executable = self._compile(lowered) if stored is None else stored
         try:
-            data, _, structure = serialize_executable.serialize(executable)
-            _write(path, pickle.dumps((data, jax.tree.unflatten(structure, range(structure.num_leaves)))))
+            if stored is None:
+                data, _, structure = serialize_executable.serialize(executable)
+                _write(of_text, pickle.dumps((data, jax.tree.unflatten(structure, range(structure.num_leaves)))))
+            _link(path, of_text)
+            _remove_oldest(path.parent)
         except (OSError, RuntimeError, ValueError) as error:  # it runs, but is compiled again in the next process
             _log.info("%s is not stored: %s", path, error)
         return executable
 
-    def _compile(self, arguments: tuple) -> Any:
+    def _compile(self, lowered: Any) -> Any:
         # An executable out of JAX's own cache cannot be stored: its kernels are missing. So none may be found there,
         # whoever compiled the same program before: its name is of this object alone. And none needs to be kept there.
         name = "jax_persistent_cache_min_compile_time_secs"
         before = jax.config.values[name]
         jax.config.update(name, float("inf"))
         try:
-            return self.lower(*arguments).compile()
+            return lowered.compile()
         finally:
             jax.config.update(name, before)
+
+
+def _load(path: Path, arguments: tuple, devices: list[Any]) -> Any:
+    """The executable in a file; None if there is none that can be read."""
+    try:
+        data, outputs = pickle.loads(path.read_bytes())
+        inputs = jax.tree.structure((arguments, {}))
+        executable = serialize_executable.deserialize_and_load(
+            data, inputs, jax.tree.structure(outputs), execution_devices=devices
+        )
+        os.utime(path)  # used: it is among the last to be removed
+        return executable
+    except FileNotFoundError:
+        return None
+    except Exception as error:  # a file that was cut off, or is of another kind: it is made again
+        _log.info("%s cannot be read (%s): it is compiled again", path, error)
+        return None
 
 
 def _signature(leaf: Any) -> tuple:
@@ -137,7 +153,7 @@ def _digest(*parts: Any) -> str:
 
 
 def _environment(device: Any) -> str:
-    """What an executable depends on besides its program and arguments."""
+    """What an executable depends on besides its program, arguments and source."""
     return repr(
         (
             jax.__version__,
@@ -149,7 +165,6 @@ def _environment(device: Any) -> str:
             sorted(cpu_flags()),
             os.environ.get("XLA_FLAGS", ""),
             [jax.config.values.get(name) for name in _CONFIG],
-            _source_digest(),
         )
     )
 
@@ -165,7 +180,7 @@ def _source_digest() -> str:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Writes a whole file or none, and removes the oldest ones beyond ``_MAX_FILES``."""
+    """Writes a whole file or none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
         try:
@@ -175,6 +190,29 @@ def _write(path: Path, data: bytes) -> None:
         except BaseException:
             Path(file.name).unlink(missing_ok=True)
             raise
-    stored = sorted(path.parent.glob("*.program"), key=lambda file: file.stat().st_mtime)
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Leaves ``_MAX_FILES`` names of executables."""
+    stored = sorted(folder.glob("*.program"), key=_last_use)
     for old in stored[:-_MAX_FILES]:
         old.unlink(missing_ok=True)
+
+
+def _last_use(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:  # another process has removed it
+        return 0.0
+
+
+def _link(path: Path, stored: Path) -> None:
+    """Gives a stored executable another name."""
+    other = path.with_suffix(f".{secrets.token_hex(8)}")
+    try:
+        os.link(stored, other)
+        os.replace(other, path)
+    except OSError:  # no hard links there
+        _write(path, stored.read_bytes())
+    finally:
+        other.unlink(missing_ok=True)  # it stays where both names were of one file before

@@ -31,6 +31,13 @@ def expected(offset, factor=2.0):
     return jax.tree.map(lambda x: np.sin(factor * x) + offset, BATCH)
 
 
+def stored(folder):
+    """Number of executables; each has two names."""
+    paths = list(folder.glob("*.program"))
+    assert len(paths) == len(list(folder.iterdir()))
+    return len({path.stat().st_ino for path in paths})
+
+
 def check(program, offset=0.5, factor=2.0):
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5),
@@ -41,7 +48,7 @@ def check(program, offset=0.5, factor=2.0):
 
 def test_a_second_process_reads_what_the_first_one_compiled(folder, monkeypatch):
     check(scaled())
-    assert len(list(folder.glob("*.program"))) == 1
+    assert stored(folder) == 1
     monkeypatch.setattr(StoredProgram, "_compile", None)
     check(scaled(), offset=-3.0)
 
@@ -61,16 +68,43 @@ def test_what_lies_in_the_cache_of_jax_is_compiled_again(folder, monkeypatch):
     check(scaled())
 
 
-@pytest.mark.parametrize("change", ["options", "source", "instruction set"])
+@pytest.mark.parametrize("change", ["options", "instruction set"])
 def test_what_an_executable_depends_on_is_compiled_again(folder, monkeypatch, change):
     check(scaled())
     if change == "options":
         check(scaled(3.0, ("scaled", 3.0)), factor=3.0)
     else:
-        name = {"source": "_source_digest", "instruction set": "cpu_flags"}[change]
-        monkeypatch.setattr(stored_program, name, lambda: "other")
+        monkeypatch.setattr(stored_program, "cpu_flags", lambda: "other")
         check(scaled())
-    assert len(list(folder.glob("*.program"))) == 2
+    assert stored(folder) == 2
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.0])
+def test_of_changed_source_other_programs_alone_are_compiled_again(folder, monkeypatch, factor):
+    """The options are the same: the source alone makes another program, or the same."""
+    check(scaled())
+    monkeypatch.setattr(stored_program, "_source_digest", lambda: "other")
+    if factor == 2.0:
+        monkeypatch.setattr(StoredProgram, "_compile", None)
+    check(scaled(factor), factor=factor)
+    assert stored(folder) == (1 if factor == 2.0 else 2)
+    monkeypatch.setattr(StoredProgram, "lower", None)
+    check(scaled(factor), factor=factor)
+
+
+def test_one_number_makes_another_program(folder, monkeypatch):
+    """Of a long constant, too, which texts of programs may leave out."""
+    for value in (0.0, 1.0):
+        constant = np.zeros(10_000, np.float32)
+        constant[5_000] = value
+
+        def add(offset, batch: PerType, constant=constant) -> PerType:
+            return jax.tree.map(lambda x: x + offset + jnp.asarray(constant).sum(), batch)
+
+        monkeypatch.setattr(stored_program, "_source_digest", lambda value=value: str(value))
+        result = StoredProgram(add, shared=1, options=("add",))(np.float32(0.5), BATCH)
+        np.testing.assert_allclose(result.agents, BATCH.agents + 0.5 + value)
+    assert stored(folder) == 2
 
 
 def test_other_shapes_are_other_executables(folder):
@@ -78,17 +112,17 @@ def test_other_shapes_are_other_executables(folder):
     check(program)
     wide = PerType(agents=np.ones((2, 5), np.float32), lanes=BATCH.lanes)
     np.testing.assert_allclose(program(np.float32(0), wide).agents, np.sin(2 * wide.agents), rtol=1e-5)
-    assert len(list(folder.glob("*.program"))) == 2
+    assert stored(folder) == 2
 
 
 @pytest.mark.parametrize("content", [b"", b"cut off", "half"])
 def test_a_damaged_file_is_made_again(folder, content):
     check(scaled())
-    (path,) = folder.glob("*.program")
+    path, other = folder.glob("*.program")
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content == "half" else content)
     check(scaled())
-    assert len(path.read_bytes()) > len(whole) // 2 and len(list(folder.iterdir())) == 1
+    assert len(path.read_bytes()) > len(whole) // 2 and path.read_bytes() == other.read_bytes() and stored(folder) == 1
 
 
 def test_without_a_folder_it_only_compiles(tmp_path, monkeypatch):
@@ -111,7 +145,7 @@ def test_what_depends_on_foreign_code_is_not_stored(folder, option):
 
 
 def test_the_oldest_files_are_removed(folder, monkeypatch):
-    monkeypatch.setattr(stored_program, "_MAX_FILES", 2)
+    monkeypatch.setattr(stored_program, "_MAX_FILES", 4)
     for factor in (1.0, 2.0, 3.0):
         check(scaled(factor, (factor,)), factor=factor)
-    assert len(list(folder.glob("*.program"))) == 2
+    assert stored(folder) == 2
