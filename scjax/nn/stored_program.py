@@ -9,6 +9,7 @@ lowers, which take as long as running.)
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -31,8 +32,11 @@ from scjax.nn.cpu.backend import cpu_flags, fast_compile_options
 from scjax.nn.sharding import scene_mesh, spread
 from scjax.nn.startup import cache_folder
 
-_MAX_FILES = 256
-"""Names of stored executables, which have two each; the oldest ones are removed first. One is 0.2 to 2 MB."""
+_MAX_FILES = 128
+"""Stored executables; the oldest ones are removed first. One is 0.2 to 2 MB."""
+
+_MAX_NAMES = 8
+"""Names of an executable: that of its StableHLO, and those of the versions of the source that make it."""
 
 _CONFIG = ("jax_enable_x64", "jax_default_matmul_precision", "jax_disable_most_optimizations")
 
@@ -192,27 +196,31 @@ def _write(path: Path, data: bytes) -> None:
             raise
 
 
-def _remove_oldest(folder: Path) -> None:
-    """Leaves ``_MAX_FILES`` names of executables."""
-    stored = sorted(folder.glob("*.program"), key=_last_use)
-    for old in stored[:-_MAX_FILES]:
-        old.unlink(missing_ok=True)
-
-
-def _last_use(path: Path) -> float:
-    try:
-        return path.stat().st_mtime
-    except FileNotFoundError:  # another process has removed it
-        return 0.0
-
-
 def _link(path: Path, stored: Path) -> None:
-    """Gives a stored executable another name."""
-    other = path.with_suffix(f".{secrets.token_hex(8)}")
+    """Gives a stored executable the name ``path``, too."""
+    if stored.stat().st_nlink > _MAX_NAMES:
+        for other in path.parent.glob("*.program"):
+            if other != stored and other.samefile(stored):
+                other.unlink(missing_ok=True)
+    temporary = path.with_suffix(f".{secrets.token_hex(8)}")
     try:
-        os.link(stored, other)
-        os.replace(other, path)
+        os.link(stored, temporary)
+        os.replace(temporary, path)
     except OSError:  # no hard links there
         _write(path, stored.read_bytes())
     finally:
-        other.unlink(missing_ok=True)  # it stays where both names were of one file before
+        temporary.unlink(missing_ok=True)  # it stays where both names were of one file before
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Leaves the ``_MAX_FILES`` executables that were used last."""
+    last_use: dict[int, float] = {}
+    names: dict[int, list[Path]] = {}
+    for path in folder.glob("*.program"):
+        with contextlib.suppress(FileNotFoundError):  # another process has removed it
+            status = path.stat()
+            last_use[status.st_ino] = status.st_mtime
+            names.setdefault(status.st_ino, []).append(path)
+    for file in sorted(names, key=last_use.__getitem__)[:-_MAX_FILES]:
+        for path in names[file]:
+            path.unlink(missing_ok=True)

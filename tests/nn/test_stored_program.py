@@ -145,7 +145,17 @@ def test_what_depends_on_foreign_code_is_not_stored(folder, option):
 
 
 def test_the_oldest_files_are_removed(folder, monkeypatch):
-    monkeypatch.setattr(stored_program, "_MAX_FILES", 4)
+    monkeypatch.setattr(stored_program, "_MAX_FILES", 2)
     for factor in (1.0, 2.0, 3.0):
         check(scaled(factor, (factor,)), factor=factor)
     assert stored(folder) == 2
+
+
+def test_names_of_older_sources_are_removed(folder, monkeypatch):
+    monkeypatch.setattr(stored_program, "_MAX_NAMES", 3)
+    for version in range(6):
+        monkeypatch.setattr(stored_program, "_source_digest", lambda version=version: str(version))
+        check(scaled())
+    assert stored(folder) == 1 and len(list(folder.iterdir())) <= 4
+    monkeypatch.setattr(StoredProgram, "lower", None)
+    check(scaled())
