@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import hashlib
 import json
 import os
+import platform
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,7 +33,7 @@ _KEEP_FREED = {"tcache_count": 60_000, "mxfast": 0, "trim_threshold": 4_000_000_
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Most of the suite's time is XLA compiling: workers and child processes share a cache, and optimise little.
+    """Most of the suite's time is XLA compiling: all processes and checkouts share a cache, and optimise little.
 
     (The graph's own passes still run; what is left out are LLVM's, which take up to half of the time of a compilation.
     The older way to write loops for fused operations halves the rest. To cut a program into 32 modules, which threads
@@ -46,11 +50,40 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_traceback_in_locations_limit", 0)  # else every operation gets the lines that called it
     os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
     jax.config.update("jax_disable_most_optimizations", os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1")
-    folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("jax"))))  # pyright: ignore
-    os.environ.setdefault("SCJAX_CACHE", str(config.cache.mkdir("scjax")))  # pyright: ignore
+    programs = _programs_folder(config)
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(programs / "jax"))
+    os.environ.setdefault("SCJAX_CACHE", str(programs / "scjax"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+_MOST_SECONDS = 30 * 86_400
+"""Age of programs in JAX's cache, after which they are compiled again: most are of tests that have changed."""
+
+
+def _programs_folder(config: pytest.Config) -> Path:
+    """Where compiled programs are kept, for all checkouts of a user: those that did not change are compiled once.
+
+    One folder for each kind of processor, for homes that several machines share. ``SCJAX_TEST_CACHE`` names another.
+    """
+    given = os.environ.get("SCJAX_TEST_CACHE")
+    root = Path(given or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scjax-tests")
+    cpus = Path("/proc/cpuinfo")
+    lines = cpus.read_text().splitlines() if cpus.exists() else []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    folder = root / hashlib.sha256(f"{platform.machine()} {flags}".encode()).hexdigest()[:12]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{os.getpid()}.probe").touch()
+        (folder / f"{os.getpid()}.probe").unlink()
+    except OSError:  # a home that cannot be written to: programs of this checkout alone
+        return Path(str(config.cache.mkdir("programs")))  # pyright: ignore
+    for path in (folder / "jax").glob("*"):
+        with contextlib.suppress(FileNotFoundError):  # another process has removed it
+            if path.stat().st_mtime < time.time() - _MOST_SECONDS:
+                path.unlink()
+    return folder
 
 
 _MAX_MAPPINGS = 8_000
@@ -73,7 +106,7 @@ def every_program_is_stored():
     from scjax.nn import stored_program
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stored_program, "_MAX_FILES", 10_000)
+        patch.setattr(stored_program, "_MAX_FILES", 1_500)
         yield
 
 
