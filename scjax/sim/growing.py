@@ -38,6 +38,7 @@ _ROUTE_LANES = 32
 _TILES_AT_ONCE = 8  # of 32 m; more are added two seconds later
 _ROOM = 1.35  # m to the side of a centerline, of a car that passes; lanes that swerve leave 1.4 m
 _WIDTH = 2.2  # m, of the widest car; what is wider needs more room
+_PASSING = 30.0  # m between two bodies that a car may have to pass on different sides
 
 
 class GrowingDrive:
@@ -143,14 +144,18 @@ class GrowingDrive:
             traffic = self._with_traffic(self.world)
             start = self._prepare(traffic)
             new = set(traffic.agent_ids) - self.seen
-            blocking = bodies_in_the_way(start, float(start.agents.width[start.log.object_ids.index(self.actor)])) & new
+            blocking = arrivals_in_the_way(start, new, self._in_the_way(start), self.in_the_way)
             if excluded := blocking | arrivals_too_near(start, new, blocking):
                 start = self._prepare(_without_agents(traffic, excluded))
             self._begin(start)
             self.seen |= set(self.world.agent_ids)
 
+    def _in_the_way(self, start: Start) -> set[str]:
+        return bodies_in_the_way(start, float(start.agents.width[start.log.object_ids.index(self.actor)]))
+
     def _begin(self, start: Start) -> None:
         """Starts from a moment on a new network."""
+        self.in_the_way = self._in_the_way(start)
         start = pad_start(start, tuple(max(sizes) for sizes in zip(start.shape, _SHAPE, strict=True)))
         row, number = start.log.object_ids.index(self.actor), self.number + 1
         if number > 1:
@@ -264,6 +269,24 @@ def bodies_in_the_way(start: Start, width: float = _WIDTH) -> set[str]:
         if (np.hypot(*outside.T) < room).any():
             names.add(log.object_ids[row])
     return names
+
+
+def arrivals_in_the_way(start: Start, new: set[str], in_the_way: set[str], before: set[str]) -> set[str]:
+    """Those of the new bodies that are in the way, or with which one that was there before is in the way now.
+
+    Lanes swerve around a body, but not between two on both sides.
+
+    Args:
+      new: ids of agents of ``start``.
+      in_the_way: ids of bodies that are in the way, among all agents.
+      before: ids of those that were without the new agents.
+    """
+    ids, places = start.log.object_ids, np.array(start.log.positions[:, 0, :2])
+    closed = [row for row, name in enumerate(ids) if name in in_the_way - new - before]
+    apart = np.hypot(*np.moveaxis(places[:, None] - places[closed][None], -1, 0)).min(1, initial=np.inf)
+    stands = np.asarray(start.places.lane)[: len(ids)] == NONE
+    beside = {ids[row] for row in np.flatnonzero(stands & (apart < _PASSING))}
+    return (in_the_way | beside) & new
 
 
 def _without_agents(map: Map, names: set[str]) -> Map:

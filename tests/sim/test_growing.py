@@ -9,7 +9,7 @@ import pytest
 
 from scjax.scene import AgentType, validate_log, validate_map
 from scjax.sim.drive import drive
-from scjax.sim.growing import _route_rows, bodies_in_the_way, with_first_stop_lines
+from scjax.sim.growing import _route_rows, arrivals_in_the_way, bodies_in_the_way, with_first_stop_lines
 from scjax.sim.preparation import prepare
 from tests.factories.few_programs import use_few_programs
 from tests.factories.maps import map_lane, two_tile_map
@@ -63,6 +63,16 @@ def test_bodies_that_reach_into_a_lane_are_in_the_way():
     start = prepare(with_agents([road(200.0)], cars, kinds), 0, np.random.default_rng(0))
     assert bodies_in_the_way(start) == {"a1", "a3"}
     assert bodies_in_the_way(start, width=8.0) == {"a1", "a2", "a3"}
+
+
+def test_new_bodies_that_leave_no_room_beside_old_ones_are_in_the_way():
+    places = [agent(60.0, -2.2), agent(66.0, 1.3), agent(66.0, 40.0), agent(120.0, 1.3)]  # parked; beside it; elsewhere
+    kinds = [AgentType.VEHICLE, *[AgentType.STATIC] * 3]
+    starts = [prepare(with_agents([road(200.0)], places[:n], kinds[:n]), 0, np.random.default_rng(0)) for n in (1, 4)]
+    before, after = map(bodies_in_the_way, starts)
+    assert before == set() and after == {"a0"}
+    assert arrivals_in_the_way(starts[1], {"a1", "a2", "a3"}, after, before) == {"a1"}
+    assert arrivals_in_the_way(starts[1], {"a1", "a2", "a3"}, after, after) == set()
 
 
 def test_of_stop_lines_in_a_row_the_first_stays():
