@@ -5,7 +5,8 @@ The stages, in order, each a module of this package:
 1. ``scene_spec``: what the conditions hold fixed, in the terms of the model. ``readings`` makes attributes of prompts,
    for models that read these, and ``encode`` tokens of texts and pictures. From here on there are no conditions.
 2. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
-   lane and agent is, without coordinates, from a scene of the training that shows most of the request).
+   lane and agent is, without coordinates: the model holds outlines of 8,000 scenes of its training, and one that
+   shows the request is drawn).
 3. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
 4. ``scjax.repair`` and ``best_of``, if they are chosen.
 
@@ -123,8 +124,8 @@ def sample_scenes(
         plain sampling. ``scjax.Guidance`` also takes an interval of times, rescaling and a scale of the picture.
       sampler: "ddpm" (the default of most models), "ddim", "dpm++" or, for a rectified flow, "euler", "heun" (its
         default), "dpm++"; or one with options, such as ``scjax.samplers.DDIM(eta=0.5)``.
-      best_of: candidates for each scene, the first as with 1; the one with the least ``score_scene`` is returned. If
-        attributes are requested, each has an outline of its own (``requests.draw_candidates``).
+      best_of: number of candidates for each scene. The one with the lowest ``score_scene`` is returned; that counts
+        faults and what is missing of the request. The first candidate is the scene that ``best_of=1`` returns.
       repair: smooth lanes, close lane connections and separate boxes afterwards (``scjax.repair``), then fit agents
         and ground to the request (``generate.fit_request``); known elements stay as they are.
       temperature: scale of the noise, above 0: one number, or ``scjax.PerType(agents=, lanes=)``; by default the
@@ -132,8 +133,8 @@ def sample_scenes(
       energy_guidance: True, False or options: gradient steps towards closed lane connections, boxes that do not overlap
         and vehicles on lanes (``scjax.EnergyGuidance``); by default as the model has it.
       padded_size: (agents, lanes) that every scene is padded to at least, so that scenes of several sizes share
-        compiled programs. By default each scene is padded to the smallest of a few sizes that holds it: that is the
-        fastest once all are compiled.
+        compiled programs. By default each scene is padded to the smallest of a few sizes that holds it. That runs
+        fastest, but every size compiles once.
 
     Returns:
       For one condition a batch [num_scenes] of NumPy arrays in meters, padded to its largest scene. For a sequence of
@@ -200,7 +201,7 @@ def sampling_settings(
         energy_guidance = truth_value(energy_guidance, "energy_guidance (or scjax.EnergyGuidance)")
     if guidance.image_scale is not None and not isinstance(config.condition, ImageCondition):
         raise ValueError("guidance.image_scale is given, but this model reads no pictures: leave it out")
-    scales = guidance.scale, guidance.image_scale
+    scales = guidance.scale, guidance.image_scale  # numbers of a call; options compile, so theirs are always the same
     image_scale = None if guidance.image_scale is None else DEFAULT_GUIDANCE_SCALE
     options = dataclasses.replace(guidance, scale=DEFAULT_GUIDANCE_SCALE, image_scale=image_scale)
     if scales[0] == 1 and scales[1] in (None, 1):
@@ -209,8 +210,8 @@ def sampling_settings(
         energy_guidance = model.energy_guidance or (EnergyGuidance() if energy_guidance else None)
     if energy_guidance and not config.relative_geometry:
         raise ValueError(
-            "energy_guidance needs position heads, and this model has none: leave it out, or train the denoiser with "
-            "relative_geometry=True"
+            "energy_guidance needs a denoiser that estimates positions, and this model's does not: leave it out, or "
+            "train the denoiser with relative_geometry=True"
         )
     return SamplingSettings(
         sampler=sampler,

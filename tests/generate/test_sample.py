@@ -222,7 +222,7 @@ def test_energy_guidance_depends_on_the_scenes_own_key_only(pointed_model, known
 
 
 def test_energy_guidance_needs_position_heads(model):
-    with pytest.raises(ValueError, match="energy_guidance needs position heads"):
+    with pytest.raises(ValueError, match="energy_guidance needs a denoiser that estimates positions"):
         sample(model, Condition(**COUNTS), energy_guidance=True)
 
 
