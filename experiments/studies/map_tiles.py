@@ -48,7 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--judge", type=Path, required=True, help="the program that judges scenes")
     parser.add_argument("--maps", type=Path, required=True, metavar="DIR", help="maps that grew without prompts")
     parser.add_argument(
-        "--prompted", type=int, default=16, metavar="N", help="maps with prompts (default: %(default)s)"
+        "--prompted", type=int, default=16, metavar="N", help="maps with prompts, 0: none (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--singles", type=int, default=90, metavar="N", help="single scenes without prompts (default: %(default)s)"
     )
     add_sampling_options(parser, "runs/map_tiles", "of the first map")
     args = parser.parse_args(arguments)
@@ -59,25 +62,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
         plain = [window for path in sorted(args.maps.glob("*.npz")) for _, window in windows(scjax.load_map(path))]
         if not plain:
             raise ValueError(f"--maps: there are no maps with tiles in {args.maps}: run experiments.studies.maps first")
-        prompted = [pair for map in prompted_maps(args, lines, model) for pair in windows(map)]
-        texts = [lines[row % len(lines)]["prompt"] for row in range(len(prompted))]
-        line_of = {line["prompt"]: line for line in lines}
-        without = [scjax.Condition()] * len(texts)
+        without = [scjax.Condition()] * args.singles
         rows = {
             "tiles of maps": [(lines[k % len(lines)], scene) for k, scene in enumerate(plain)],
             "single scenes": _each(lines, sample_in_calls(without, "single scenes", 5, model=model, repair=True)),
-            "tiles of maps with prompts": [(line_of[tile.prompt], scene) for tile, scene in prompted],
-            "single scenes with prompts": _each(
-                lines,
-                sample_in_calls(
-                    [scjax.Condition(prompt=text) for text in texts], "with prompts", 6, model=model, repair=True
-                ),
-            ),
+            **(_with_prompts(args, lines, model) if args.prompted else {}),
         }
         found = {name: judged(args.judge, args.runs / name.replace(" ", "-"), some) for name, some in rows.items()}
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.map_tiles: {error}")
     write_page(args.out, page(found, lines, command_line("map_tiles", arguments)), found)
+
+
+def _with_prompts(
+    args: Any, lines: Sequence[dict[str, Any]], model: scjax.Model
+) -> dict[str, list[tuple[dict[str, Any], Scene]]]:
+    """Windows of maps with a prompt for each tile, and as many single scenes with prompts."""
+    prompted = [pair for map in prompted_maps(args, lines, model) for pair in windows(map)]
+    line_of = {line["prompt"]: line for line in lines}
+    conditions = [scjax.Condition(prompt=lines[row % len(lines)]["prompt"]) for row in range(len(prompted))]
+    scenes = sample_in_calls(conditions, "with prompts", 6, model=model, repair=True)
+    return {
+        "tiles of maps with prompts": [(line_of[tile.prompt], scene) for tile, scene in prompted],
+        "single scenes with prompts": _each(lines, scenes),
+    }
 
 
 def windows(map: Map) -> Iterator[tuple[MapTile, Scene]]:

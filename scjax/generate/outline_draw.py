@@ -11,6 +11,7 @@ import numpy as np
 
 from scjax.generate.agent_draw import AgentDraw, Kinds
 from scjax.generate.components import Model
+from scjax.generate.lane_places import settle_agents
 from scjax.generate.scene_spec import SceneSpec
 from scjax.language.attributes.table import GROUPS
 from scjax.models.denoiser.kinds import FAR, NO_KIND, digits_of, scene_kinds
@@ -81,6 +82,9 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
         agents = draw.replace(agents, _known_kinds(known, model).agents)
         num_known = len(known.agent_mask)
     agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], spec.num_agents, num_known)
+    if known is not None and known_lanes is not None:
+        settled = settle_agents(rng, agents, known, model.codec)
+        agents = agents if settled is None else _known_kinds(settled, model).agents
     if known is not None and len(known.lane_mask):
         lanes = _known_kinds(known, model).lanes
     else:

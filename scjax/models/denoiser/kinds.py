@@ -25,7 +25,16 @@ NO_KIND = -1
 LANE_DIGITS = (8, 9, len(Signal), 5, 3, 4, 3)
 """Sizes of a lane's digits: direction at its start, turn, signal, joints, level, side of the ego, length."""
 
-_AGENT_DIGITS = (4, 8, 4, 5, 3)  # besides the class: speed, direction, on a lane, side of the ego, distance from it
+SECTORS = 8
+"""Of directions; the middle of sector 0 is that of the ego."""
+
+_AGENT_DIGITS = (
+    4,
+    SECTORS,
+    4,
+    5,
+    3,
+)  # besides the class: speed, direction, on a lane, side, distance
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
 _TURNS = tuple(np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0)).tolist())  # between the classes of turns
@@ -59,7 +68,7 @@ def lane_kinds(scene: Scene) -> Int[Array, "*b lanes"]:
     turn = wrap_to_pi(headings[..., 1:] - headings[..., :-1]).sum(-1)
     level = lanes[..., 2].mean(-1)
     digits = (
-        _sector(headings[..., 0], 8),
+        sectors_of(headings[..., 0]),
         _class_of(turn, _TURNS),
         jnp.asarray(scene.signals),
         _joints(lanes[..., -1, :2], links, jnp.asarray(scene.crop)),
@@ -76,14 +85,15 @@ def agent_kinds(scene: Scene, codec: SceneCodec) -> Int[Array, "*b agents"]:
     class_of[list(codec.agent_types)] = np.arange(len(codec.agent_types))
     agents, types = jnp.asarray(scene.agents), jnp.asarray(scene.agent_types)
     is_large = (types == AgentType.VEHICLE) & (agents[..., _LENGTH] > LARGE_LENGTH)
+    from_ego = _from_ego(agents[..., :2], scene)
     classes = jnp.where(is_large, len(codec.agent_types), jnp.asarray(class_of)[types])
     digits = (
         classes,
         _class_of(agents[..., _SPEED], _SPEEDS),
-        _sector(jnp.arctan2(agents[..., _COS + 1], agents[..., _COS]), 8),
+        sectors_of(jnp.arctan2(agents[..., _COS + 1], agents[..., _COS])),
         _on_lane(agents, scene),
-        _side_of_agents(scene),
-        _class_of(jnp.hypot(*jnp.moveaxis(_from_ego(agents[..., :2], scene), -1, 0)), _DISTANCES),
+        sides_of_ego(from_ego),
+        distances_from_ego(from_ego),
     )
     known = scene.agent_mask & (classes != NO_KIND)
     return jnp.where(known, _kind(digits, agent_digits(codec)), NO_KIND)
@@ -108,9 +118,9 @@ def _kind(digits: Sequence[Array], sizes: Sequence[int]) -> Int[Array, "*n"]:
     return jnp.asarray(total)
 
 
-def _sector(angle: Real[Array, "*n"], sectors: int) -> Int[Array, "*n"]:
-    """One of equal sectors, counter-clockwise. The middle of sector 0 is the direction of the ego."""
-    return jnp.round(angle / (2 * np.pi / sectors)).astype(jnp.int32) % sectors
+def sectors_of(angle: Real[AnyArray, "*n"]) -> Int[Array, "*n"]:
+    """Which of ``SECTORS`` equal sectors a direction [rad] is in, counter-clockwise."""
+    return jnp.round(jnp.asarray(angle) / (2 * np.pi / SECTORS)).astype(jnp.int32) % SECTORS
 
 
 def _joints(ends: Real[Array, "*b lanes 2"], links: Int[Array, "*b lanes lanes"], crop: Int[Array, "*b"]):
@@ -157,11 +167,16 @@ def _from_ego(points: Real[Array, "*b n 2"], scene: Scene) -> Real[Array, "*b n 
     return jnp.where(is_there, jnp.stack([cos * x + sin * y, cos * y - sin * x], -1), points)
 
 
-def _side_of_agents(scene: Scene) -> Int[Array, "*b agents"]:
-    """0: none of these; 1: ahead of the ego; 2: behind it; 3: in the lane to its left; 4: to its right."""
-    x, y = jnp.moveaxis(_from_ego(jnp.asarray(scene.agents)[..., :2], scene), -1, 0)
+def sides_of_ego(points: Real[AnyArray, "*n 2"]) -> Int[Array, "*n"]:
+    """Of points in the frame of the ego: 1 ahead; 2 behind; 3, 4 in the lane to its left, right; 0 else."""
+    x, y = jnp.moveaxis(jnp.asarray(points), -1, 0)
     beside = jnp.where(jnp.abs(y) > _MOST_BESIDE, 0, jnp.where(y > 0, 3, 4))
     return jnp.where(jnp.abs(y) < _SIDE, jnp.where(x > 0, 1, 2), beside)
+
+
+def distances_from_ego(points: Real[AnyArray, "*n 2"]) -> Int[Array, "*n"]:
+    """The class of distance of points in the frame of the ego, 0 to ``FAR``."""
+    return _class_of(jnp.hypot(*jnp.moveaxis(jnp.asarray(points), -1, 0)), _DISTANCES)
 
 
 def _side_of_lanes(scene: Scene) -> Int[Array, "*b lanes"]:
