@@ -15,6 +15,7 @@ Writes OUT.md and OUT.json; no scene of another is kept.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,6 +31,7 @@ from scjax.evaluate.retrieval import Index, retrieve
 from scjax.evaluate.sources import SceneSource, open_source
 from scjax.generate.place import placement_condition
 from scjax.language.attributes.draw import full_request
+from scjax.language.attributes.request_text import request_text
 from scjax.language.attributes.table import GROUPS, measure_attributes
 from scjax.metrics.detection import average_precision, detections
 from scjax.metrics.placement import match, random_lane_aligned, vehicle_pool
@@ -50,13 +52,17 @@ COLUMNS = {
     "off_lane": "off lanes",
     "off_heading": "against lanes",
 }
-OURS: dict[str, tuple[bool, dict[str, Any]]] = {
-    "ours: number of vehicles": (False, {}),
-    "ours: number of vehicles, temperature 0.5": (False, {"temperature": scjax.PerType(agents=0.5, lanes=0.3)}),
-    "ours: number of vehicles, best of 4, repaired": (False, {"best_of": 4, "repair": True}),
-    "ours: attributes of the agents": (True, {}),
+OURS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ours: number of vehicles": ("number", {}),
+    "ours: attributes of the agents": ("attributes", {}),
+    "ours: a prompt that says them": ("prompt", {}),
+    "ours: number of vehicles, best of 4, repaired": ("number", {"best_of": 4, "repair": True}),
+    "ours: a prompt, best of 4, repaired": ("prompt", {"best_of": 4, "repair": True}),
 }
-"""Row -> whether the attributes of the agents are given, and options of ``scjax.sample``."""
+"""Row -> what is said of the agents, and options of ``scjax.sample``."""
+RANDOM, RETRIEVED = "random on lanes", "another real scene, same numbers"
+GAINS = {RANDOM: "over random", RETRIEVED: "over another scene"}
+"""Baseline -> title of the column with what a row has more of the mean than it; errors are of the difference."""
 _DRAWS = 200  # bootstrap
 _NO_OTHERS = {"pedestrians": 0, "cyclists": 0, "static": 0}
 
@@ -76,15 +82,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         references, clusters = vehicle_scenes(source, args.number, args.seed)
         rows = {
             "real scenes themselves": references,
-            "random on lanes": on_lanes(references, args.seed),
-            "another real scene, same numbers": retrieved(source, references, clusters, args.seed),
+            RANDOM: on_lanes(references, args.seed),
+            RETRIEVED: retrieved(source, references, clusters, args.seed),
         }
-        for name, (measured, options) in OURS.items():
-            conditions = [request_of(scene, model, measured=measured) for scene in references]
+        for name, (said, options) in OURS.items():
+            conditions = [request_of(scene, model, said) for scene in references]
             rows[name] = sample_in_calls(conditions, name, args.seed, model=model, **options)
     except (ValueError, OSError) as error:
         sys.exit(f"experiments.studies.placement: {error}")
     content = {name: measure(references, scenes, clusters, args.seed) for name, scenes in rows.items()}
+    for name, columns in content.items():
+        for baseline in GAINS:
+            if name in OURS:
+                columns[baseline] = gain(references, rows[name], rows[baseline], clusters, args.seed)
     numbers = {
         "scenes": len(references),
         "locations": len(set(clusters)),
@@ -121,14 +131,18 @@ def only_vehicles(scene: Scene) -> Scene:
     return permute(scene, rows if len(rows) and rows[0] == 0 else rows[:0], np.arange(len(scene.lanes)))
 
 
-def request_of(scene: Scene, model: scjax.Model, *, measured: bool) -> scjax.Condition:
-    """Placement on the lanes of a scene around its ego, of as many vehicles; with all attributes of its agents."""
-    attributes: dict[str, Any] = {"vehicles": len(scene.agents) - 1, **_NO_OTHERS}
-    if measured:
-        names = {item.name for group in ABOUT_AGENTS for item in GROUPS[group]}
-        shown = full_request(measure_attributes(scene))
-        attributes = {name: value for name, value in shown.items() if name in names}
-    condition = scjax.Condition(attributes=attributes)
+def request_of(scene: Scene, model: scjax.Model, said: str = "number") -> scjax.Condition:
+    """Placement on the lanes of a scene around its ego, of as many vehicles.
+
+    Args:
+      said: "number": nothing else; "attributes": all attributes of its agents; "prompt": a text that says these.
+    """
+    number: dict[str, Any] = {"vehicles": len(scene.agents) - 1, **_NO_OTHERS}
+    names = {item.name for group in ABOUT_AGENTS for item in GROUPS[group]}
+    shown = {name: value for name, value in full_request(measure_attributes(scene)).items() if name in names}
+    condition = scjax.Condition(attributes=shown if said == "attributes" else number)
+    if said == "prompt":
+        condition = dataclasses.replace(condition, prompt=request_text(shown))
     return placement_condition(scene, condition, model, num_agents=len(scene.agents), keep_agents=False)
 
 
@@ -182,6 +196,28 @@ def measure(
     }
 
 
+def gain(
+    references: Sequence[Scene],
+    scenes: Sequence[Scene],
+    others: Sequence[Scene],
+    clusters: Sequence[str],
+    seed: int,
+) -> list[float]:
+    """How much higher the mean match rate of scenes is than that of others, and the error of a paired bootstrap."""
+
+    def matched(some: Sequence[Scene]) -> np.ndarray:
+        pairs = [_ratios(one, other) for one, other in zip(references, some, strict=True)]
+        return np.array([np.mean([pair[f"recall_{distance}m"][0] for distance in (1, 2, 3)]) for pair in pairs])
+
+    more, vehicles = matched(scenes) - matched(others), np.array([len(one.agents) - 1 for one in references])
+    rows_of = [np.flatnonzero(np.array(clusters) == name) for name in dict.fromkeys(clusters)]
+    rng, draws = np.random.default_rng(seed), []
+    for _ in range(_DRAWS):
+        rows = np.concatenate([rows_of[place] for place in rng.integers(len(rows_of), size=len(rows_of))])
+        draws.append(more[rows].sum() / vehicles[rows].sum())
+    return [round(float(more.sum() / vehicles.sum()), 4), round(float(np.std(draws)), 4)]
+
+
 def _ratios(reference: Scene, scene: Scene) -> Ratios:
     realism = scene_realism(scene, ego=False)
     on_lane, vehicles = realism["vehicles_on_lane"]
@@ -194,13 +230,21 @@ def _ratios(reference: Scene, scene: Scene) -> Ratios:
 
 
 def _page(content: Mapping[str, Mapping[str, list[float]]], numbers: Mapping[str, int], command: str) -> str:
+    titles = {**COLUMNS, **GAINS}
     rows = [
-        [name, *("{:.1f} ± {:.1f}".format(*(100 * value for value in columns[key])) for key in COLUMNS)]
+        [
+            name,
+            *("{:.1f} ± {:.1f}".format(*(100 * v for v in columns[key])) if key in columns else "" for key in titles),
+        ]
         for name, columns in content.items()
     ]
     counted = ", ".join(f"{value} {name}" for name, value in numbers.items())
     lines = ["# Placement: traffic on real lanes", "", f"`{command}`", "", f"{counted}; all numbers in %.", ""]
-    return "\n".join([*lines, *table_lines(["vehicles", *COLUMNS.values()], rows), ""])
+    return "\n".join([*lines, *table_lines(["vehicles", *titles.values()], rows), ""])
+
+
+def _percent(value_and_error: Sequence[float]) -> str:
+    return "{:.1f} ± {:.1f}".format(*(100 * part for part in value_and_error))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 A kind says direction, side of the ego, distance and whether the agent is on a lane. On other lanes there may be no such
 place, and a network then puts the agent across a lane or beside one. So each agent gets a place that these lanes have,
 as near to its kind as they allow and apart from the others. Its kind and its turn in the order follow from that place.
+After sampling, agents that are to go along a lane, and do not, move to the nearest one of their direction.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from scjax.models.denoiser.kinds import (
 )
 from scjax.scene import TILE_SIZE, AgentType, Scene
 from scjax.scene.agent_sizes import CLASS_SIZES
+from scjax.scene.angles import wrap_to_pi
+from scjax.scene.boxes import overlaps
 from scjax.scene.polyline import spread_points
 from scjax.scene.scene import LARGE_LENGTH
 
@@ -38,6 +41,9 @@ _ALONG = 1  # digit of agents in the middle of a lane and along it
 _TAKEN = 100.0  # cost of a place where somebody is
 _DIRECTION, _SIDE, _DISTANCE, _LANE = 2.0, 1.5, 1.0, 3.0  # costs of another direction, side, distance, and off lanes
 _DRIVERS = (AgentType.VEHICLE, AgentType.CYCLIST)
+_FARTHEST = 8.0  # m to a lane that an agent moves to
+_LATERAL, _SKEW = 0.5, np.deg2rad(10.0)  # m and rad that agents may be off their lane's middle and direction
+_OWN_WAY = np.deg2rad(45.0)  # from an agent's direction, for lanes that are its own
 
 
 class _Places(NamedTuple):
@@ -93,6 +99,44 @@ def settle_agents(
         agent_mask=np.ones(first + len(new), bool),
         agent_known=np.concatenate([known.agent_known, np.ones((len(new), 9), bool)]),
     )
+
+
+def along_lanes(kinds: Int[np.ndarray, " tokens"], codec: SceneCodec) -> Bool[np.ndarray, " tokens"]:
+    """Which kinds are those of vehicles and cyclists in the middle of a lane and along it."""
+    classes, _, _, lane, _, _ = digits_of(np.maximum(kinds, 0), agent_digits(codec))
+    drivers = [row for row, type in enumerate((*codec.agent_types, AgentType.VEHICLE)) if type in _DRIVERS]
+    return (kinds != NO_KIND) & (lane == _ALONG) & np.isin(classes, drivers)
+
+
+def keep_to_lanes(scene: Scene, along: Bool[np.ndarray, " agents"]) -> Scene:
+    """A scene whose agents ``along`` go along the nearest lane of their direction, within 0.5 m of its middle.
+
+    Agents stay where no such lane is within 8 m, or where they would share ground with more others than before.
+
+    Args:
+      scene: single, unpadded.
+    """
+    lines = [spread_points(np.asarray(lane, np.float64)[:, :2], _SPACING / 2) for lane in scene.lanes]
+    lines = [line for line in lines if len(line) > 1]
+    if not lines or not along.any():
+        return scene
+    points = np.concatenate(lines)
+    headings = np.concatenate([np.arctan2(*np.gradient(line, axis=0).T[::-1]) for line in lines])
+    agents = np.array(scene.agents)
+    for row in np.flatnonzero(along):
+        yaw, moved = np.arctan2(agents[row, 5], agents[row, 4]), agents.copy()
+        distance = np.hypot(*(points - agents[row, :2]).T)
+        distance[np.abs(wrap_to_pi(headings - yaw)) > _OWN_WAY] = np.inf
+        nearest = int(distance.argmin())
+        if distance[nearest] > _FARTHEST:
+            continue
+        offset = agents[row, :2] - points[nearest]
+        moved[row, :2] = points[nearest] + offset * min(1.0, _LATERAL / max(distance[nearest], _LATERAL))
+        if abs(wrap_to_pi(headings[nearest] - yaw)) > _SKEW:
+            moved[row, 4:6] = np.cos(headings[nearest]), np.sin(headings[nearest])
+        if overlaps(moved)[row].sum() <= overlaps(agents)[row].sum():
+            agents = moved
+    return scene.replace(agents=agents)
 
 
 def _places(lines: Sequence[np.ndarray], ego: Float64[np.ndarray, " 9"]) -> tuple[_Places, _Places]:

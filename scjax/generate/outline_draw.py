@@ -8,10 +8,11 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Bool
 
 from scjax.generate.agent_draw import AgentDraw, Kinds
 from scjax.generate.components import Model
-from scjax.generate.lane_places import settle_agents
+from scjax.generate.lane_places import along_lanes, settle_agents
 from scjax.generate.scene_spec import SceneSpec
 from scjax.language.attributes.table import GROUPS
 from scjax.models.denoiser.kinds import FAR, NO_KIND, digits_of, scene_kinds
@@ -29,12 +30,14 @@ class Outline:
       lanes: of the known lanes alone, if there are any and the number of further ones is open.
       domain: index of the domain.
       num_lanes: the number of all lanes; None: it is open.
+      along: agents that are to go along a lane, where all lanes are known; None: lanes are not known.
     """
 
     agents: Kinds
     lanes: Kinds
     domain: int
     num_lanes: int | None = None
+    along: Bool[np.ndarray, " agents"] | None = None
 
 
 def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: int | None = None) -> Outline | None:
@@ -82,15 +85,18 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
         agents = draw.replace(agents, _known_kinds(known, model).agents)
         num_known = len(known.agent_mask)
     agents = _cut_or_fill(rng, agents[: model.denoiser.config.max_agents], spec.num_agents, num_known)
+    along = None
     if known is not None and known_lanes is not None:
         settled = settle_agents(rng, agents, known, model.codec)
         agents = agents if settled is None else _known_kinds(settled, model).agents
+        along = along_lanes(agents, model.codec) & (np.arange(len(agents)) >= num_known)
     if known is not None and len(known.lane_mask):
         lanes = _known_kinds(known, model).lanes
     else:
         lanes = _cut_or_fill(rng, lanes, spec.num_lanes, 0)
     domain = int(model.outlines.domains[row]) if domain is None else domain
-    return Outline(agents, lanes, domain, None if known is not None and len(known.lane_mask) else len(lanes))
+    num_lanes = None if known is not None and len(known.lane_mask) else len(lanes)
+    return Outline(agents, lanes, domain, num_lanes, along)
 
 
 def _draw_view(rng: np.random.Generator, spec: SceneSpec, row: int, model: Model) -> Outline:

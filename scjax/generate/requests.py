@@ -6,9 +6,10 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from scjax.generate.counts import CountTables
+from scjax.generate.lane_places import keep_to_lanes
 from scjax.generate.model import Model
 from scjax.generate.outline_draw import draw_outline
 from scjax.generate.scene_spec import SceneSpec
@@ -29,6 +30,7 @@ class Request:
       domain: its index.
       num_agents, num_lanes: totals.
       kinds: of all tokens, for networks that read them; None: the network decides.
+      along: agents that are to go along one of the known lanes; None: not all lanes are known.
     """
 
     key: Array
@@ -37,6 +39,7 @@ class Request:
     num_agents: int
     num_lanes: int
     kinds: PerType | None = None
+    along: Bool[np.ndarray, " agents"] | None = None
 
     def candidates(self, number: int) -> list[Request]:
         """``number`` requests that differ in their latents alone; the first is this request."""
@@ -49,6 +52,8 @@ class Request:
         scene, spec = unpadded(scene), self.spec
         if spec.known is not None:
             scene = spec.known.restore(scene)
+        if self.along is not None:
+            scene = keep_to_lanes(scene, self.along)
         if spec.picture is not None:
             scene = spec.picture.fit(scene, spec.known_counts[0], spec.fixes_agents)
         return scene
@@ -68,7 +73,7 @@ def draw_request(key: Array, spec: SceneSpec, model: Model, tables: CountTables)
     outline = draw_outline(rng, spec, model, view)
     domain, num_lanes, num_agents = tables.draw(rng, spec, outline)
     kinds = None if outline is None else PerType(agents=outline.agents, lanes=outline.lanes)
-    return Request(key, spec, domain, num_agents, num_lanes, kinds)
+    return Request(key, spec, domain, num_agents, num_lanes, kinds, None if outline is None else outline.along)
 
 
 def draw_candidates(key: Array, spec: SceneSpec, model: Model, tables: CountTables, number: int) -> list[Request]:

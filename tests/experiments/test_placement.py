@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments.studies.placement import measure, on_lanes, only_vehicles, request_of
+from experiments.studies.placement import gain, measure, on_lanes, only_vehicles, request_of
 from scjax.scene import AgentType
 from tests.factories.traffic import agent, lane, scene
 from tests.factories.worlds import tiny_model
@@ -25,13 +25,19 @@ def test_faults_are_counted():
     assert [values[name][0] for name in ("match", "off_lane", "off_heading")] == [0.0, 0.5, 1.0]
 
 
+def test_the_gain_over_others_is_the_difference_of_the_match_rates():
+    wrong = [scene([agent(0, 0), agent(-30, 0), agent(one.agents[2, 0], 4)], LANES) for one in SCENES]
+    assert gain(SCENES, SCENES, wrong, ["a", "b", "c"], seed=0) == [0.5, 0.0]
+    assert gain(SCENES, wrong, SCENES, ["a", "b", "c"], seed=0) == [-0.5, 0.0]
+
+
 def test_requests_have_the_number_of_vehicles():
     people = scene([agent(0, 0), agent(9, 0), agent(5, 9)], LANES, types=[0, 0, int(AgentType.PEDESTRIAN)])
     one, model = only_vehicles(people), tiny_model()
-    for measured in (False, True):
-        condition = request_of(one, model, measured=measured)
+    for said in ("number", "attributes"):
+        condition = request_of(one, model, said)
         assert (condition.num_agents, condition.num_lanes) == (2, 2) and condition.known is not None
         assert condition.attributes["vehicles"] == (1, 1) and condition.known.num_agents == 1
-        assert ("ahead" in condition.attributes) == measured and "layout" not in condition.attributes
+        assert ("ahead" in condition.attributes) == (said == "attributes") and "layout" not in condition.attributes
     assert all(len(placed.agents) == 3 for placed in on_lanes(SCENES, 0))
     assert not np.array_equal(on_lanes(SCENES, 0)[0].agents, on_lanes(SCENES, 1)[0].agents)

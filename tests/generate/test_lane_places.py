@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scjax.generate.lane_places import settle_agents
+from scjax.generate.lane_places import along_lanes, keep_to_lanes, settle_agents
 from scjax.models import codec as presets
 from scjax.models.denoiser.kinds import NO_KIND, agent_digits, agent_kinds, digits_of
 from scjax.scene import AgentType
@@ -54,3 +54,27 @@ def test_open_kinds_and_scenes_without_lanes_are_left_to_the_network():
     kinds, rng = _kinds([agent(20, 0)], ROAD.lanes), np.random.default_rng(0)
     assert settle_agents(rng, np.append(kinds, NO_KIND), ROAD, CODEC) is None
     assert settle_agents(rng, kinds, scene([agent(0, 0)]), CODEC) is None
+
+
+def test_vehicles_move_to_the_nearest_lane_of_their_direction():
+    placed = scene([agent(0, 0), agent(12, 3.5, 20, 8), agent(-20, 5, 175, 8)], ROAD.lanes)
+    agents = np.asarray(keep_to_lanes(placed, np.array([False, True, True])).agents)
+    np.testing.assert_allclose(agents[1, [0, 1, 4, 5]], [12, 0.5, 1, 0], atol=1e-5)
+    np.testing.assert_allclose(agents[2, :2], [-20, 4.5], atol=1e-5)
+    np.testing.assert_array_equal(agents[2, 3:], placed.agents[2, 3:])
+
+
+def test_vehicles_stay_where_no_lane_of_theirs_is_near_or_somebody_is_there():
+    others = [agent(12, 9.5, 0, 8), agent(20, 2, 0, 8), agent(20, 0, 0, 8), agent(-20, 2, 90, 8)]
+    placed = scene([agent(0, 0), *others], ROAD.lanes)
+    kept = keep_to_lanes(placed, np.array([False, True, True, False, True]))
+    np.testing.assert_array_equal(kept.agents, placed.agents)
+
+
+def test_only_drivers_in_lanes_are_to_go_along_them():
+    kinds = _kinds(
+        [agent(12, 0), agent(20, 0, 180), agent(-20, 9), agent(-9, 0, 0, 1, PERSON)],
+        ROAD.lanes,
+        types=[*[AgentType.VEHICLE] * 4, AgentType.PEDESTRIAN],
+    )
+    assert along_lanes(np.append(kinds, NO_KIND), CODEC).tolist() == [True, True, False, False, False, False]
