@@ -24,6 +24,7 @@ def _kinds(agents, lanes, types=None):
 
 def _settled(agents, lanes, known=ROAD, **options):
     placed = settle_agents(np.random.default_rng(0), _kinds(agents, lanes, **options), known, CODEC)
+    assert placed is not None
     return np.asarray(placed.agents), np.stack(digits_of(np.asarray(agent_kinds(placed, CODEC)), DIGITS), 1)
 
 
