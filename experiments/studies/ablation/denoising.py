@@ -28,6 +28,7 @@ from scjax.models.autoencoder.model import autoencoder
 from scjax.models.codec import SceneCodec
 from scjax.models.denoiser.config import DenoiserConfig
 from scjax.models.denoiser.model import denoiser
+from scjax.nn.cpu.backend import fast_compile_options
 from scjax.scene import Scene, stack
 from scjax.scene.per_type import PerType
 
@@ -76,7 +77,7 @@ def _encoder(codec: SceneCodec, config: AutoencoderConfig) -> Callable[..., PerT
     """(parameters, mean and deviation of latents, scenes) -> normalized latents: one program for all mechanisms."""
     coder = autoencoder(config)
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=fast_compile_options())
     def encode(params, mean, std, scenes: Scene) -> PerType:
         latents = coder.apply(params, codec.normalize(scenes), method="encode").mean
         return jax.tree.map(lambda z, m, s: (z - m) / s, latents, mean, std)
@@ -88,7 +89,7 @@ def _encoder(codec: SceneCodec, config: AutoencoderConfig) -> Callable[..., PerT
 def _program(codec: SceneCodec, config: DenoiserConfig) -> Callable[..., Array]:
     network, schedule = denoiser(config), cosine_schedule()
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=fast_compile_options())
     def run(params, clean: PerType, scenes: Scene, features, keys):
         tokens = codec.normalize(scenes)
         masks = PerType(agents=tokens.agent_mask, lanes=tokens.lane_mask)
