@@ -18,6 +18,8 @@ from collections.abc import Callable
 from scjax.camera import preset_rig
 from scjax.camera.dashcam import DashcamRenderer, random_look
 from scjax.camera.raster import require_opencv
+from scjax.camera.rig import Rig
+from scjax.camera.standard_view import standard_camera
 from scjax.scene import Log
 
 SIZE, STEPS, SCENES = (224, 224), 60, 30
@@ -45,6 +47,11 @@ def main() -> None:
                 steps = renderer.steps[:STEPS].tolist()
                 rates = _rates(renderer.frame, steps)
                 print(f"{name}, lens {lens}, {supersampling} x {supersampling} samples a pixel: {rates}")
+    # What scjax data dashcam draws.
+    standard = Rig(name="standard", cameras=(standard_camera(),))
+    renderer = DashcamRenderer(logs[0], standard, look=random_look(0, "clear"), supersampling=2)
+    rates = _rates(renderer.frame, renderer.steps[:STEPS].tolist())
+    print(f"synthetic world, standard view, 2 x 2 samples a pixel: {rates}")
     moments = [log[step : step + 1] for log in logs for step in range(0, 90, 30) if log.valid[log.ego_index, step]]
     moments = moments[:SCENES]
     rates = _rates(lambda k: DashcamRenderer(moments[k], rig, look=random_look(k)).frame(0), list(range(len(moments))))
