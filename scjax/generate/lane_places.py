@@ -75,18 +75,17 @@ def settle_agents(
       None where no place is to be found: no lanes, or a kind that is open.
     """
     first = len(known.agent_mask)
-    lines = [spread_points(np.asarray(lane, np.float64)[:, :2], _SPACING) for lane in known.lanes]
-    lines = [line for line in lines if len(line) > 1]
-    if not lines or not first or (kinds == NO_KIND).any():
+    points, headings = _lane_points(known, _SPACING)
+    if not len(points) or not first or (kinds == NO_KIND).any():
         return None
     agents = np.asarray(known.agents, np.float64)
-    on_lanes, anywhere = _places(lines, agents[0])
+    on_lanes, anywhere = _places(points, headings, agents[0])
     taken = [np.array([one[0], one[1], np.arctan2(one[5], one[4]), one[6]]) for one in agents]
     digits = np.stack(digits_of(kinds[first:], agent_digits(codec)), 1)
     types = np.array([*codec.agent_types, AgentType.VEHICLE], np.int32)[digits[:, 0]]
-    new = np.zeros((len(digits), 9))
+    new, along = np.zeros((len(digits), 9)), along_lanes(kinds[first:], codec)
     for row in rng.permutation(len(digits)):
-        is_along = bool(digits[row, 3] == _ALONG and types[row] in _DRIVERS)
+        is_along = bool(along[row])
         places = on_lanes if is_along else anywhere
         is_large = bool(digits[row, 0] == len(codec.agent_types))
         new[row], box = _settled(rng, digits[row], AgentType(types[row]), is_along, is_large, places, taken)
@@ -116,12 +115,9 @@ def keep_to_lanes(scene: Scene, along: Bool[np.ndarray, " agents"]) -> Scene:
     Args:
       scene: single, unpadded.
     """
-    lines = [spread_points(np.asarray(lane, np.float64)[:, :2], _SPACING / 2) for lane in scene.lanes]
-    lines = [line for line in lines if len(line) > 1]
-    if not lines or not along.any():
+    points, headings = _lane_points(scene, _SPACING / 2)
+    if not len(points) or not along.any():
         return scene
-    points = np.concatenate(lines)
-    headings = np.concatenate([np.arctan2(*np.gradient(line, axis=0).T[::-1]) for line in lines])
     agents = np.array(scene.agents)
     for row in np.flatnonzero(along):
         yaw, moved = np.arctan2(agents[row, 5], agents[row, 4]), agents.copy()
@@ -139,12 +135,22 @@ def keep_to_lanes(scene: Scene, along: Bool[np.ndarray, " agents"]) -> Scene:
     return scene.replace(agents=agents)
 
 
-def _places(lines: Sequence[np.ndarray], ego: Float64[np.ndarray, " 9"]) -> tuple[_Places, _Places]:
+def _lane_points(scene: Scene, spacing: float) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, " n"]]:
+    """Points on the middles of all lanes, about ``spacing`` apart [m], and the directions of the lanes there [rad]."""
+    lines = [spread_points(np.asarray(lane, np.float64)[:, :2], spacing) for lane in scene.lanes]
+    lines = [line for line in lines if len(line) > 1]
+    if not lines:
+        return np.zeros((0, 2)), np.zeros(0)
+    headings = [np.arctan2(*np.gradient(line, axis=0).T[::-1]) for line in lines]
+    return np.concatenate(lines), np.concatenate(headings)
+
+
+def _places(
+    points: Float64[np.ndarray, "n 2"], headings: Float64[np.ndarray, " n"], ego: Float64[np.ndarray, " 9"]
+) -> tuple[_Places, _Places]:
     """Places in the middle of lanes, and on a grid over the window."""
     from scipy.spatial import KDTree
 
-    points = np.concatenate(lines)
-    headings = np.concatenate([np.arctan2(*np.gradient(line, axis=0).T[::-1]) for line in lines])
     axis = np.arange(-TILE_SIZE / 2 + _GRID / 2, TILE_SIZE / 2, _GRID)
     grid = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
     reach, nearest = KDTree(points).query(grid)

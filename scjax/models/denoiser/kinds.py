@@ -28,13 +28,8 @@ LANE_DIGITS = (8, 9, len(Signal), 5, 3, 4, 3)
 SECTORS = 8
 """Of directions; the middle of sector 0 is that of the ego."""
 
-_AGENT_DIGITS = (
-    4,
-    SECTORS,
-    4,
-    5,
-    3,
-)  # besides the class: speed, direction, on a lane, side, distance
+# Besides the class: speed, direction, on a lane, side of the ego, distance from it.
+_AGENT_DIGITS = (4, SECTORS, 4, 5, 3)
 
 _SPEED, _COS, _LENGTH = 3, 4, 6  # columns of the agents
 _TURNS = tuple(np.deg2rad((-60.0, -25.0, -12.0, -5.0, 5.0, 12.0, 25.0, 60.0)).tolist())  # between the classes of turns
