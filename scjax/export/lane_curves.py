@@ -23,6 +23,8 @@ _MIN_REACH, _MAX_REACH = 0.15, 0.8  # of the tangents of a piece, as shares of i
 _MIN_STEP = 0.1  # m between two points that are fitted
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _SAMPLES = 33  # of a piece, for its arc length at a parameter
+_TURNED_LENGTH = 4.0  # m at the end of a curve that gets another direction
+_LEAST_BEYOND = 1e-3  # m that a curve is made longer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,3 +233,70 @@ def curve_line(curve: LaneCurve, spacing: float = 1.0) -> tuple[Float64[np.ndarr
         start += length
     arc = np.concatenate(arcs)
     return np.column_stack([np.concatenate(places), np.interp(arc, *curve.heights.T)]), arc
+
+
+def curve_frames(
+    curve: LaneCurve, arcs: Float64[np.ndarray, " n"]
+) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, " n"]]:
+    """Places [m] and directions [rad] at arc lengths; beyond both ends a curve goes straight on."""
+    bounds = np.concatenate([[0.0], np.cumsum(curve.lengths)])
+    inner = np.clip(arcs, 0.0, bounds[-1])
+    row = np.clip(np.searchsorted(bounds, inner, side="right") - 1, 0, len(curve.pieces) - 1)
+    points, ways = np.empty((len(arcs), 2)), np.empty((len(arcs), 2))
+    for k in np.unique(row).tolist():
+        u = _parameters(curve.pieces[k], inner[row == k] - bounds[k])
+        points[row == k], ways[row == k] = piece_points(curve.pieces[k], u), piece_tangents(curve.pieces[k], u)
+    ways /= np.maximum(np.hypot(*ways.T), 1e-12)[:, None]
+    return points + (arcs - inner)[:, None] * ways, np.arctan2(ways[:, 1], ways[:, 0])
+
+
+def reversed_curve(curve: LaneCurve) -> LaneCurve:
+    """The curve in the other direction."""
+    heights = np.column_stack([curve.length - curve.heights[::-1, 0], curve.heights[::-1, 1]])
+    return LaneCurve(curve.pieces[::-1, ::-1], heights)
+
+
+def part_of_curve(curve: LaneCurve, start: float, end: float) -> LaneCurve:
+    """The part between two arc lengths [m]; it goes straight on, and level, where they lie beyond the curve."""
+    length = curve.length
+    parts = [cut_curve(curve, start, end)]
+    if start < -_LEAST_BEYOND:
+        parts.insert(0, _straight_curve(curve, start, 0.0, float(curve.heights[0, 1])))
+    if end > length + _LEAST_BEYOND:
+        parts.append(_straight_curve(curve, length, end, float(curve.heights[-1, 1])))
+    return join_curves(parts) if len(parts) > 1 else parts[0]
+
+
+def _straight_curve(curve: LaneCurve, start: float, end: float, z: float) -> LaneCurve:
+    """A level part beyond an end of a curve."""
+    ends = curve_frames(curve, np.array([start, end]))[0]
+    piece = ends[0] + np.linspace(0.0, 1.0, 4)[:, None] * (ends[1] - ends[0])
+    return LaneCurve(piece[None], np.array([[0.0, z], [end - start, z]]))
+
+
+def with_end_heights(curve: LaneCurve, start: float, end: float) -> LaneCurve:
+    """The curve with these heights at its ends [m]; what they differ from its own goes away evenly along it."""
+    table = curve.heights.copy()
+    share = table[:, 0] / max(table[-1, 0], 1e-9)
+    table[:, 1] += (1 - share) * (start - table[0, 1]) + share * (end - table[-1, 1])
+    return dataclasses.replace(curve, heights=table)
+
+
+def with_end_headings(curve: LaneCurve, start: float | None, end: float | None) -> LaneCurve:
+    """The curve with these directions at its ends [rad], where one is given; only the parts near the ends change."""
+    if start is not None:
+        curve = _turned(curve, start)
+    return curve if end is None else reversed_curve(_turned(reversed_curve(curve), end + np.pi))
+
+
+def _turned(curve: LaneCurve, heading: float) -> LaneCurve:
+    """The curve with another direction at its start: one piece leads to where it goes on as before."""
+    length = curve.length
+    size = min(_TURNED_LENGTH, length / 2)
+    rest = cut_curve(curve, size, length)
+    places, headings = curve_frames(curve, np.array([0.0, size]))
+    headings[0] = heading
+    third = size / 3 * np.stack([np.cos(headings), np.sin(headings)], -1)
+    piece = np.stack([places[0], places[0] + third[0], places[1] - third[1], places[1]])
+    turned = LaneCurve(np.concatenate([piece[None], rest.pieces]), curve.heights)
+    return dataclasses.replace(turned, heights=curve.heights * np.array([turned.length / length, 1.0]))

@@ -1,8 +1,8 @@
-"""OpenDRIVE 1.7 (ASAM): roads of one lane, junctions, heights and traffic lights; no traffic."""
+"""OpenDRIVE 1.7 (ASAM): roads, junctions, heights and traffic lights; no traffic."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -12,13 +12,16 @@ import numpy as np
 from scjax.export.base import Export, Losses
 from scjax.export.crossings import lane_crossings
 from scjax.export.cut_forks import join_cut_forks
+from scjax.export.lane_borders import LaneBorders
 from scjax.export.lane_curves import LaneCurve, curve_line, fit_curve, piece_length
 from scjax.export.lane_network import LaneNetwork, lane_network
 from scjax.export.lane_nodes import lane_nodes, meeting_lines
-from scjax.export.lane_widths import road_widths
+from scjax.export.lane_widths import all_lane_borders
+from scjax.export.opendrive_lanes import add_lanes
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.road_plan import plan_roads
-from scjax.export.traffic import LANE_WIDTH
+from scjax.export.wide_road import LanePlace, LanePlaces, WideRoad, lane_places
+from scjax.export.wide_roads import wide_roads
 from scjax.export.xml_text import XmlElement, add_element, write_xml
 from scjax.scene import Log
 
@@ -36,11 +39,13 @@ class PlacedSignal(NamedTuple):
     Attributes:
       name: "signal" and the number of the signal in the log; a second one has a letter.
       row: index of the signal in the log.
+      lane: number of the lane on the road.
       s: arc length on the road [m].
     """
 
     name: str
     row: int
+    lane: int
     s: float
 
 
@@ -50,11 +55,11 @@ class OpenDriveRoads(NamedTuple):
     Attributes:
       lanes: lanes of the log.
       roads: made of them.
-      signals: of each road.
+      signals: of each road, by its id.
     """
 
     lanes: LaneNetwork
-    roads: list[PlannedRoad]
+    roads: list[WideRoad]
     signals: dict[int, list[PlacedSignal]]
 
 
@@ -77,7 +82,6 @@ def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
       ValueError: the log has no lane.
     """
     lanes = lane_network(log, losses)
-    losses["pairs of lanes side by side, of which each is a road of its own"] += sum(map(len, lanes.left))
     losses['lanes of type "undefined", written as not for cars'] += sum(
         lane.lane_type == "undefined" for lane in lanes.lanes
     )
@@ -87,28 +91,40 @@ def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]
     lit = {row for row, lane in enumerate(lanes.lanes) if lane.id in log.signal_lane_ids}
     kinds = [lane.lane_type for lane in lanes.lanes]
-    roads = plan_roads(curves, nodes, lane_crossings(curves), kinds, lit)
+    roads = wide_roads(plan_roads(curves, nodes, lane_crossings(curves), kinds, lit), kinds)
+    together = {(a, b) for road in roads for a in _lanes_of(road) for b in _lanes_of(road)}
+    apart = [(i, beside.lane) for i, row in enumerate(lanes.left) for beside in row if (i, beside.lane) not in together]
+    losses["pairs of lanes side by side that are lanes of two roads"] += len(apart)
     return OpenDriveRoads(lanes, roads, _signals(log, lanes, roads, losses))
 
 
-def _signals(log: Log, lanes: LaneNetwork, roads: list[PlannedRoad], losses: Losses) -> dict[int, list[PlacedSignal]]:
+def _lanes_of(road: WideRoad) -> set[int]:
+    """Indices of the lanes that run along a road."""
+    return {row for lane in road.lanes for row in lane.road.lanes}
+
+
+def _signals(log: Log, lanes: LaneNetwork, roads: list[WideRoad], losses: Losses) -> dict[int, list[PlacedSignal]]:
     """Lights on the roads of the lanes that they control: in a junction where the lane enters one."""
     rows = {lane.id: row for row, lane in enumerate(lanes.lanes)}
+    planned = {lane.road.id: lane.road for road in roads for lane in road.lanes}
+    places, by_id = lane_places(roads), {road.id: road for road in roads}
     signals: dict[int, list[PlacedSignal]] = {}
     for row, lane in enumerate(log.signal_lane_ids):
         if lane not in rows:
             losses["signals of lanes that are not there, left out"] += 1
             continue
-        places = _lit_places(rows[lane], roads)
-        losses["signals of lanes that no lane leads to, left out"] += not places
-        for number, (road, s) in enumerate(places):
+        lit = _lit_ends(rows[lane], list(planned.values()))
+        losses["signals of lanes that no lane leads to, left out"] += not lit
+        for number, (id, is_last) in enumerate(lit):
+            place = places[id].last if is_last else places[id].first
             name = f"signal-{row}" + (f"-{number + 1}" if number else "")
-            signals.setdefault(road, []).append(PlacedSignal(name, row, s))
+            s = by_id[place.road].curve.length if place.at_end else 0.0
+            signals.setdefault(place.road, []).append(PlacedSignal(name, row, place.number, s))
     return signals
 
 
-def _lit_places(lane: int, roads: Sequence[PlannedRoad]) -> list[tuple[int, float]]:
-    """(road, arc length on it) of the lights of a lane: where it begins, or at the ends of what leads to it.
+def _lit_ends(lane: int, roads: Sequence[PlannedRoad]) -> list[tuple[int, bool]]:
+    """(road, whether at its end) of the lights of a lane: where it begins, or at the ends of what leads to it.
 
     The latter is for lanes that lead nowhere: a light on their roads would control no way.
     """
@@ -117,10 +133,10 @@ def _lit_places(lane: int, roads: Sequence[PlannedRoad]) -> list[tuple[int, floa
         return []
     first = min((road.start for road in own if road.junction), default=None)
     if first is not None:
-        return [(road.id, 0.0) for road in own if road.junction and road.start == first]
+        return [(road.id, False) for road in own if road.junction and road.start == first]
     if own[0].after or own[0].junction_after:
-        return [(own[0].id, 0.0)]
-    return [(road.id, road.curve.length) for road in roads if road.after == own[0].id]
+        return [(own[0].id, False)]
+    return [(road.id, True) for road in roads if road.after == own[0].id]
 
 
 def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
@@ -130,31 +146,39 @@ def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
     (west, south), (east, north) = corners.min(0).tolist(), corners.max(0).tolist()
     header = {"revMajor": 1, "revMinor": 7, "name": name, "version": "1.00", "vendor": "scjax"}
     add_element(root, "header", **header, north=north, south=south, east=east, west=west)
-    for road, (first, last) in zip(network.roads, road_widths(network.roads).tolist(), strict=True):
-        _add_road(root, road, (first, last), network)
+    borders, places = all_lane_borders(network.roads), lane_places(network.roads)
+    for road in network.roads:
+        _add_road(root, road, borders[road.id], places, network)
     for junction in sorted({road.junction for road in network.roads} - {0}):
         element = add_element(root, "junction", id=_junction_id(network, junction), name=f"junction {junction}")
         ways = [road for road in network.roads if road.junction == junction]
         for number, road in enumerate(ways):
+            place = places[road.lanes[0].road.before].last
             connection = add_element(
                 element,
                 "connection",
                 id=number,
-                incomingRoad=road.before,
+                incomingRoad=place.road,
                 connectingRoad=road.id,
                 contactPoint="start",
             )
-            add_element(connection, "laneLink", **{"from": -1, "to": -1})
+            add_element(connection, "laneLink", **{"from": place.number, "to": road.lanes[0].number})
     return root
 
 
 def _junction_id(network: OpenDriveRoads, junction: int) -> int:
     """Ids of junctions begin after those of roads."""
-    return len(network.roads) + junction
+    return max(road.id for road in network.roads) + junction
 
 
-def _add_road(root: XmlElement, road: PlannedRoad, widths: tuple[float, float], network: OpenDriveRoads) -> None:
-    lane = network.lanes.lanes[road.lane]
+def _add_road(
+    root: XmlElement,
+    road: WideRoad,
+    borders: LaneBorders,
+    places: Mapping[int, LanePlaces],
+    network: OpenDriveRoads,
+) -> None:
+    lane = network.lanes.lanes[road.lanes[0].road.lane]
     pieces = list(road.curve.pieces)
     lengths = [piece_length(piece) for piece in pieces]
     junction = _junction_id(network, road.junction) if road.junction else -1
@@ -163,41 +187,66 @@ def _add_road(root: XmlElement, road: PlannedRoad, widths: tuple[float, float], 
         root, "road", name=_road_name(network, road), length=length, id=road.id, junction=junction, rule="RHT"
     )
     links = add_element(element, "link")
-    ends = (
-        ("predecessor", road.before, road.junction_before, "end"),
-        ("successor", road.after, road.junction_after, "start"),
-    )
-    for tag, other, junction_there, contact in ends:
-        if other:
-            add_element(links, tag, elementType="road", elementId=other, contactPoint=contact)
-        elif junction_there:
-            add_element(links, tag, elementType="junction", elementId=_junction_id(network, junction_there))
+    linked = _linked_lanes(road, places)
+    numbers = (road.junction_before, road.junction_after)
+    for tag, ends, number in zip(("predecessor", "successor"), linked, numbers, strict=True):
+        if ends:
+            contact = "end" if ends[0].at_end else "start"
+            add_element(links, tag, elementType="road", elementId=ends[0].road, contactPoint=contact)
+        elif number:
+            add_element(links, tag, elementType="junction", elementId=_junction_id(network, number))
     add_element(element, "type", s=0.0, type="motorway" if lane.lane_type == "freeway" else "town")
     plan = add_element(element, "planView")
     for piece, start, size in zip(pieces, np.cumsum([0.0, *lengths[:-1]]).tolist(), lengths, strict=True):
         _add_geometry(plan, piece, start, size)
     _add_heights(element, road.curve)
-    slope = (widths[1] - widths[0]) / length
-    _add_lane(element, road, _LANE_TYPES.get(lane.lane_type or "", "driving"), widths[0], slope)
+    kind = _LANE_TYPES.get(lane.lane_type or "", "driving")
+    add_lanes(element, road, borders, kind, *([place.number for place in ends] for ends in linked))
     if road.id in network.signals:
-        _add_signals(add_element(element, "signals"), network.signals[road.id])
+        incoming = linked[0][0].number if road.junction else 0
+        _add_signals(add_element(element, "signals"), road, borders, network.signals[road.id], incoming)
 
 
-def _add_signals(group: XmlElement, signals: Sequence[PlacedSignal]) -> None:
+def _linked_lanes(road: WideRoad, places: Mapping[int, LanePlaces]) -> tuple[Sequence[LanePlace], Sequence[LanePlace]]:
+    """The lanes of roads that its lanes are linked to, before and after; none where a junction or nothing is."""
+    if road.junction:
+        way = road.lanes[0].road
+        return [places[way.before].last], [places[way.after].first]
+    before, after = (
+        [LanePlace(id, lane.number, id == road.before) for lane in road.lanes] if id else []
+        for id in (road.before, road.after)
+    )
+    return before, after
+
+
+def _add_signals(
+    group: XmlElement, road: WideRoad, borders: LaneBorders, signals: Sequence[PlacedSignal], incoming: int
+) -> None:
+    """Lights at the outer borders of their lanes.
+
+    Args:
+      incoming: number of the lane that leads to a way through a junction. netconvert expects its sign in <validity>; a
+        way has one lane, and needs none.
+    """
+    rows = {lane.number: row for row, lane in enumerate(road.lanes)}
     for signal in signals:
+        row = rows[signal.lane] + (signal.lane < 0)
+        t = float(borders.offsets[-1 if signal.s else 0, row])
         light = add_element(
             group,
             "signal",
-            **{"s": signal.s, "t": -LANE_WIDTH, "id": signal.name, "name": signal.name, "dynamic": "yes"},
-            **{"orientation": "+", "zOffset": _LIGHT_HEIGHT, "country": "OpenDRIVE", "type": _LIGHT, "subtype": "-1"},
-            **{"value": -1.0, "width": 0.3, "height": 0.9, "hOffset": 0.0},
+            **{"s": signal.s, "t": t, "id": signal.name, "name": signal.name, "dynamic": "yes"},
+            **{"orientation": "+" if signal.lane < 0 else "-", "zOffset": _LIGHT_HEIGHT, "country": "OpenDRIVE"},
+            **{"type": _LIGHT, "subtype": "-1", "value": -1.0, "width": 0.3, "height": 0.9, "hOffset": 0.0},
         )
-        add_element(light, "validity", fromLane=-1, toLane=-1)
+        if incoming <= 0:
+            add_element(light, "validity", fromLane=signal.lane, toLane=signal.lane)
 
 
-def _road_name(network: OpenDriveRoads, road: PlannedRoad) -> str:
+def _road_name(network: OpenDriveRoads, road: WideRoad) -> str:
     """The ids of the lanes of a road; of a way through a junction that of the lane that it leads to."""
-    return "+".join(network.lanes.lanes[row].id for row in ((road.lane,) if road.junction else road.lanes))
+    rows = [(lane.road.lane,) if road.junction else lane.road.lanes for lane in road.lanes]
+    return " | ".join("+".join(network.lanes.lanes[row].id for row in lanes) for lanes in rows)
 
 
 def _add_geometry(plan: XmlElement, piece: np.ndarray, start: float, length: float) -> None:
@@ -240,26 +289,6 @@ def _chord_deficit(curve: LaneCurve) -> float:
     """How much shorter a polyline with points every 2 m is than the curve [m]."""
     points, arc = curve_line(curve, _CHORD)
     return float(arc[-1] - np.hypot(*np.diff(points[:, :2], axis=0).T).sum())
-
-
-def _add_lane(element: XmlElement, road: PlannedRoad, kind: str, width: float, slope: float) -> None:
-    """The lane of the road, with its middle on the reference line.
-
-    Args:
-      width, slope: at the start [m], and its change for each meter.
-    """
-    lanes = add_element(element, "lanes")
-    add_element(lanes, "laneOffset", s=0.0, a=width / 2, b=slope / 2, c=0.0, d=0.0)
-    section = add_element(lanes, "laneSection", s=0.0)
-    middle = add_element(add_element(section, "center"), "lane", id=0, type="none", level="false")
-    add_element(middle, "link")
-    lane = add_element(add_element(section, "right"), "lane", id=-1, type=kind, level="false")
-    links = add_element(lane, "link")
-    if road.before:
-        add_element(links, "predecessor", id=-1)
-    if road.after:
-        add_element(links, "successor", id=-1)
-    add_element(lane, "width", sOffset=0.0, a=width, b=slope, c=0.0, d=0.0)
 
 
 OPENDRIVE_EXPORT = Export("OpenDRIVE", ".xodr", "SUMO, esmini, CARLA, RoadRunner", write_opendrive)

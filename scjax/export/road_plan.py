@@ -1,4 +1,4 @@
-"""Lanes -> roads with one lane each and junctions, in the form that consumers of OpenDRIVE accept.
+"""Lanes -> roads of one lane and junctions, in the form that consumers of OpenDRIVE accept.
 
 Lanes of one kind that follow each other one by one are one road. Every fork and merge is a junction, and so is every
 place where lanes cross. A short lane from a fork to a merge is a road of the junction as a whole; of other lanes the
@@ -7,7 +7,6 @@ part at the fork, merge or crossing is cut off for it. Junctions that share such
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Hashable, Sequence
 
 from scjax.export.crossings import LaneCrossing
@@ -60,39 +59,7 @@ def plan_roads(
             roads.append(road)
             _connect(parts[i][-1], road)
             _connect(road, parts[j][0])
-    return _without_doubles(join_chains(roads, kinds, lit))
-
-
-def _without_doubles(roads: list[PlannedRoad]) -> list[PlannedRoad]:
-    """Roads of which no two lead from one junction to the same other one, or back to itself: these are cut in two.
-
-    SUMO has one edge from a node to another.
-    """
-    pairs: set[tuple[int, int]] = set()
-    by_id = {road.id: road for road in roads}
-    for road in list(roads):
-        ends = (road.junction_before, road.junction_after)
-        if road.junction or not all(ends):
-            continue
-        if ends[0] != ends[1] and ends not in pairs:
-            pairs.add(ends)
-            continue
-        length = road.curve.length
-        rest = dataclasses.replace(
-            road,
-            id=len(roads) + 1,
-            curve=cut_curve(road.curve, length / 2, length),
-            start=road.start + length / 2,
-            before=road.id,
-            junction_before=0,
-        )
-        road.curve = cut_curve(road.curve, 0.0, length / 2)
-        road.after, road.junction_after = rest.id, 0
-        for way in by_id.values():
-            if way.junction and way.before == road.id:
-                way.before = rest.id
-        roads.append(rest)
-    return roads
+    return join_chains(roads, kinds, lit)
 
 
 def _sections(length: float, spans: Sequence[JunctionSpan]) -> list[tuple[float, float, JunctionSpan | None]]:

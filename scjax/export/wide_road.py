@@ -1,0 +1,85 @@
+"""A road of an OpenDRIVE file with all of its lanes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from scjax.export.lane_curves import LaneCurve
+from scjax.export.planned_road import PlannedRoad
+
+
+@dataclasses.dataclass(frozen=True)
+class RoadLane:
+    """A lane of a road.
+
+    Attributes:
+      road: the road of one lane that it was.
+      curve: its middle, in the direction of the wide road.
+      number: from the middle of the road outwards; negative on the right, for traffic in the direction of the road.
+      start, end: the part of the road of one lane that it is, in the direction of traffic [m].
+    """
+
+    road: PlannedRoad
+    curve: LaneCurve
+    number: int
+    start: float
+    end: float
+
+
+@dataclasses.dataclass
+class WideRoad:
+    """A road with lanes beside each other.
+
+    Attributes:
+      id: from 1.
+      curve: its reference line.
+      lanes: from left to right.
+      junction: id of the junction that it lies in, 0 outside of junctions.
+      before, after: ids of roads at its ends with the same lanes, 0 where there is none.
+      junction_before, junction_after: ids of the junctions at its ends, 0 where there is none.
+    """
+
+    id: int
+    curve: LaneCurve
+    lanes: tuple[RoadLane, ...]
+    junction: int = 0
+    before: int = 0
+    after: int = 0
+    junction_before: int = 0
+    junction_after: int = 0
+
+
+class LanePlace(NamedTuple):
+    """An end of a lane of a wide road.
+
+    Attributes:
+      road: id of the wide road.
+      number: of the lane.
+      at_end: whether it is at the end of the wide road.
+    """
+
+    road: int
+    number: int
+    at_end: bool
+
+
+class LanePlaces(NamedTuple):
+    """Where the traffic of a road of one lane enters and leaves the wide roads that it became a lane of."""
+
+    first: LanePlace
+    last: LanePlace
+
+
+def lane_places(roads: Sequence[WideRoad]) -> dict[int, LanePlaces]:
+    """The places of all roads of one lane, by their ids; a wide road that was cut in two has one of each."""
+    parts: dict[int, list[tuple[float, int, int]]] = {}
+    for road in roads:
+        for lane in road.lanes:
+            parts.setdefault(lane.road.id, []).append((lane.start, road.id, lane.number))
+    places = {}
+    for id, row in parts.items():
+        (_, first, number), (_, last, _) = min(row), max(row)
+        places[id] = LanePlaces(LanePlace(first, number, number > 0), LanePlace(last, number, number < 0))
+    return places
