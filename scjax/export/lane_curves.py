@@ -25,6 +25,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _SAMPLES = 33  # of a piece, for its arc length at a parameter
 _TURNED_LENGTH = 4.0  # m at the end of a curve that gets another direction
 _LEAST_BEYOND = 1e-3  # m that a curve is made longer
+_LEAST_PIECE = 0.5  # m; netconvert takes a bend within a shorter one for a sharp turn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -289,14 +290,31 @@ def with_end_headings(curve: LaneCurve, start: float | None, end: float | None) 
     return curve if end is None else reversed_curve(_turned(reversed_curve(curve), end + np.pi))
 
 
+def without_short_ends(curve: LaneCurve) -> LaneCurve:
+    """The curve with pieces of nearly no length at its ends joined to the next one."""
+    for turn in (lambda same: same, reversed_curve):
+        curve = turn(curve)
+        if len(curve.pieces) > 1 and curve.lengths[0] < _LEAST_PIECE:
+            size = float(curve.lengths[:2].sum())
+            (heading,) = curve_frames(curve, np.zeros(1))[1].tolist()
+            curve = _with_first_piece(curve, heading, size)
+        curve = turn(curve)
+    return curve
+
+
 def _turned(curve: LaneCurve, heading: float) -> LaneCurve:
     """The curve with another direction at its start: one piece leads to where it goes on as before."""
+    return _with_first_piece(curve, heading, min(_TURNED_LENGTH, curve.length / 2))
+
+
+def _with_first_piece(curve: LaneCurve, heading: float, size: float) -> LaneCurve:
+    """The curve with one piece in place of its first ``size`` meters, which begins in direction ``heading`` [rad]."""
     length = curve.length
-    size = min(_TURNED_LENGTH, length / 2)
-    rest = cut_curve(curve, size, length)
     places, headings = curve_frames(curve, np.array([0.0, size]))
     headings[0] = heading
     third = size / 3 * np.stack([np.cos(headings), np.sin(headings)], -1)
     piece = np.stack([places[0], places[0] + third[0], places[1] - third[1], places[1]])
-    turned = LaneCurve(np.concatenate([piece[None], rest.pieces]), curve.heights)
-    return dataclasses.replace(turned, heights=curve.heights * np.array([turned.length / length, 1.0]))
+    rest = cut_curve(curve, size, length).pieces if length - size > _LEAST_BEYOND else np.empty((0, 4, 2))
+    pieces = np.concatenate([piece[None], rest])
+    heights = curve.heights * np.array([float(sum(map(piece_length, pieces))) / length, 1.0])
+    return LaneCurve(pieces, heights)

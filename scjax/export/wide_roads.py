@@ -22,6 +22,7 @@ from scjax.export.lane_curves import (
     reversed_curve,
     with_end_headings,
     with_end_heights,
+    without_short_ends,
 )
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.side_by_side import RoadGroup, side_by_side
@@ -49,7 +50,7 @@ def wide_roads(roads: Sequence[PlannedRoad], kinds: Sequence[Hashable]) -> list[
     joined = {lane.road.id: (road, lane) for road in wide for lane in road.lanes}
     for road in roads:
         if road.id not in joined:
-            curve = _way(road, joined) if road.junction else road.curve
+            curve = _way(road, joined) if road.junction else without_short_ends(road.curve)
             ends = (road.junction, 0, 0, road.junction_before, road.junction_after)
             if not road.junction:
                 ends = (0, road.before, road.after, road.junction_before, road.junction_after)
@@ -87,7 +88,9 @@ def _common_part(reference: LaneCurve, curves: Sequence[LaneCurve], first: Plann
     starts, ends = (np.array([_station(reference, curve, at_end) for curve in curves]) for at_end in (False, True))
     start = starts.max() if first.junction_before else max(starts.min(), starts.max() - _MOST_LONGER)
     end = ends.min() if first.junction_after else min(ends.max(), ends.min() + _MOST_LONGER)
-    return part_of_curve(reference, float(start), float(end)) if end - start >= _LEAST_LENGTH else None
+    if end - start < _LEAST_LENGTH:
+        return None
+    return without_short_ends(part_of_curve(reference, float(start), float(end)))
 
 
 def _middle(reference: LaneCurve, curves: Sequence[LaneCurve]) -> LaneCurve | None:
