@@ -29,7 +29,7 @@ from scjax.export.side_by_side import RoadGroup, side_by_side
 from scjax.export.wide_road import RoadLane, WideRoad
 
 _LEAST_LENGTH = 3.0  # m of a road with lanes beside each other
-_DIRECTION_STEPS = 3  # of 1 m, over which the direction at an end of a road is measured
+_DIRECTION_STEPS = 4  # of 1 m, in which a parabola gives the direction at an end of a road
 _MOST_LONGER = 12.0  # m that a lane is made longer at an open end
 _LEAST_REST = 1e-3  # m
 
@@ -103,9 +103,10 @@ def _middle(reference: LaneCurve, curves: Sequence[LaneCurve]) -> LaneCurve | No
             return None
         points.append(np.column_stack([curve_frames(curve, arcs)[0], np.interp(arcs, *curve.heights.T)]))
     line = np.mean(points, axis=0)
-    rows = min(_DIRECTION_STEPS, len(line) - 1)
-    start, end = (np.arctan2(*(line[k] - line[k - rows])[1::-1]) for k in (rows, -1))
-    return fit_curve(line, float(start), float(end))
+    rows = min(_DIRECTION_STEPS, len(line) - 1) + 1
+    parabolas = [np.polyfit(np.arange(rows), part[:, :2], 2) for part in (line[:rows], line[::-1][:rows])]
+    start, end = (np.arctan2(slope[1], slope[0]) for _, slope, _ in parabolas)
+    return fit_curve(line, float(start), float(end + np.pi))
 
 
 def _station(reference: LaneCurve, curve: LaneCurve, at_end: bool) -> float:
