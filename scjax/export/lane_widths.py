@@ -10,7 +10,7 @@ from scjax.export.crossings import MAX_STEP
 from scjax.export.lane_borders import LaneBorders, joined_lane_borders, single_lane_borders
 from scjax.export.lane_curves import curve_line
 from scjax.export.traffic import LANE_WIDTH
-from scjax.export.wide_road import LanePlace, WideRoad, lane_places
+from scjax.export.wide_road import LaneEnd, WideRoad, lane_ends
 
 _LEAST_SHARE = 0.7  # of the usual width
 _GAP = 0.1  # m between the borders of two roads
@@ -26,9 +26,9 @@ def all_lane_borders(roads: Sequence[WideRoad]) -> dict[int, LaneBorders]:
     """
     borders = {road.id: joined_lane_borders(road) for road in roads if len(road.lanes) > 1}
     rows = {road.id: {lane.number: row for row, lane in enumerate(road.lanes)} for road in roads}
-    widths, places = _single_widths(roads), lane_places(roads)
+    widths, places = _single_widths(roads), lane_ends(roads)
 
-    def width(place: LanePlace) -> float:
+    def width(place: LaneEnd) -> float:
         if place.road in widths:
             return widths[place.road]
         row, at_end = rows[place.road][place.number], place.at_end

@@ -20,7 +20,7 @@ from scjax.export.lane_widths import all_lane_borders
 from scjax.export.opendrive_lanes import add_lanes
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.road_plan import plan_roads
-from scjax.export.wide_road import LanePlace, LanePlaces, WideRoad, lane_places
+from scjax.export.wide_road import LaneEnd, LaneEnds, WideRoad, lane_ends
 from scjax.export.wide_roads import wide_roads
 from scjax.export.xml_text import XmlElement, add_element, write_xml
 from scjax.scene import Log
@@ -107,7 +107,7 @@ def _signals(log: Log, lanes: LaneNetwork, roads: list[WideRoad], losses: Losses
     """Lights on the roads of the lanes that they control: in a junction where the lane enters one."""
     rows = {lane.id: row for row, lane in enumerate(lanes.lanes)}
     planned = {lane.road.id: lane.road for road in roads for lane in road.lanes}
-    places, by_id = lane_places(roads), {road.id: road for road in roads}
+    places, by_id = lane_ends(roads), {road.id: road for road in roads}
     signals: dict[int, list[PlacedSignal]] = {}
     for row, lane in enumerate(log.signal_lane_ids):
         if lane not in rows:
@@ -146,7 +146,7 @@ def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
     (west, south), (east, north) = corners.min(0).tolist(), corners.max(0).tolist()
     header = {"revMajor": 1, "revMinor": 7, "name": name, "version": "1.00", "vendor": "scjax"}
     add_element(root, "header", **header, north=north, south=south, east=east, west=west)
-    borders, places = all_lane_borders(network.roads), lane_places(network.roads)
+    borders, places = all_lane_borders(network.roads), lane_ends(network.roads)
     for road in network.roads:
         _add_road(root, road, borders[road.id], places, network)
     for junction in sorted({road.junction for road in network.roads} - {0}):
@@ -175,7 +175,7 @@ def _add_road(
     root: XmlElement,
     road: WideRoad,
     borders: LaneBorders,
-    places: Mapping[int, LanePlaces],
+    places: Mapping[int, LaneEnds],
     network: OpenDriveRoads,
 ) -> None:
     lane = network.lanes.lanes[road.lanes[0].road.lane]
@@ -207,13 +207,13 @@ def _add_road(
         _add_signals(add_element(element, "signals"), road, borders, network.signals[road.id], incoming)
 
 
-def _linked_lanes(road: WideRoad, places: Mapping[int, LanePlaces]) -> tuple[Sequence[LanePlace], Sequence[LanePlace]]:
+def _linked_lanes(road: WideRoad, places: Mapping[int, LaneEnds]) -> tuple[Sequence[LaneEnd], Sequence[LaneEnd]]:
     """The lanes of roads that its lanes are linked to, before and after; none where a junction or nothing is."""
     if road.junction:
         way = road.lanes[0].road
         return [places[way.before].last], [places[way.after].first]
     before, after = (
-        [LanePlace(id, lane.number, id == road.before) for lane in road.lanes] if id else []
+        [LaneEnd(id, lane.number, id == road.before) for lane in road.lanes] if id else []
         for id in (road.before, road.after)
     )
     return before, after

@@ -51,7 +51,7 @@ class WideRoad:
     junction_after: int = 0
 
 
-class LanePlace(NamedTuple):
+class LaneEnd(NamedTuple):
     """An end of a lane of a wide road.
 
     Attributes:
@@ -65,14 +65,14 @@ class LanePlace(NamedTuple):
     at_end: bool
 
 
-class LanePlaces(NamedTuple):
+class LaneEnds(NamedTuple):
     """Where the traffic of a road of one lane enters and leaves the wide roads that it became a lane of."""
 
-    first: LanePlace
-    last: LanePlace
+    first: LaneEnd
+    last: LaneEnd
 
 
-def lane_places(roads: Sequence[WideRoad]) -> dict[int, LanePlaces]:
+def lane_ends(roads: Sequence[WideRoad]) -> dict[int, LaneEnds]:
     """The places of all roads of one lane, by their ids; a wide road that was cut in two has one of each."""
     parts: dict[int, list[tuple[float, int, int]]] = {}
     for road in roads:
@@ -81,5 +81,5 @@ def lane_places(roads: Sequence[WideRoad]) -> dict[int, LanePlaces]:
     places = {}
     for id, row in parts.items():
         (_, first, number), (_, last, _) = min(row), max(row)
-        places[id] = LanePlaces(LanePlace(first, number, number > 0), LanePlace(last, number, number < 0))
+        places[id] = LaneEnds(LaneEnd(first, number, number > 0), LaneEnd(last, number, number < 0))
     return places

@@ -16,7 +16,7 @@ from scjax.export.lane_widths import all_lane_borders
 from scjax.export.opendrive import road_network
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.road_chains import join_chains
-from scjax.export.wide_road import lane_places
+from scjax.export.wide_road import lane_ends
 from scjax.scene import MapLane
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world
@@ -50,7 +50,7 @@ def _lane_end(road, row: int, at_end: bool, borders) -> tuple[np.ndarray, float,
 
 
 def test_ways_through_junctions_lead_from_lane_to_lane(roads):
-    borders, places = all_lane_borders(roads), lane_places(roads)
+    borders, places = all_lane_borders(roads), lane_ends(roads)
     by_id = {road.id: road for road in roads}
     for way in roads:
         if not way.junction:
@@ -83,7 +83,7 @@ def test_roads_that_follow_each_other_meet(roads):
 
 
 def test_every_lane_at_a_junction_leads_into_it_or_out_of_it(roads):
-    places = lane_places(roads)
+    places = lane_ends(roads)
     for road in roads:
         for lane in road.lanes:
             if road.junction:
