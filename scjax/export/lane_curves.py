@@ -7,6 +7,7 @@ tangents, and a split at the worst point while it is farther off than the tolera
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,7 +41,7 @@ class LaneCurve:
     pieces: Float64[np.ndarray, "pieces 4 2"]
     heights: Float64[np.ndarray, "heights 2"]
 
-    @property
+    @functools.cached_property
     def lengths(self) -> Float64[np.ndarray, " pieces"]:
         """Arc length of every piece [m]."""
         return np.array([piece_length(piece) for piece in self.pieces])
