@@ -254,7 +254,7 @@ def curve_frames(
 
 def reversed_curve(curve: LaneCurve) -> LaneCurve:
     """The curve in the other direction."""
-    heights = np.column_stack([curve.length - curve.heights[::-1, 0], curve.heights[::-1, 1]])
+    heights = np.column_stack([curve.heights[-1, 0] - curve.heights[::-1, 0], curve.heights[::-1, 1]])
     return LaneCurve(curve.pieces[::-1, ::-1], heights)
 
 

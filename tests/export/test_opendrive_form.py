@@ -153,8 +153,9 @@ def test_bridge_shares_no_junction_with_the_road_below():
     assert [road.junction for road in across] == [0]
 
 
-def test_file_has_what_the_schema_asks_for(tmp_path):
-    path = export_log(crossing_log(), tmp_path / "map.xodr", "opendrive").paths[0]
+@pytest.mark.parametrize("make", MAKERS)
+def test_file_has_what_the_schema_asks_for(make, tmp_path):
+    path = export_log(MAKERS[make](), tmp_path / "map.xodr", "opendrive").paths[0]
     root = ElementTree.parse(path).getroot()
     assert root.find("header").attrib.keys() >= {"north", "south", "east", "west", "revMajor", "revMinor"}
     order = ["link", "type", "planView", "elevationProfile", "lanes", "signals"]
@@ -164,6 +165,8 @@ def test_file_has_what_the_schema_asks_for(tmp_path):
         pieces = road.findall("planView/geometry")
         starts = np.array([float(piece.get("s")) for piece in pieces] + [float(road.get("length"))])
         np.testing.assert_allclose(np.diff(starts), [float(piece.get("length")) for piece in pieces])
+        profile = [float(record.get("s")) for record in road.findall("elevationProfile/elevation")]
+        assert profile[0] == 0.0 and (np.diff(profile) > 0).all()
     ids = [element.get("id") for element in itertools.chain(root.iter("road"), root.iter("junction"))]
     assert len(set(ids)) == len(ids)
 
