@@ -15,8 +15,8 @@ from scjax.scene.files import write_text
 _HEAD = f"""# Attributes
 
 What can be measured on a scene: {len(ATTRIBUTES)} attributes. `scjax/language/attributes/` defines them, and
-`python -m scjax.language.attributes.page docs/attributes.md` writes this page. Lengths are in meters, speeds in m/s. The
-ego is agent 0 and counts as no vehicle.
+`python -m scjax.language.attributes.page docs/attributes.md` writes this page. Lengths are in meters, speeds in m/s.
+The ego is agent 0 and counts as no vehicle.
 
 ```python
 from scjax.language.attributes.table import measure_attributes, score_attributes
