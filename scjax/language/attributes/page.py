@@ -5,7 +5,7 @@ python -m scjax.language.attributes.page docs/attributes.md
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from scjax.language.attributes.base import TAKES, UNSPECIFIED, Attribute
@@ -61,7 +61,9 @@ def _values(item: Attribute) -> str:
 
 
 def main() -> None:
-    write_text(Path(sys.argv[1]), attributes_page())
+    parser = argparse.ArgumentParser(prog="python -m scjax.language.attributes.page", description=__doc__)
+    parser.add_argument("page", type=Path, help="file to write")
+    write_text(parser.parse_args().page, attributes_page())
 
 
 if __name__ == "__main__":
