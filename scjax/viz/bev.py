@@ -93,11 +93,11 @@ def plot_scene(
     return ax
 
 
-def legend_below(figure: Figure, scenes: Sequence[Scene]) -> None:
-    """Adds a legend of ``scenes`` at the lower border of a figure with constrained layout."""
+def legend_below(figure: Figure, scenes: Sequence[Scene], side: str = "center") -> None:
+    """Adds a legend of ``scenes`` at the lower border of a figure with constrained layout, "center" or "right"."""
     handles = legend_handles(scenes)
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), **LEGEND)
+        figure.legend(handles=handles, loc=f"outside lower {side}", ncols=len(handles), **LEGEND)
 
 
 def legend_handles(scenes: Sequence[Scene]) -> list[Any]:
