@@ -93,11 +93,12 @@ def plot_scene(
     return ax
 
 
-def legend_below(figure: Figure, scenes: Sequence[Scene], side: str = "center") -> None:
-    """Adds a legend of ``scenes`` at the lower border of a figure with constrained layout, "center" or "right"."""
+def legend_below(figure: Figure, scenes: Sequence[Scene], *, right: bool = False) -> None:
+    """Adds a legend of ``scenes`` at the lower border of a figure with constrained layout, in the middle or right."""
     handles = legend_handles(scenes)
     if handles:
-        figure.legend(handles=handles, loc=f"outside lower {side}", ncols=len(handles), **LEGEND)
+        place = "outside lower right" if right else "outside lower center"
+        figure.legend(handles=handles, loc=place, ncols=len(handles), **LEGEND)
 
 
 def legend_handles(scenes: Sequence[Scene]) -> list[Any]:

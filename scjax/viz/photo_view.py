@@ -44,7 +44,7 @@ def photo_view(photo: Photo, scene: Scene, rig: Rig | None = None, *, path: str 
     left.imshow(pixels if rig is None else overlay(pixels, scene, rig), interpolation="antialiased")
     left.set(xticks=[], yticks=[])
     plot_scene(scene, ax=right)
-    legend_below(figure, [scene], side="right")
+    legend_below(figure, [scene], right=True)
     right.set(xlabel="", ylabel="")
     if rig is not None:
         _draw_sides(right, rig, rig.camera())
