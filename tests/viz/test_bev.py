@@ -11,6 +11,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from scjax import viz
 from scjax.scene import AgentType, Crop, Link, Scene, Signal, empty
@@ -149,7 +150,7 @@ def test_single_pictures_explain_the_colors_that_they_show():
 
 
 def test_axes_of_others_get_no_legend():
-    figure = matplotlib.figure.Figure()
+    figure = Figure()
     viz.plot_scene(_scene(), ax=figure.add_subplot())
     assert not figure.legends
 
