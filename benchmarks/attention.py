@@ -139,7 +139,8 @@ def point_of(row: dict[str, Any]) -> Point:
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown: slopes of the core, then whole modules at real sizes and over long contexts."""
-    lines = ["## Core over the number of keys (160 queries, width 256, 8 heads)", ""]
+    lines = ["# Conditioning mechanisms, timed", "", "`python -m benchmarks.attention --out=benchmarks/results`", ""]
+    lines += ["## Core over the number of keys (160 queries, width 256, 8 heads)", ""]
     table_rows = []
     for name in VARIANTS:
         own = {row["m"]: row for row in rows if _is(row, name, "core", False, n=160) and row["m"] in KEYS}

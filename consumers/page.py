@@ -11,7 +11,7 @@ from consumers.checks.sumo_import import AS_WRITTEN, THRESHOLDS
 
 _TEXT = """# Exported files in the programs of others
 
-`python -m consumers.check --out docs/results/exports.md`, after `python -m consumers.make`.
+`python -m consumers.make`, then `python -m consumers.check --out docs/results/exports.md`.
 
 Do other programs open what `scjax export` writes? Each input was exported and opened by each program.
 {inputs}.

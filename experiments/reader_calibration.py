@@ -15,7 +15,7 @@ import numpy as np
 import optax
 
 from scjax.language.reader.targets import Targets, is_set, value_mask
-from scjax.models.reader import ReaderOutputs
+from scjax.models.reader_network import ReaderOutputs
 from scjax.nn.functional import Params
 
 _TEMPERATURES = np.geomspace(0.5, 5.0, 47)

@@ -1,63 +1,24 @@
-"""Makes the pages of docs/results again: python -m experiments.reproduce sampling_steps gallery ...
+"""Makes pages of docs/results again: runs the commands at the head of each page.
 
-Every page has one entry in ``PAGES``: the studies that measure, and the records that they need. Records are made once
-per folder of --runs. Without page names all pages are made, in about half an hour on two CPU cores.
+    python -m experiments.reproduce rollouts gallery
+    python -m experiments.reproduce --show world
+
+Commands run in the order of the page, each only if those before it succeed. What they read (../shared, records under
+runs/) must be there; the pages say how it is made. The commands write the page or print its numbers.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
+import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-RECORDS = {
-    "records": (
-        "scjax.data synthetic {folder} --worlds 2000",
-        "scjax.data attributes {folder}",
-    ),
-    "pictures": ("scjax.data dashcam {runs}/records {folder}",),
-}
-"""Synthetic worlds that no training of the shipped model saw, and their pictures: folder of --runs -> commands."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Page:
-    """One page of docs/results, ``OUT.md`` beside ``OUT.json`` and ``OUT.png``.
-
-    Attributes:
-      commands: modules and arguments, in order; {runs} and {out} are folders.
-      records: names in ``RECORDS`` that the commands read.
-    """
-
-    commands: tuple[str, ...]
-    records: tuple[str, ...] = ()
-
-
-PAGES = {
-    "sampling_steps": Page(
-        (
-            "experiments.studies.samplers --model scjax/pretrained --records {runs}/records --samples 96"
-            " --samplers ddpm --num-steps 10 16 25 50 100 --repeats 1"
-            " --workdir {runs}/sampling_steps --out {out}/sampling_steps",
-        ),
-        ("records",),
-    ),
-    "image_control": Page(
-        (
-            "experiments.studies.image_control --records {runs}/records --pictures {runs}/pictures"
-            " --out {out}/image_control",
-        ),
-        ("records", "pictures"),
-    ),
-    "gallery": Page(
-        ("experiments.studies.gallery --prompts experiments/prompts/free_form.txt --samples 3 --out {out}/gallery",)
-    ),
-}
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+_COMMAND = re.compile(r"(?:python|scjax|bash|nice) ")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -66,43 +27,40 @@ def main(arguments: Sequence[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("pages", nargs="*", metavar="PAGE", help=f"of {', '.join(PAGES)} (default: all)")
-    parser.add_argument("--runs", type=Path, default=Path("runs"), help="folder for records (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("docs/results"), help="folder (default: %(default)s)")
+    names = sorted(path.stem for path in RESULTS.glob("*.md") if head_commands(path.read_text(encoding="utf-8")))
+    parser.add_argument("pages", nargs="+", metavar="PAGE", choices=names, help=f"of {', '.join(names)}")
+    parser.add_argument("--show", action="store_true", help="only print the commands")
     args = parser.parse_args(arguments)
-    unknown = sorted(set(args.pages) - set(PAGES))
-    if unknown:
-        parser.error(f"no page {', '.join(unknown)}: choose from {', '.join(PAGES)}")
-    for name in args.pages or PAGES:
-        make_page(name, args.runs, args.out)
+    for page in args.pages:
+        for command in head_commands((RESULTS / f"{page}.md").read_text(encoding="utf-8")):
+            print(command, flush=True)
+            if not args.show:
+                run(command)
 
 
-def make_page(name: str, runs: Path, out: Path) -> None:
-    """Makes the records that are missing and runs the commands of a page."""
-    page = PAGES[name]
-    for records in page.records:
-        make_records(records, runs)
-    out.mkdir(parents=True, exist_ok=True)
-    for command in page.commands:
-        run(command.format(runs=runs, out=out))
+def commands(text: str) -> list[str]:
+    """The commands of this repository that a page names, in blocks or within a line, in order."""
+    parts = re.findall(r"^```(\w*)\n(.*?)^```$|((?:^    .*\n)+)|`([^`]+)`", text, re.MULTILINE | re.DOTALL)
+    blocks = [
+        block + indented + " ".join(span.split())
+        for language, block, indented, span in parts
+        if language in ("", "bash")
+    ]
+    lines = [" ".join(line.split()) for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    return [line for line in lines if _COMMAND.match(line)]
 
 
-def make_records(name: str, runs: Path) -> None:
-    """The records of ``RECORDS[name]`` in ``runs/name``; nothing is done if they are complete."""
-    folder = runs / name
-    done = folder / "reproduce.json"
-    commands = [command.format(folder=folder, runs=runs) for command in RECORDS[name]]
-    if done.is_file() and json.loads(done.read_text(encoding="utf-8")) == commands:
-        return
-    for command in commands:
-        run(command)
-    done.write_text(json.dumps(commands), encoding="utf-8")
+def head_commands(text: str) -> list[str]:
+    """The commands above the first table and below the title: those that make the page."""
+    head = re.split(r"^(?:## |\|)", text, maxsplit=1, flags=re.MULTILINE)[0]
+    return [command for command in commands(head) if "--" in command or not command.startswith("scjax ")]
 
 
 def run(command: str) -> None:
-    """Runs a module of this Python; stops with its exit status if it fails."""
-    print(f"python -m {command}", file=sys.stderr, flush=True)
-    status = subprocess.run([sys.executable, "-m", *shlex.split(command)], check=False).returncode
+    """Runs a command with this Python; stops with its exit status if it fails."""
+    words = shlex.split(command)
+    words[:1] = {"python": [sys.executable], "scjax": [sys.executable, "-m", "scjax"]}.get(words[0], words[:1])
+    status = subprocess.run(words, check=False).returncode
     if status:
         sys.exit(status)
 

@@ -35,7 +35,7 @@ from scjax.encoders.text import FrozenTextEncoder, load_text_encoder
 from scjax.generate.prompt_reader import ENCODER_LAYERS, PromptReader, load_reader, reader_config, save_reader
 from scjax.language.grammar.prompts import written_prompts
 from scjax.language.reader.targets import read_outputs
-from scjax.models.reader import Reader, ReaderConfig, ReaderOutputs, reader_network
+from scjax.models.reader_network import Reader, ReaderConfig, ReaderOutputs, reader_network
 from scjax.nn.functional import Functional, Params, flatten, functional, unflatten
 from scjax.nn.init import ParamInit
 from scjax.nn.layers import Linear

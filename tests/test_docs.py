@@ -11,9 +11,11 @@ import re
 import shlex
 from pathlib import Path
 
+import click
 import pytest
 
-from scjax.cli import main
+from experiments.reproduce import commands, head_commands
+from scjax.cli import cli, main
 from scjax.cli.config_flags import load_config
 from scjax.evaluate.config import get_config
 from scjax.train.launch import parse_arguments
@@ -23,6 +25,8 @@ from tests.factories.scene_files import write_scene_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+RESULTS = [page for page in sorted((ROOT / "docs/results").glob("*.md")) if page.stem != "README"]
+CARDS = [*sorted((ROOT / "scjax").glob("*/README.md")), ROOT / "benchmarks/README.md", ROOT / "CONTRIBUTING.md"]
 SMALLER = {
     "--worlds 2000": "--worlds 1",
     "--worlds 8": "--worlds 1",
@@ -101,6 +105,63 @@ def test_evaluation_commands_have_valid_configs():
     for _, name, config, workdir, *overrides in commands:
         assert name == "evaluate" and workdir.startswith("--workdir=")
         assert load_config(config.removeprefix("--config="), get_config, overrides).methods
+
+
+def _flags_of_module(name: str) -> set[str] | None:
+    """Flags that ``python -m NAME`` may take: words of its folder that begin with two dashes; None: no such module."""
+    path = ROOT / name.replace(".", "/")
+    files = sorted(path.glob("*.py")) if (path / "__main__.py").is_file() else [path.with_suffix(".py")]
+    if not files[0].is_file():
+        return None
+    text = "".join(file.read_text(encoding="utf-8") for file in (*files, ROOT / "experiments/studies/page.py"))
+    return {*re.findall('"(--?[a-z][a-z-]*)"', text), "--help"}
+
+
+def _flags_of_command(words: list[str]) -> set[str] | None:
+    """Flags that a command of ``scjax`` takes; None: no such command."""
+    command: click.Command = cli
+    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+        if words[0] not in command.commands:
+            return None
+        command = command.commands[words.pop(0)]
+    return {flag for option in command.params for flag in (*option.opts, *option.secondary_opts)} | {
+        "--help",
+        "--debug",
+    }
+
+
+def _fault(command: str) -> str | None:
+    """What of a command on a page does not exist."""
+    words = shlex.split(command)
+    if words[0] in ("bash", "nice"):
+        words = words[1 if words[0] == "bash" else words.index("python") :]
+    if "/" in words[0]:
+        return None if (ROOT / words[0]).is_file() else command
+    if words[:2] == ["python", "-m"]:
+        words = words[2:]
+    if words[0] in ("python", "pytest"):
+        return None
+    if words[:2] == ["scjax", "train"] and len(words) > 2:
+        return None if parse_arguments([*words[2:], "--workdir=runs"], "scjax train") else command
+    named = {word.partition("=")[0] for word in words if re.match("--?[a-z]", word)}
+    if "--config" in named:
+        config, *fields = (word for word in words if word.startswith("--config"))
+        load_config(config.removeprefix("--config="), get_config, fields)
+        named = {name for name in named if not name.startswith(("--config", "--workdir"))}
+    flags = _flags_of_command(words[1:]) if words[0] == "scjax" else _flags_of_module(words[0])
+    return command if flags is None or not named <= flags else None
+
+
+@pytest.mark.filterwarnings("ignore:the load_module:DeprecationWarning")
+@pytest.mark.parametrize("page", [*PAGES, *RESULTS, *CARDS], ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_on_pages_exist_with_their_flags(page):
+    assert not [fault for command in commands(page.read_text(encoding="utf-8")) if (fault := _fault(command))]
+
+
+@pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
+def test_results_say_command_and_commit(page):
+    text = page.read_text(encoding="utf-8")
+    assert head_commands(text) and re.search(r"\bcommit [0-9a-f]{7}\b", text)
 
 
 def test_links_lead_to_files():

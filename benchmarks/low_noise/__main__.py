@@ -6,7 +6,7 @@ For each model folder: how far noise in the latents moves lane ends, how far one
 back, and how sound samples are at the counts of held-out records: single draws of the model's temperature, without
 guidance, energies and repair. Samples are measured twice: as drawn, and with ``models.shared_endpoints``. The judge of
 ``SCJAX_SHARED/prompts`` measures. FOLDER keeps a file a model and number of steps, so that the command continues where
-it was interrupted. The conclusions are in docs/results/low_noise.md.
+it was interrupted.
 """
 
 from __future__ import annotations

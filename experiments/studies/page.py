@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import re
 import shlex
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,13 +51,29 @@ def command_line(name: str, arguments: Sequence[str] | None) -> str:
 
 
 def write_page(out: Path, text: str, content: Any, figure: Figure | None = None) -> None:
-    """Writes OUT.md, OUT.json and, with a figure, OUT.png; the page shows the picture at its end."""
+    """Writes OUT.md, OUT.json and, with a figure, OUT.png; the page ends with ``made_at`` and the picture."""
+    text = f"{text.rstrip()}\n\n{made_at()}\n"
     out.parent.mkdir(parents=True, exist_ok=True)
     if figure is not None:
         save_figure(figure, out.with_name(f"{out.name}.png"), dpi=100)
         text = f"{text.rstrip()}\n\n![{out.name}]({out.name}.png)\n"
     write_text(out.with_name(f"{out.name}.json"), json.dumps(content, separators=(",", ":")))
     write_text(out.with_name(f"{out.name}.md"), text)
+
+
+def made_at() -> str:
+    """A sentence that says at which commit of the code, and on what machine, a page is made."""
+
+    def git(*words: str) -> str:
+        root = Path(__file__).parents[2]
+        return subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False).stdout.strip()
+
+    commit = git("rev-parse", "--short=7", "HEAD") or "unknown"
+    if git("status", "--porcelain", "--untracked-files=no"):
+        commit += ", with changes,"
+    cpus = Path("/proc/cpuinfo")
+    found = re.search(r"^model name\s*: (.*)$", cpus.read_text(), re.MULTILINE) if cpus.is_file() else None
+    return f"Made at commit {commit} on {os.cpu_count()} cores of {found[1] if found else 'an unknown processor'}."
 
 
 def rounded(content: Any, digits: int = 4) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import textwrap
 
 import click
@@ -18,7 +17,7 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import Clock, progress_bar, say, slug, writable_folder, write_scene
 
 PROMPTS = (
     "a busy four-way intersection with a red light, five vehicles and two pedestrians",
@@ -55,15 +54,15 @@ def demo(best_of, repair, num_steps, seed, folder, model_folder, as_json) -> Non
 
         from scjax.generate.conditions import Condition
         from scjax.generate.model import load_model
-        from scjax.generate.sample import sample_scenes
+        from scjax.generate.sample import part_of, sample_scenes
         from scjax.nn.startup import start_jax
         from scjax.viz.grid import grid
 
         start_jax()
         model = load_model(model_folder)
     scenes = []
-    with click.progressbar(PROMPTS, label="scenes", file=sys.stderr) as bar:
-        for i, prompt in enumerate(bar):
+    with progress_bar("scenes") as progress:
+        for i, prompt in enumerate(PROMPTS):
             with clock.part("later scenes" if scenes else "first scene (with compiling)"):
                 scenes += sample_scenes(
                     jax.random.fold_in(jax.random.key(seed), i),
@@ -73,6 +72,7 @@ def demo(best_of, repair, num_steps, seed, folder, model_folder, as_json) -> Non
                     best_of=best_of,
                     repair=repair,
                     padded_size=_PADDED_SIZE,
+                    progress=part_of(progress, i, len(PROMPTS)),
                 )
     with clock.part("files"):
         titles = ["\n".join(textwrap.wrap(prompt, 44)) for prompt in PROMPTS]

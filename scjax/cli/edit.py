@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scjax.cli.options import GenerationCommand, model_option, num_steps_option, out_option, seed_option
-from scjax.cli.output import say, writable_folder, write_scene
+from scjax.cli.output import progress_bar, say, writable_folder, write_scene
 from scjax.cli.place import formats_option
 from scjax.cli.scene_files import read_content, scenes_of_content
 
@@ -182,9 +182,11 @@ def _draw_anew(
     start_jax()
     key = jax.random.key(seed)
     if again:
-        scene = regenerate_agents(key, scene, again, prompt, repair=True, **options)
+        with progress_bar("agents") as progress:
+            scene = regenerate_agents(key, scene, again, prompt, repair=True, progress=progress, **options)
     if box is None:
         return scene
     region, number, lanes = box
-    key = jax.random.fold_in(key, 1)
-    return regenerate_region(key, scene, region, prompt, num_agents=number, lanes=lanes, repair=True, **options)
+    options |= {"repair": True, "num_agents": number, "lanes": lanes}
+    with progress_bar("region") as progress:
+        return regenerate_region(jax.random.fold_in(key, 1), scene, region, prompt, progress=progress, **options)

@@ -19,7 +19,7 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import FORMATS, Clock, say, writable_folder
+from scjax.cli.output import FORMATS, Clock, progress_bar, say, writable_folder
 from scjax.cli.picture_input import PictureInput, check_reads_pictures, picture_options, read_picture
 from scjax.cli.prompt_lists import ListedPrompt, read_prompt_list
 from scjax.cli.scene_results import SceneFiles
@@ -171,7 +171,8 @@ def generate(
             for entry, spec in zip(some, specs, strict=True):
                 _say_understood(entry.id, spec, quiet=as_json)
             own_key = key if number is None else jax.random.fold_in(key, number)
-            scenes = sample_scenes(own_key, specs, model=model, **sampling)
+            with progress_bar("scenes") as progress:
+                scenes = sample_scenes(own_key, specs, model=model, progress=progress, **sampling)
         with clock.part("files"):
             results += files.write(some, [spec.attributes for spec in specs], scenes)
     if as_json:

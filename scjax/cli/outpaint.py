@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import json
 import math
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scjax.cli.options import json_option, model_option, num_steps_option, seed_option
-from scjax.cli.output import say, writable_folder
+from scjax.cli.output import progress_bar, say, writable_folder
 from scjax.cli.scene_files import read_content, scenes_of_content
 
 if TYPE_CHECKING:
@@ -137,7 +136,8 @@ def _with_rear(seed: int, scene: Any, prompt: str | None, path: str, sampling: d
 
     if not isinstance(scene, Scene):
         raise ValueError(f"{path}: --rear takes a forward scene, not a map")
-    return complete_rear(seed, scene, prompt, **sampling)
+    with progress_bar("tile"):
+        return complete_rear(seed, scene, prompt, **sampling)
 
 
 def _grown(
@@ -148,10 +148,14 @@ def _grown(
 
     from scjax.outpainting.outpaint import outpaint_steps
 
-    steps = outpaint_steps(seed, begin, prompts, **ways, **sampling)
-    begun = next(steps)
-    (map,) = collections.deque([begun, *tqdm(steps, "tiles", unit="tile", disable=None)], maxlen=1)
-    return len(begun.tiles), map
+    with tqdm(desc="tiles", unit="tile", disable=None) as bar:
+        steps = outpaint_steps(seed, begin, prompts, **ways, **sampling)
+        maps = [next(steps)]
+        first = len(maps[0].tiles)
+        for grown in steps:
+            maps = [grown]
+            bar.update()
+    return first, maps[0]
 
 
 def _say_if_short(map: Map, length: float | None, quiet: bool) -> None:

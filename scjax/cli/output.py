@@ -123,6 +123,24 @@ class Clock:
         )
 
 
+@contextlib.contextmanager
+def progress_bar(text: str, unit: str = "part", *, delay: float = 0.0) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr if that is a terminal. The function that it gives is called with the parts so far and of all.
+
+    Args:
+      delay: seconds before the bar appears.
+    """
+    from tqdm import tqdm
+
+    with tqdm(desc=text, unit=unit, delay=delay, leave=False, disable=None) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield progress
+
+
 def say(text: str, quiet: bool = False) -> None:
     """A line for people: on stderr, so that stdout holds results alone."""
     if not quiet:

@@ -19,7 +19,7 @@ from scjax.cli.options import (
     repair_option,
     seed_option,
 )
-from scjax.cli.output import FORMATS, Clock, say, slug, writable_folder, write_scene
+from scjax.cli.output import FORMATS, Clock, progress_bar, say, slug, writable_folder, write_scene
 from scjax.cli.plot import Place
 from scjax.cli.scene_files import read_content, scenes_of_content
 from scjax.cli.scene_results import scene_report
@@ -175,8 +175,9 @@ def _placed(scenes: list[Scene], condition: Any, seed: int, options: dict[str, A
     with tqdm(total=len(scenes), unit="scene", disable=len(scenes) <= _CHUNK) as bar:
         for start in range(0, len(scenes), _CHUNK):
             some = scenes[start : start + _CHUNK]
-            with clock.part("scenes"):
-                placed = place_traffic(jax.random.fold_in(key, start) if start else key, some, condition, **options)
+            with clock.part("scenes"), progress_bar("scenes") as progress:
+                own_key = jax.random.fold_in(key, start) if start else key
+                placed = place_traffic(own_key, some, condition, progress=progress, **options)
             bar.update(len(some))
             yield from placed
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from scjax.cli.output import writable_folder
+from scjax.cli.output import progress_bar, writable_folder
 from scjax.cli.scene_files import checked_scenes, read_content, scenes_of_content, strict_option
 
 if TYPE_CHECKING:
@@ -132,8 +132,6 @@ def _has_vehicle(content: Scene | Log | Map) -> bool:
 def _write_animation(
     content: Scene | Log | Map, file: str, path: Path, follow: str | None, radius: float | None, heading_up: bool
 ) -> None:
-    from tqdm import tqdm
-
     from scjax.scene import Log
     from scjax.viz import animate
 
@@ -143,12 +141,7 @@ def _write_animation(
         raise ValueError(f"--follow is {follow!r}, but {file} has no such object: it has {_some(content.object_ids)}")
     index = None if follow is None else content.object_ids.index(follow)
     writable_folder(path.parent)
-    with tqdm(desc=path.name, unit="frame", delay=1.0) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with progress_bar(path.name, "frame", delay=1.0) as progress:
         try:
             animate(content, path, object_index=index, radius=radius, heading_up=heading_up, progress=progress)
         except ValueError as error:

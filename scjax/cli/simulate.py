@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scjax.cli.options import json_option, model_option, num_steps_option, seed_option
-from scjax.cli.output import Clock, say, writable_folder
+from scjax.cli.output import Clock, progress_bar, say, writable_folder
 from scjax.cli.scene_files import read_content, scenes_of_content
 
 if TYPE_CHECKING:
@@ -117,7 +117,9 @@ def _generated(prompt: str, seed: int, num_steps: int | None, model: Any) -> Sce
 
     from scjax.generate.sample import sample_scenes
 
-    return sample_scenes(jax.random.key(seed), prompt, model=model, num_steps=num_steps, repair=True)[0].to_numpy()
+    options = {"model": model, "num_steps": num_steps, "repair": True}
+    with progress_bar("scene") as progress:
+        return sample_scenes(jax.random.key(seed), prompt, progress=progress, **options)[0].to_numpy()
 
 
 def _start_of(path: str, grow: bool) -> Scene | Map | Log:
@@ -166,8 +168,6 @@ def _grown(
 
 def _write(log: Log, path: Path, *, heading_up: bool, radius: float | None) -> list[str]:
     """Writes the log, and the animation unless ``path`` is that of the log."""
-    from tqdm import tqdm
-
     from scjax.scene import save_log, validate_log
 
     save_log(validate_log(log), path.with_suffix(".npz"))
@@ -175,11 +175,6 @@ def _write(log: Log, path: Path, *, heading_up: bool, radius: float | None) -> l
         return [str(path)]
     from scjax.viz import animate
 
-    with tqdm(desc=path.name, unit="frame", delay=1.0, disable=None) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with progress_bar(path.name, "frame", delay=1.0) as progress:
         animate(log, path, heading_up=heading_up, radius=radius, progress=progress)
     return [str(path), str(path.with_suffix(".npz"))]

@@ -1,9 +1,9 @@
 """A noise schedule that goes on to the scale at which lanes meet, evenly in log-SNR below a deviation of 0.1.
 
 Noise of deviation 0.025, the least of the cosine schedule, moves the end of a lane by 0.3 m
-(docs/results/low_noise.md). Here a quarter of the levels lies between 0.1 and 0.005, evenly in the logarithm of the
-signal-to-noise ratio, as in Karras et al. 2022 for a large rho. The others are even in the angle, as those of the
-cosine schedule, up to its noisiest.
+(docs/results/low_noise.md at commit 3d14608). Here a quarter of the levels lies between 0.1 and 0.005, evenly in the
+logarithm of the signal-to-noise ratio, as in Karras et al. 2022 for a large rho. The others are even in the angle, as
+those of the cosine schedule, up to its noisiest.
 
 The levels are those of training, each drawn equally often, and samplers visit a subset: both spend a quarter at low
 noise. With a velocity as target the loss is that of Karras et al. for data of deviation 1: c_skip = alpha,

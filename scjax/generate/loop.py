@@ -96,8 +96,17 @@ class Batch:
         )
 
 
-def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scene:
-    """Scenes in meters [B], as NumPy arrays."""
+def sample_batch(
+    model: Model,
+    settings: SamplingSettings,
+    batch: Batch,
+    progress: Callable[[int, int], object] = lambda done, total: None,
+) -> Scene:
+    """Scenes in meters [B], as NumPy arrays.
+
+    Args:
+      progress: is called after each program of the loop with the number of parts so far and of all.
+    """
     config, coder = model.denoiser.config, (model.codec, model.autoencoder.config)
     params = model.denoiser.placed_params(len(batch.crop))
     coder_params, statistics = model.autoencoder.placed_params(len(batch.crop)), (model.latents.mean, model.latents.std)
@@ -125,7 +134,9 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
     x0, first = state.x, len(loop.levels) - 1
     scales = jax.tree.map(np.float32, settings.guidance_scales)
     gradient_steps = _gradient_steps(loop, settings.energy_guidance)
-    for last in sorted({0, *gradient_steps}, reverse=True):
+    stops = sorted({0, *gradient_steps}, reverse=True)
+    for part, last in enumerate(stops):
+        progress(part, len(stops) + 1)
         bounds = np.int32(first), np.int32(last)
         state, x0 = advance(params, scales, settings.temperature, *bounds, inputs, denoiser_inputs, state, x0)
         if settings.energy_guidance is not None and last in gradient_steps:
@@ -134,8 +145,11 @@ def sample_batch(model: Model, settings: SamplingSettings, batch: Batch) -> Scen
                 functools.partial(program, params["position_heads"]), decode, x0, inputs, gradient_steps[last]
             )
         first = last - 1
+    progress(len(stops), len(stops) + 1)
     state = compiled.update_program(*options)(settings.temperature, np.int32(0), inputs, state, x0)
-    return jax.device_get(decode(state.x))
+    scenes = jax.device_get(decode(state.x))
+    progress(len(stops) + 1, len(stops) + 1)
+    return scenes
 
 
 def _gradient_steps(loop: SamplingLoop, options: EnergyGuidance | None) -> dict[int, int]:

@@ -21,7 +21,7 @@ from scjax.language.attributes.table import check_attributes
 from scjax.language.reader.comparisons import compared_bounds
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
 from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, Reading, read_outputs
-from scjax.models.reader import ReaderConfig, ReaderOutputs, reader_network
+from scjax.models.reader_network import ReaderConfig, ReaderOutputs, reader_network
 from scjax.nn.functional import Params, flatten
 from scjax.nn.rounding import restore_arrays, round_arrays
 from scjax.nn.safetensors import array_names, named_arrays, read_arrays, write_arrays

@@ -17,7 +17,7 @@ or ``jax.vmap``: give it several conditions instead.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeGuard, overload
 
@@ -69,6 +69,7 @@ def sample_scenes(
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
     padded_size: tuple[int, int] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Scene: ...
 
 
@@ -87,6 +88,7 @@ def sample_scenes(
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
     padded_size: tuple[int, int] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> list[Scene]: ...
 
 
@@ -104,6 +106,7 @@ def sample_scenes(
     temperature: float | PerType | None = None,
     energy_guidance: EnergyGuidance | bool | None = None,
     padded_size: tuple[int, int] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Scene | list[Scene]:
     """Samples ``num_scenes`` scenes for one condition, or for each of several conditions.
 
@@ -135,6 +138,7 @@ def sample_scenes(
       padded_size: (agents, lanes) that every scene is padded to at least, so that scenes of several sizes share
         compiled programs. By default each scene is padded to the smallest of a few sizes that holds it. That runs
         fastest, but every size compiles once.
+      progress: is called while scenes are sampled with the number of parts so far and of all.
 
     Returns:
       For one condition a batch [num_scenes] of NumPy arrays in meters, padded to its largest scene. For a sequence of
@@ -159,7 +163,7 @@ def sample_scenes(
     keys = (jax.random.fold_in(key, i) for i in range(len(specs) * num_scenes))
     groups = [draw_candidates(next(keys), spec, model, tables, best_of) for spec in specs for _ in range(num_scenes)]
     candidates = [candidate for group in groups for candidate in group]
-    scenes = sample_requests(candidates, model, settings, least)
+    scenes = sample_requests(candidates, model, settings, least, progress)
     check_finite(scenes)
     if repair:
         scenes = [_repair_generated(scene, request) for scene, request in zip(scenes, candidates, strict=True)]
@@ -232,16 +236,35 @@ def _temperature(value: float | PerType) -> PerType:
 
 
 def sample_requests(
-    requests: Sequence[Request], model: Model, settings: SamplingSettings, least: Bucket = (0, 0)
+    requests: Sequence[Request],
+    model: Model,
+    settings: SamplingSettings,
+    least: Bucket = (0, 0),
+    progress: Callable[[int, int], object] | None = None,
 ) -> list[Scene]:
-    """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes."""
+    """The scenes of the requests, unpadded, in their order; sampled in batches of equal shapes.
+
+    Args:
+      progress: as in ``sample_scenes``.
+    """
     scenes: dict[int, Scene] = {}
     sizes = [(request.num_agents, request.num_lanes) for request in requests]
-    for bucket, indices, rows in in_batches(sizes, 1 if len(requests) == 1 else GROUP, least):
+    batches = list(in_batches(sizes, 1 if len(requests) == 1 else GROUP, least))
+    for number, (bucket, indices, rows) in enumerate(batches):
         batch = Batch.of_requests([requests[i] for i in rows], bucket, model.denoiser.config)
-        sampled = sample_batch(model, settings, batch)
+        sampled = sample_batch(model, settings, batch, part_of(progress, number, len(batches)))
         scenes.update({index: requests[index].finish(sampled[row]) for row, index in enumerate(indices)})
     return [scenes[index] for index in range(len(requests))]
+
+
+def part_of(progress: Callable[[int, int], object] | None, number: int, numbers: int) -> Callable[[int, int], object]:
+    """What part ``number`` of ``numbers`` equal ones calls, so that ``progress`` is of all of them."""
+
+    def of_all(done: int, total: int) -> None:
+        if progress is not None:
+            progress(number * total + done, numbers * total)
+
+    return of_all
 
 
 def _best_candidate(scenes: Sequence[Scene], requests: Sequence[Request], repair: bool) -> Scene:

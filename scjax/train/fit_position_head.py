@@ -55,7 +55,7 @@ def fit_position_heads(
     """Parameters of ``Denoiser.position_heads``, fitted by least absolute errors; prints the errors [m].
 
     Least squares follow few large errors and leave offsets between linked ends inexact: 0.35 instead of 0.21 m
-    (docs/results/low_noise.md).
+    (docs/results/low_noise.md at commit 3d14608).
 
     Args:
       batches: examples of the training split.

@@ -5,12 +5,15 @@ Needs matplotlib (the ``viz`` extra). It does not use pyplot, so drawing works i
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from scjax.scene import TILE_SIZE, AgentType, Crop, Link, Scene, Signal
 
@@ -28,6 +31,21 @@ AGENT_COLORS = {
     AgentType.STATIC: "#8d8a84",
 }
 SIGNAL_COLORS = {Signal.UNKNOWN: "#8f949b", Signal.GO: "#2f9e5b", Signal.CAUTION: "#e0a100", Signal.STOP: "#d9483b"}
+_LANES = {
+    Signal.UNKNOWN: "lane",
+    Signal.GO: "green light",
+    Signal.CAUTION: "yellow light",
+    Signal.STOP: "red light",
+}
+LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": 7,
+    "labelcolor": INK,
+    "handlelength": 1.0,
+    "handletextpad": 0.5,
+    "columnspacing": 1.0,
+}
+"""Of ``Figure.legend``: all colors in one line below a picture of 6 inches."""
 _ROAD_HALF_WIDTH = 1.7  # meters; scenes hold no lane widths, so the band is only a visual aid
 _CHEVRON_SPACING = 9.0  # meters of lane per direction mark
 _SPEED_HORIZON = 1.0  # seconds of travel shown by a speed arrow
@@ -45,7 +63,7 @@ def plot_scene(
 
     Args:
       scene: a single scene, NumPy or JAX arrays.
-      ax: where to draw; a new 6 x 6 inch figure if None (``ax.figure.savefig(path)`` writes it).
+      ax: where to draw; None: a new figure, 6 inches wide, with a legend (``ax.figure.savefig(path)`` writes it).
       title: a line above the picture.
       known: masks [agents] and [lanes] of elements that the model received: tinted roads and hatched boxes.
       speeds: whether to draw how far every agent travels in one second.
@@ -62,9 +80,10 @@ def plot_scene(
         )
     scene = scene.to_numpy()
     if ax is None:
-        figure = Figure(figsize=(6, 6), layout="constrained")
+        figure = Figure(figsize=(6, 6.2), layout="constrained")
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
+        legend_below(figure, [scene])
     scale = _points_per_meter(ax)
     known_lanes = np.zeros(len(scene.lane_mask), bool) if known is None else np.asarray(known.lanes, bool)
     known_agents = np.zeros(len(scene.agent_mask), bool) if known is None else np.asarray(known.agents, bool)
@@ -72,6 +91,25 @@ def plot_scene(
     _draw_agents(ax, scene, known_agents, scale, speeds)
     _draw_frame(ax, Crop(int(scene.crop)), title)
     return ax
+
+
+def legend_below(figure: Figure, scenes: Sequence[Scene], *, right: bool = False) -> None:
+    """Adds a legend of ``scenes`` at the lower border of a figure with constrained layout, in the middle or right."""
+    handles = legend_handles(scenes)
+    if handles:
+        place = "outside lower right" if right else "outside lower center"
+        figure.legend(handles=handles, loc=place, ncols=len(handles), **LEGEND)
+
+
+def legend_handles(scenes: Sequence[Scene]) -> list[Any]:
+    """What colors mean in pictures of ``scenes``: of the ego, the agent types and the states of lanes that occur."""
+    host = [scene.to_numpy() for scene in scenes]
+    types = {int(t) for scene in host for t in scene.agent_types[1:][scene.agent_mask[1:]]}
+    signals = {int(s) for scene in host for s in scene.signals[scene.lane_mask]}
+    has_ego = any(scene.agent_mask[:1].any() for scene in host)
+    handles: list[Any] = [Patch(color=EGO, label="ego")] if has_ego else []
+    handles += [Patch(color=c, label=t.name.lower()) for t, c in AGENT_COLORS.items() if t in types]
+    return handles + [Line2D([], [], color=c, label=_LANES[s]) for s, c in SIGNAL_COLORS.items() if s in signals]
 
 
 def tile_limits(crop: Crop) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -9,13 +9,11 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
-from scjax.scene import Scene, Signal
+from scjax.scene import Scene
 from scjax.scene.files import whole_file
 from scjax.scene.per_type import PerType
-from scjax.viz.bev import AGENT_COLORS, EGO, INK, SIGNAL_COLORS, plot_scene
+from scjax.viz.bev import LEGEND, legend_handles, plot_scene
 
 _CELL = 2.6  # inches
 _LEGEND_ENTRY = 0.86  # inches, of the longest names
@@ -65,8 +63,8 @@ def grid(
     title_height = (
         0.2 * max((title.count("\n") + 1 for title in titles), default=0) if titles is not None else 0.0
     )  # inches
-    handles = _legend_handles(scenes)
-    legend_columns = min(len(handles), max(int(columns * _CELL / _LEGEND_ENTRY), 1))
+    handles = legend_handles(scenes)
+    legend_columns = max(min(len(handles), int(columns * _CELL / _LEGEND_ENTRY)), 1)
     legend_height = 0.12 + 0.18 * math.ceil(len(handles) / legend_columns)
     figure = Figure(figsize=(columns * _CELL, rows * (_CELL + title_height) + legend_height), facecolor="white")
     FigureCanvasAgg(figure)
@@ -100,27 +98,6 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 130) -> None:
         figure.savefig(file, dpi=dpi, format="svg" if path.suffix == ".svg" else "png")
 
 
-def _legend_handles(scenes: Sequence[Scene]) -> list[Any]:
-    """Of the ego, the agent types and, if any lane has a signal, the signal states that occur."""
-    types = {int(t) for scene in scenes for t in set(scene.agent_types[scene.agent_mask].tolist())}
-    signals = {int(s) for scene in scenes for s in set(scene.signals[scene.lane_mask].tolist())}
-    handles: list[Any] = [Patch(color=EGO, label="ego")]
-    handles += [Patch(color=c, label=t.name.lower()) for t, c in AGENT_COLORS.items() if t in types]
-    if signals - {Signal.UNKNOWN}:
-        handles += [Line2D([], [], color=c, label=s.name.lower()) for s, c in SIGNAL_COLORS.items() if s in signals]
-    return handles
-
-
 def _legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
-    height = figure.get_size_inches()[1]
-    figure.legend(
-        handles=handles,
-        loc="lower center",
-        ncols=columns,
-        frameon=False,
-        fontsize=7,
-        labelcolor=INK,
-        bbox_to_anchor=(0.5, -0.02 / height),
-        handlelength=1.2,
-        columnspacing=1.2,
-    )
+    anchor = (0.5, -0.02 / figure.get_size_inches()[1])
+    figure.legend(handles=handles, loc="lower center", ncols=columns, bbox_to_anchor=anchor, **LEGEND)

@@ -17,7 +17,7 @@ from scjax.camera.projection import pixel_rays
 from scjax.camera.render import overlay
 from scjax.camera.rig import Rig
 from scjax.scene import TILE_SIZE, Scene
-from scjax.viz.bev import INK, plot_scene
+from scjax.viz.bev import INK, legend_below, plot_scene
 from scjax.viz.grid import save_figure
 
 _LARGEST = 1280  # pixels of the longer side of the photograph
@@ -44,6 +44,7 @@ def photo_view(photo: Photo, scene: Scene, rig: Rig | None = None, *, path: str 
     left.imshow(pixels if rig is None else overlay(pixels, scene, rig), interpolation="antialiased")
     left.set(xticks=[], yticks=[])
     plot_scene(scene, ax=right)
+    legend_below(figure, [scene], right=True)
     right.set(xlabel="", ylabel="")
     if rig is not None:
         _draw_sides(right, rig, rig.camera())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import sys
 from pathlib import Path
 
 import chex
@@ -68,6 +69,13 @@ def test_generate_writes_what_it_names(run, folder, tmp_path):
     one, two = (load_npz(tmp_path / "made" / f"{slug(PROMPT)}-4-{k}.npz") for k in (0, 1))
     assert (one.num_agents, one.num_lanes) == (3, 5) and not np.allclose(one.lanes, two.lanes)
     np.testing.assert_allclose(load_json(tmp_path / "made" / f"{slug(PROMPT)}-4-0.json").lanes, one.lanes, atol=1e-5)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_generate_says_on_a_terminal_how_far_it_is(run, folder, monkeypatch, is_terminal):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    code, _, err = run("generate", PROMPT, "--model", folder, "--num-steps", 2, "--agents", 3, "--lanes", 5)
+    assert code == 0 and ("scenes:   0%" in err) == is_terminal
 
 
 def test_generate_prints_json(run, folder):

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.reader_calibration import calibrate, reader_losses
 from scjax.generate.prompt_reader import reader_config
 from scjax.language.reader.targets import read_outputs, request_targets
-from scjax.models.reader import reader_network
+from scjax.models.reader_network import reader_network
 
 TRUE, STATED = {"layout": "T", "vehicles": (2, 2)}, {"layout": "roundabout", "pedestrians": (1, None)}
 

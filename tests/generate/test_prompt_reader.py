@@ -22,7 +22,7 @@ from scjax.generate.prompt_reader import (
 )
 from scjax.language.attributes.table import check_attributes
 from scjax.language.grammar.prompts import FOLDER, written_prompts
-from scjax.models.reader import reader_network
+from scjax.models.reader_network import reader_network
 from tests.factories.encoder_folders import CONFIG, write_encoder
 
 SIZES = {"width": 16, "heads": 2}

@@ -15,7 +15,7 @@ from scjax.generate.readings import prompt_warnings, read_prompts, reads_request
 from scjax.language.attributes.shown import shown_request
 from scjax.language.reader.targets import Reading
 from scjax.models.denoiser.config import TextCondition
-from scjax.models.reader import reader_network
+from scjax.models.reader_network import reader_network
 from tests.factories.words import Words
 from tests.factories.worlds import tiny_model
 

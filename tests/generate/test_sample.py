@@ -104,6 +104,16 @@ def test_sample_of_a_list_has_num_scenes_of_each(model):
     assert sample(model, []) == []
 
 
+def test_sample_says_how_far_it_is(model):
+    calls = []
+    conditions = [Condition(num_lanes=6, num_agents=5)] * 5  # two batches
+    scenes = sample(model, conditions, progress=lambda done, total: calls.append((done, total)))
+    done, totals = zip(*calls, strict=True)
+    assert done[0] == 0 and list(done) == sorted(done) and {done[-1]} == set(totals) == {4}
+    for one, quiet in zip(scenes, sample(model, conditions), strict=True):
+        chex.assert_trees_all_equal(one.to_dict(), quiet.to_dict())
+
+
 def test_specs_stand_for_their_conditions(model, known):
     conditions = [Condition(num_lanes=6, num_agents=5), Condition(known=known, num_lanes=9, num_agents=6)]
     specs = specify_scenes(conditions, model)

@@ -11,6 +11,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from scjax import viz
 from scjax.scene import AgentType, Crop, Link, Scene, Signal, empty
@@ -47,6 +48,11 @@ def _lines(ax, gid) -> list[np.ndarray]:
 def _colors(ax, gid) -> list[str]:
     artist = _artist(ax, gid)
     return [to_hex(color) for color in (artist.get_edgecolor() if gid == "lanes" else artist.get_facecolor())]
+
+
+def _legend_labels(figure):
+    (legend,) = figure.legends
+    return [text.get_text() for text in legend.get_texts()]
 
 
 def test_lanes_have_signal_colors_and_connections():
@@ -131,8 +137,22 @@ def test_grid_writes_one_file_with_titles_and_legend(tmp_path):
     assert len(figure.axes) == 5 and [ax.get_title() for ax in figure.axes][4] == "scene 4"
     height, width = matplotlib.image.imread(path).shape[:2]
     assert (width, height) == tuple(int(n) for n in figure.get_size_inches() * 40)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels[0] == "ego" and "stop" in labels
+    assert _legend_labels(figure)[0] == "ego" and "red light" in _legend_labels(figure)
+
+
+def test_single_pictures_explain_the_colors_that_they_show():
+    scene = _scene()
+    figure = viz.plot_scene(scene).figure
+    assert _legend_labels(figure) == ["ego", "pedestrian", "static", "lane", "red light"]
+    scene.agent_mask[1:] = False
+    scene.signals[:] = Signal.UNKNOWN
+    assert _legend_labels(viz.plot_scene(scene).figure) == ["ego", "lane"]
+
+
+def test_axes_of_others_get_no_legend():
+    figure = Figure()
+    viz.plot_scene(_scene(), ax=figure.add_subplot())
+    assert not figure.legends
 
 
 def test_grid_fills_rows_from_lists_and_masks():

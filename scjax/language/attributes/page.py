@@ -5,7 +5,7 @@ python -m scjax.language.attributes.page docs/attributes.md
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from scjax.language.attributes.base import TAKES, UNSPECIFIED, Attribute
@@ -15,7 +15,8 @@ from scjax.scene.files import write_text
 _HEAD = f"""# Attributes
 
 What can be measured on a scene: {len(ATTRIBUTES)} attributes. `scjax/language/attributes/` defines them, and
-this page follows from it. Lengths are in meters, speeds in m/s. The ego is agent 0 and counts as no vehicle.
+`python -m scjax.language.attributes.page docs/attributes.md` writes this page. Lengths are in meters, speeds in m/s.
+The ego is agent 0 and counts as no vehicle.
 
 ```python
 from scjax.language.attributes.table import measure_attributes, score_attributes
@@ -60,7 +61,9 @@ def _values(item: Attribute) -> str:
 
 
 def main() -> None:
-    write_text(Path(sys.argv[1]), attributes_page())
+    parser = argparse.ArgumentParser(prog="python -m scjax.language.attributes.page", description=__doc__)
+    parser.add_argument("page", type=Path, help="file to write")
+    write_text(parser.parse_args().page, attributes_page())
 
 
 if __name__ == "__main__":

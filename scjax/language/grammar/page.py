@@ -5,8 +5,8 @@ python -m scjax.language.grammar.page docs/captions.md
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +81,9 @@ def _row(composition: Composition) -> str:
 
 
 def main() -> None:
-    write_text(Path(sys.argv[1]), captions_page())
+    parser = argparse.ArgumentParser(prog="python -m scjax.language.grammar.page", description=__doc__)
+    parser.add_argument("page", type=Path, help="file to write")
+    write_text(parser.parse_args().page, captions_page())
 
 
 if __name__ == "__main__":
