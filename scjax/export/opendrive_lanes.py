@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from scjax.export.lane_borders import LaneBorders, cubic
 from scjax.export.wide_road import WideRoad
 from scjax.export.xml_text import XmlElement, add_element
+
+_SAME = 5e-3  # m between a polynomial and the one before, which goes on
 
 
 def add_lanes(
@@ -26,11 +28,11 @@ def add_lanes(
       before, after: numbers of the lanes of a road before and after, one for each lane from left to right, or none.
     """
     group = add_element(element, "lanes")
-    starts = borders.stations[:-1].tolist()
-    curves = np.stack([cubic(borders, row, row + 1) for row in range(len(starts))])  # pieces 4 borders
+    starts = borders.stations
+    curves = np.stack([cubic(borders, row, row + 1) for row in range(len(starts) - 1)])  # pieces 4 borders
     middle = sum(lane.number > 0 for lane in road.lanes)
-    for s, values in zip(starts, curves[:, :, middle].tolist(), strict=True):
-        add_element(group, "laneOffset", s=s, **dict(zip("abcd", values, strict=True)))
+    for s, values in _records(starts, curves[:, :, middle]):
+        add_element(group, "laneOffset", s=s, **values)
     section = add_element(group, "laneSection", s=0.0)
     widths = curves[:, :, :-1] - curves[:, :, 1:]
 
@@ -44,10 +46,25 @@ def add_lanes(
             for name, numbers in (("predecessor", before), ("successor", after)):
                 if numbers:
                     add_element(links, name, id=numbers[row])
-            for s, values in zip(starts, widths[:, :, row].tolist(), strict=True):
-                add_element(lane, "width", sOffset=s, **dict(zip("abcd", values, strict=True)))
+            for s, values in _records(starts, widths[:, :, row]):
+                add_element(lane, "width", sOffset=s, **values)
 
     add("left", range(middle))
     line = add_element(add_element(section, "center"), "lane", id=0, type="none", level="false")
     add_element(line, "link")
     add("right", range(middle, len(road.lanes)))
+
+
+def _records(stations: np.ndarray, curves: np.ndarray) -> Iterator[tuple[float, dict[str, float]]]:
+    """Start and coefficients of each polynomial; those that go on like the one before are left out."""
+    start, before = 0.0, None
+    for s, end, curve in zip(stations[:-1].tolist(), stations[1:].tolist(), curves, strict=True):
+        places = np.linspace(s, end, 5)
+        if before is not None and np.allclose(_values(before, places - start), _values(curve, places - s), 0.0, _SAME):
+            continue
+        start, before = s, curve
+        yield s, dict(zip("abcd", curve.tolist(), strict=True))
+
+
+def _values(curve: np.ndarray, places: np.ndarray) -> np.ndarray:
+    return np.stack([places**k for k in range(4)], -1) @ curve
