@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.outpainting.coverage import OpenEnd, outward_heading
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.angles import wrap_to_pi
+from scjax.scene.polyline import cumulative_length, smoothstep
+
+SAME_PLACE = 0.05
+"""m between ends that are one place: what is left of a bend, or of lanes that split or merge."""
+
+MAX_BEND = np.deg2rad(5.0)
+"""Change of direction where lanes meet, at most."""
 
 _LENGTH, _PER_GAP, _PER_TURN = 8.0, 4.0, 12.0  # m of new lanes that bend; more for each m of a gap and each rad
 _STEP, _LEAST_STEP = 0.25, 0.05  # m between points of a bend, and at least
@@ -60,6 +67,7 @@ class Bends:
         self._roads = roads = _Roads(lines, edges)
         first = {roads.node(joint.lane, joint.at_start): joint for joint in reversed(joints)}
         targets = np.stack([_target(lines[joint.lane], joint) for joint in first.values()])
+        self._places = {node: joint.open_end.place for node, joint in first.items()}
         self._fields = fields = [roads.spread(node, *target) for node, target in zip(first, targets, strict=True)]
         nothing = _Shift(np.zeros(2), np.zeros(2), 0.0)
         at_joints = [[np.stack(field.get(node, nothing)[:2]) for field in fields] for node in first]
@@ -68,12 +76,44 @@ class Bends:
         self._factors = factors.reshape(targets.shape)
 
     def lines(self) -> list[Float64[np.ndarray, "_ 3"]]:
-        """The lines where they are moved to, with more points where they bend."""
-        return [self._roads.moved(row, self._fields, self._factors) for row in range(self._roads.num_lines)]
+        """The lines where they are moved to, with more points where they bend.
+
+        Ends that are one place are equal bit for bit, and so are the open ends that they meet.
+        """
+        moved = [self._roads.moved(row, self._fields, self._factors) for row in range(self._roads.num_lines)]
+        return self._roads.closed(moved, self._places)
 
     def shifts(self, line: int, places: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, "n 3"]:
         """How far a line moves at places along it [m]."""
         return self._roads.shifts(line, places, self._fields, self._factors)
+
+
+def is_met(line: Float64[np.ndarray, "_ 3"], joint: Joint) -> bool:
+    """Whether a line begins or ends within 5 cm of its joint, and bends by less than 5 degrees there."""
+    heading = outward_heading(line, joint.at_start)
+    turn = np.pi if heading is None else abs(wrap_to_pi(heading + np.pi - joint.open_end.outward))
+    gap = np.hypot(*(line[0 if joint.at_start else -1] - joint.open_end.place)[:2])
+    return bool(gap < SAME_PLACE and turn < MAX_BEND)
+
+
+def line_to(
+    line: Float64[np.ndarray, "points 3"], place: Float64[np.ndarray, " 3"], at_start: bool
+) -> Float64[np.ndarray, "points 3"]:
+    """A line whose start or end is at a place, moved by less and less over 8 m; its other end and directions stay.
+
+    Args:
+      place: x, y, z [m]; where z is NaN, the line's own stays.
+    """
+    at = 0 if at_start else -1
+    place = np.where(np.isnan(place), line[at], place)
+    shift = np.nan_to_num(place - line[at])
+    if not shift.any():
+        return line
+    arc = cumulative_length(line)
+    share = smoothstep(1.0 - (arc if at_start else arc[-1] - arc) / max(min(_LENGTH, arc[-1]), 1e-9))
+    moved = line + share[:, None] * shift
+    moved[at, ~np.isnan(line[at])] = place[~np.isnan(line[at])]
+    return moved
 
 
 def _target(line: Float64[np.ndarray, "points 3"], joint: Joint) -> Float64[np.ndarray, "2 3"]:
@@ -138,6 +178,24 @@ class _Roads:
                 found[far] = _Shift(values[0], sign * slopes[0], left)
                 heapq.heappush(queue, (-left, far))
         return found
+
+    def closed(
+        self, lines: list[Float64[np.ndarray, "_ 3"]], places: Mapping[int, Float64[np.ndarray, " 3"]]
+    ) -> list[Float64[np.ndarray, "_ 3"]]:
+        """Lines whose ends are exactly at the place of their node, if one is given and close, else at the first end.
+
+        Args:
+          places: of some nodes.
+        """
+        lines = list(lines)
+        for node, ends in self._ends.items():
+            lane, at_start = ends[0]
+            own = lines[lane][0 if at_start else -1]
+            place = places.get(node, own)
+            place = own if np.hypot(*(place - own)[:2]) > SAME_PLACE else place
+            for lane, at_start in ends:
+                lines[lane] = line_to(lines[lane], place, at_start)
+        return lines
 
     def moved(
         self, lane: int, fields: Sequence[Mapping[int, _Shift]], factors: Float64[np.ndarray, "joints 2 3"]

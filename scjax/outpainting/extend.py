@@ -44,9 +44,10 @@ def extend_map(
 ) -> Map:
     """``map`` with one more tile of 64 m x 64 m, whose rear half lies on what is there.
 
-    Lanes and agents of the map stay where they are, with two exceptions. Lanes that reach up to 10 m beyond the middle
-    of the tile and end there lose that part, which is generated anew. Lanes of generated tiles are left out if nothing
-    continues them and the road has another way there. New lanes meet the old ones without a gap.
+    Lanes and agents of the map stay where they are, with three exceptions. Lanes that reach up to 10 m beyond the
+    middle of the tile and end there lose that part, which is generated anew. Lanes of generated tiles are left out if
+    nothing continues them and the road has another way there. Open ends within 5 cm of each other become one place if
+    one new lane continues them. New lanes meet the old ones without a gap, and bend by less than 5 degrees there.
 
     Of several candidates, sampled as one batch, the one with the fewest faults is added; more are drawn while it has
     any.
@@ -152,7 +153,8 @@ def _joined(map: Map, window: KnownWindow, best: TileCandidate, attempts: int, p
         missing = dataclasses.replace(tile, status=TileStatus.MISSING, fault=fault, lane_ids=(), agent_ids=())
         return dataclasses.replace(map, tiles=(*map.tiles, missing))
     addition = dataclasses.replace(best.map, tiles=(tile,))
-    joined = join_maps(window.map, addition, best.connections, _seams(window, best, len(map.tiles)))
+    map = dataclasses.replace(window.map, lanes=tuple(best.moved.get(lane.id, lane) for lane in window.map.lanes))
+    joined = join_maps(map, addition, best.connections, _seams(window, best, len(map.tiles)))
     return without_turns(joined, set(best.dead_lane_ids))
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.outpainting.bends import Joint
+from scjax.outpainting.bends import Joint, is_met, line_to
 from scjax.outpainting.coverage import OpenEnd
 from scjax.outpainting.measures import kinks_of
 from scjax.scene.angles import wrap_to_pi
@@ -94,6 +94,8 @@ def merge_beside(lanes: NewLanes, dead: Sequence[DeadEnd]) -> list[DeadEnd]:
             continue
         _, row, place, line = min(choices, key=lambda choice: choice[0])
         before, after = _cut(lanes, row, place)
+        met = lanes.lines[before][-1] if one.end.is_start else lanes.lines[after][0]
+        line = line_to(line, met, at_start=one.end.is_start)
         added = _attach(lanes, one, line)
         lanes.edges.append((before, added) if one.end.is_start else (added, after))
     return left
@@ -137,7 +139,8 @@ def _place(lanes: NewLanes, row: int, dead: DeadEnd) -> tuple[float, int, float,
     if not possible[best]:
         return None
     curve = _curve(end, points[best], directions[best] / max(float(np.hypot(*directions[best])), 1e-9))
-    return None if len(kinks_of(curve)) else (float(cost[best]), row, float(arc[best]), curve)
+    smooth = is_met(curve, Joint(row, not end.is_start, end)) and not len(kinks_of(curve))
+    return (float(cost[best]), row, float(arc[best]), curve) if smooth else None
 
 
 def _curve(end: OpenEnd, place: np.ndarray, direction: np.ndarray) -> Float64[np.ndarray, "n 3"]:

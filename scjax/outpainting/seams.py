@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from scjax.outpainting.bends import Joint
+from scjax.outpainting.bends import MAX_BEND, SAME_PLACE, Joint
 from scjax.outpainting.coverage import OpenEnd, outward_heading
 from scjax.scene.angles import wrap_to_pi
 from scjax.scene.polyline import cumulative_length, spread_points
@@ -15,11 +15,8 @@ from scjax.scene.polyline import cumulative_length, spread_points
 MAX_GAP = 2.5
 """m between ends that may be joined, before one is moved to the other."""
 
-SAME_PLACE = 0.05
-"""m between ends of the map at which its lanes split or merge; imported ones do not meet exactly."""
-
 MAX_TURN = np.deg2rad(60.0)
-"""Change of direction at a joint, at most."""
+"""Change of direction at a joint, at most, before one is turned to the other."""
 
 _SPLIT_GAP, _SPLIT_TURN = 1.0, np.deg2rad(30.0)  # of further lanes that begin at a joint
 _PAST_END = 0.1  # m beyond the end of a lane, from where nothing is beside it
@@ -63,7 +60,7 @@ def find_joints(
 def _is_same_place(one: OpenEnd, other: OpenEnd) -> bool:
     """Whether two lanes of the map split or merge at their open ends."""
     turn = abs(wrap_to_pi(one.outward - other.outward))
-    return bool(np.hypot(*(one.place - other.place)[:2]) < SAME_PLACE and turn < _SPLIT_TURN)
+    return bool(np.hypot(*(one.place - other.place)[:2]) < SAME_PLACE and turn < MAX_BEND)
 
 
 def _gaps_and_turns(

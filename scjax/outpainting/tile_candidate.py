@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from scjax.data.map_crop import near_map
-from scjax.outpainting.bends import Bends, Joint
 from scjax.outpainting.coverage import Coverage, OpenEnd, outward_heading
 from scjax.outpainting.lane_merges import NO_ROW, DeadEnd, NewLanes, merge_beside, reach_border
+from scjax.outpainting.linking import link_lanes, moved_lanes
 from scjax.outpainting.measures import kinks_of
-from scjax.outpainting.seams import SAME_PLACE, find_joints, is_duplicate
-from scjax.outpainting.tile_agents import free_agents, move_beside, sampled_agents
+from scjax.outpainting.seams import is_duplicate
+from scjax.outpainting.tile_agents import free_agents, sampled_agents
 from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
-from scjax.scene.angles import wrap_to_pi
 from scjax.scene.polyline import cumulative_length
 
 _SHORTEST = 0.5  # m of a new lane
 _COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
 _DEEP = 1.0  # m inside a covered tile
-_NO_GAP = 1e-3  # m between ends that are one place
-_INNER_GAP = 1.5  # m between new lanes that are listed as connected
-_CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
-_ANGLE = np.deg2rad(5.0)  # between lanes that meet at a seam
 _MERGE = 0.5  # score of a lane that leads into the one beside it
 _VEHICLES = 5  # so many new vehicles are better than fewer
 
@@ -42,6 +37,7 @@ class TileCandidate:
       faults: what is wrong, in words; empty if nothing is.
       score: higher is better.
       dead_lane_ids: lanes of the older map that lead nowhere now and can be left out.
+      moved: lanes of the older map, by their ids, whose ends are brought to those of new lanes.
     """
 
     map: Map
@@ -49,6 +45,7 @@ class TileCandidate:
     faults: tuple[str, ...]
     score: float
     dead_lane_ids: tuple[str, ...] = ()
+    moved: Mapping[str, MapLane] = dataclasses.field(default_factory=dict)
 
 
 def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name: str) -> TileCandidate:
@@ -63,22 +60,10 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     lanes, links = pose.to_map(np.asarray(sample.lanes)[count:]), np.asarray(sample.links)
     kept = _are_new(lanes, window.map, coverage, pose)
     rows = np.add(np.flatnonzero(kept), count)
-    edges = _inner_edges(links[np.ix_(rows, rows)])
     lines = [lanes[row] for row in np.flatnonzero(kept)]
-    joints = find_joints(lines, window.open_ends, edges)
     agents, types = sampled_agents(sample, window)
-    met, closing = _closing(lines, edges, {(joint.lane, joint.at_start) for joint in joints})
-    lines, agents = _bent(lines, met, list(closing.values()), agents, types)
-    edges = [*met, *closing]
-    lines, agents = _bent(lines, edges, joints, agents, types)
-    new = NewLanes(
-        lines=lines,
-        rows=rows.tolist(),
-        edges=[(a, b) for a, b in edges if _gap(lines[b][0], lines[a][-1]) <= _NO_GAP],
-        joints=[
-            one for one in joints if _gap(lines[one.lane][0 if one.at_start else -1], one.open_end.place) <= SAME_PLACE
-        ],
-    )
+    linked, agents = link_lanes(lines, _inner_edges(links[np.ix_(rows, rows)]), window.open_ends, agents, types)
+    new = NewLanes(linked.lines, rows.tolist(), linked.edges, linked.joints)
     merges = len(new.lines)
     dead_ends = merge_beside(new, reach_border(new, _dead_ends(new, window), window.is_dead))
     merges = sum(row == NO_ROW for row in new.rows[merges:])
@@ -92,7 +77,8 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     ]
     vehicles = int((new_map.agent_types == AgentType.VEHICLE).sum())
     score = 0.2 * min(vehicles, _VEHICLES) - penalty - 1.0 * len(dead) - _MERGE * merges
-    return TileCandidate(new_map, tuple(pairs), faults, score, tuple(sorted(dead)))
+    moved = moved_lanes(new.lines, new.joints, window.map.lane_by_id)
+    return TileCandidate(new_map, tuple(pairs), faults, score, tuple(sorted(dead)), moved)
 
 
 def _are_new(
@@ -112,45 +98,6 @@ def _are_new(
 
 def _inner_edges(links: Int[np.ndarray, "lanes lanes"]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in np.argwhere(links == Link.PREDECESSOR) if a != b]
-
-
-def _closing(
-    lines: Sequence[np.ndarray], edges: Sequence[tuple[int, int]], joined: set[tuple[int, bool]]
-) -> tuple[list[tuple[int, int]], dict[tuple[int, int], Joint]]:
-    """Connections without a gap, and others with the joints that close them; ends that are ``joined`` get no more."""
-    loose_starts = set(range(len(lines))) - {b for _, b in edges} - {lane for lane, start in joined if start}
-    loose_ends = set(range(len(lines))) - {a for a, _ in edges} - {lane for lane, start in joined if not start}
-    close = [(a, b) for a in sorted(loose_ends) for b in sorted(loose_starts) if a != b]
-    met, moved = [], {}
-    for row, (a, b) in enumerate([*edges, *close]):
-        gap, outward = _gap(lines[b][0], lines[a][-1]), outward_heading(lines[a], False) or 0.0
-        turn = abs(wrap_to_pi((outward_heading(lines[b], True) or 0.0) + np.pi - outward))
-        is_listed = row < len(edges)
-        if gap > (_INNER_GAP if is_listed else _CLOSE_GAP) or (not is_listed and turn > _CLOSE_TURN):
-            continue
-        if gap <= _NO_GAP:
-            met.append((a, b))
-        elif (b, True) not in joined and b not in moved:
-            moved[b] = a, Joint(b, True, OpenEnd("", False, lines[a][-1], outward, False))
-    return met, {(a, b): joint for b, (a, joint) in moved.items()}
-
-
-def _bent(
-    lines: list[np.ndarray],
-    edges: Sequence[tuple[int, int]],
-    joints: Sequence[Joint],
-    agents: np.ndarray,
-    types: np.ndarray,
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Lines that meet the ends of their joints, and agents that go with them."""
-    if not joints:
-        return lines, agents
-    bends = Bends(lines, edges, joints)
-    return bends.lines(), move_beside(agents, types, lines, bends)
-
-
-def _gap(one: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> float:
-    return float(np.hypot(*(one - other)[:2]))
 
 
 def _dead_ends(new: NewLanes, window: KnownWindow) -> list[DeadEnd]:
@@ -174,22 +121,14 @@ def _faults(new: NewLanes, unmet: int, inside: int) -> tuple[tuple[str, ...], fl
       unmet, inside: dead ends of lanes of the map, and of new lanes.
     """
     kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
-    angled = sum(_turn(new.lines[joint.lane], joint) > _ANGLE for joint in new.joints)
     faults = []
     if unmet:
         faults.append(f"{unmet} lanes do not go on")
     if inside:
         faults.append(f"{inside} lanes end or begin inside")
-    if angled:
-        faults.append(f"{angled} lanes meet at an angle")
     if kinked:
         faults.append(f"{kinked} lanes bend sharply")
-    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 1.0 * angled
-
-
-def _turn(line: np.ndarray, joint: Joint) -> float:
-    heading = outward_heading(line, joint.at_start)
-    return np.pi if heading is None else abs(wrap_to_pi(heading + np.pi - joint.open_end.outward))
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked
 
 
 def _map_of(

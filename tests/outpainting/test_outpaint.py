@@ -37,7 +37,7 @@ def test_what_is_there_stays_and_new_lanes_meet_it(grown):
     seam = grown.seams[-1]
     assert seam.tiles == (1, 2) and seam.connections
     measures = measure_seam(grown, seam)
-    assert measures.gaps.max() == 0.0 and np.rad2deg(measures.turns.max()) < 15
+    assert measures.gaps.max() == 0.0 and np.rad2deg(measures.turns.max()) < 5.0
 
 
 def test_new_agents_overlap_nobody(grown):
