@@ -30,7 +30,7 @@ class Outline:
       lanes: of the known lanes alone, if there are any and the number of further ones is open.
       domain: index of the domain.
       num_lanes: the number of all lanes; None: it is open.
-      along: agents that are to go along a lane, where all lanes are known; None: lanes are not known.
+      along: agents that are to go along a lane, where all lanes are known, or those behind a seam; else None.
     """
 
     agents: Kinds
@@ -152,7 +152,9 @@ def _draw_continuation(rng: np.random.Generator, spec: SceneSpec, known: Scene, 
     agents = _cut_or_fill(rng, agents, spec.num_agents, len(known.agent_mask))
     lanes = np.concatenate([lanes, valid_tokens(outlines.ahead.lanes[row])])[: config.max_lanes]
     lanes = _cut_or_fill(rng, lanes, spec.num_lanes, len(known.lane_mask))
-    return Outline(agents, lanes, int(outlines.domains[row]) if domain is None else domain, len(lanes))
+    domain = int(outlines.domains[row]) if domain is None else domain
+    along = along_lanes(agents, model.codec) & (np.arange(len(agents)) >= len(known.agent_mask))
+    return Outline(agents, lanes, domain, len(lanes), along)
 
 
 def _known_tokens(spec: SceneSpec) -> Scene | None:

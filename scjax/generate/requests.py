@@ -30,7 +30,7 @@ class Request:
       domain: its index.
       num_agents, num_lanes: totals.
       kinds: of all tokens, for networks that read them; None: the network decides.
-      along: agents that are to go along one of the known lanes; None: not all lanes are known.
+      along: agents that are to go along a lane (``Outline``); None: they stay where they are sampled.
     """
 
     key: Array
