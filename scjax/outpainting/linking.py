@@ -76,7 +76,9 @@ def without_kinks(
     """
     result = list(lines)
     for row, line in enumerate(lines):
-        if cumulative_length(line)[-1] < _SHORT and len(kinks_of(line)):
+        length = cumulative_length(line)[-1]
+        is_turn_back = np.hypot(*(line[-1] - line[0])[:2]) < length / 2
+        if length < _SHORT and not is_turn_back and len(kinks_of(line)):
             third = max(len(line) // 3, 1)
             out, into = line[third] - line[0], line[-1] - line[-1 - third]
             out = next((lines[a][-1] - lines[a][-2] for a, b in edges if b == row and a != row), out)

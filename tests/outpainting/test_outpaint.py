@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import scjax
+from scjax.generate.lane_places import along_lanes
+from scjax.generate.outline_draw import draw_outline
+from scjax.generate.scene_spec import specify_scene
 from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.outpaint import outpaint_steps
 from scjax.outpainting.tile_candidate import tile_candidate
@@ -62,6 +65,19 @@ def test_maps_grow_step_by_step_along_a_route():
 def test_routes_that_are_long_enough_need_no_tile():
     maps = list(outpaint_steps(0, two_tile_map(), length=100.0))
     assert len(maps[-1].tiles) == 2 and maps[-1].routes[0].lane_ids == ("ahead-0", "ahead-1")
+
+
+def test_new_vehicles_keep_to_the_lanes_that_they_are_meant_for():
+    model = scjax.load()
+    known = cut_window(two_tile_map(), WindowPose(95.5, -2.0, 0.0, 0.0))
+    spec = specify_scene(scjax.Condition(known=known, crop=Crop.PARTITIONED), {}, model)
+    outlines = [draw_outline(np.random.default_rng(seed), spec, model) for seed in range(8)]
+    count = len(known.agent_mask)
+    for outline in outlines:
+        assert outline is not None and outline.along is not None
+        assert outline.along.shape == outline.agents.shape and not outline.along[:count].any()
+        assert np.array_equal(outline.along[count:], along_lanes(outline.agents[count:], model.codec))
+    assert any(outline.along.any() for outline in outlines)
 
 
 def test_a_window_without_continuation_changes_nothing_but_the_tiles():
