@@ -13,7 +13,7 @@ from scjax.outpainting.bends import Joint, is_met, line_to
 from scjax.outpainting.coverage import OpenEnd
 from scjax.outpainting.measures import kinks_of
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.polyline import cubic_between, cumulative_length, spread_points
+from scjax.scene.polyline import cumulative_length, spread_points
 
 NO_ROW = -1
 """Row of lanes that no sample shows."""
@@ -145,8 +145,14 @@ def _place(lanes: NewLanes, row: int, dead: DeadEnd) -> tuple[float, int, float,
 
 def _curve(end: OpenEnd, place: np.ndarray, direction: np.ndarray) -> Float64[np.ndarray, "n 3"]:
     """The cubic from an end to a place and direction, in driving direction."""
-    out = np.array([np.cos(end.outward), np.sin(end.outward)])
-    curve = cubic_between(end.place, out, place, direction, _STEP)
+    distance = float(np.hypot(*(place - end.place)[:2]))
+    u = np.linspace(0.0, 1.0, max(round(distance / _STEP), 2) + 1)[:, None]
+    out = np.array([np.cos(end.outward), np.sin(end.outward), 0.0]) * distance
+    into = np.array([*direction, 0.0]) * distance
+    start, stop = np.where(np.isnan(end.place), place, end.place), place
+    curve = (2 * u**3 - 3 * u**2 + 1) * start + (u**3 - 2 * u**2 + u) * out
+    curve = curve + (3 * u**2 - 2 * u**3) * stop + (u**3 - u**2) * into
+    curve[[0, -1]] = end.place, place
     return curve[::-1] if end.is_start else curve
 
 

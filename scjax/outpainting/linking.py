@@ -11,14 +11,11 @@ from jaxtyping import Float64, Int
 
 from scjax.outpainting.bends import Bends, Joint, is_met, line_to
 from scjax.outpainting.coverage import OpenEnd, outward_heading
-from scjax.outpainting.measures import kinks_of
 from scjax.outpainting.seams import find_joints
 from scjax.outpainting.tile_agents import move_beside
 from scjax.scene import MapLane
 from scjax.scene.angles import wrap_to_pi
-from scjax.scene.polyline import cubic_between, cumulative_length
 
-_SHORT, _STEP = 12.0, 0.25  # m of lanes that are drawn anew, and between their points
 _NO_GAP = 1e-3  # m between ends that are one place
 _INNER_GAP = 1.5  # m between new lanes that are listed as connected
 _CLOSE_GAP, _CLOSE_TURN = 1.0, np.deg2rad(30.0)  # of new lanes that are connected although they are not listed
@@ -54,39 +51,12 @@ def link_lanes(
       agents: moved with the lanes beside which they are.
       types: ``AgentType``.
     """
-    lines = without_kinks(lines, listed)
     joints = find_joints(lines, open_ends, listed)
     met, closing = _closing(lines, listed, {(joint.lane, joint.at_start) for joint in joints})
     closed, agents = _bent(lines, met, list(closing.values()), agents, types)
     edges = [(a, b) for a, b in (*met, *closing) if _gap(closed[b][0], closed[a][-1]) <= _NO_GAP]
     bent, agents = _bent(closed, edges, joints, agents, types)
     return LinkedLanes(bent, edges, [joint for joint in joints if is_met(bent[joint.lane], joint)]), agents
-
-
-def without_kinks(
-    lines: Sequence[Float64[np.ndarray, "_ 3"]], edges: Sequence[tuple[int, int]]
-) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Lines of which short ones that no car can drive are cubics between their ends, where that mends them.
-
-    The points of a short lane tremble by as much as those of a long one, and lie closer together. A cubic has the
-    directions of the lines before and behind it, or else of its own first and last third.
-
-    Args:
-      edges: pairs of lines, the second of which follows the first.
-    """
-    result = list(lines)
-    for row, line in enumerate(lines):
-        length = cumulative_length(line)[-1]
-        is_turn_back = np.hypot(*(line[-1] - line[0])[:2]) < length / 2
-        if length < _SHORT and not is_turn_back and len(kinks_of(line)):
-            third = max(len(line) // 3, 1)
-            out, into = line[third] - line[0], line[-1] - line[-1 - third]
-            out = next((lines[a][-1] - lines[a][-2] for a, b in edges if b == row and a != row), out)
-            into = next((lines[b][1] - lines[b][0] for a, b in edges if a == row and b != row), into)
-            ways = [way[:2] / max(float(np.hypot(*way[:2])), 1e-9) for way in (out, into)]
-            curve = cubic_between(line[0], ways[0], line[-1], ways[1], _STEP)
-            result[row] = line if len(kinks_of(curve)) else curve
-    return result
 
 
 def moved_lanes(

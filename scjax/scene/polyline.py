@@ -47,27 +47,6 @@ def point_headings(points: Float64[np.ndarray, "points _"]) -> Float64[np.ndarra
     return np.arctan2(y, x)
 
 
-def cubic_between(
-    start: Float64[np.ndarray, " 3"],
-    out: Float64[np.ndarray, " 2"],
-    stop: Float64[np.ndarray, " 3"],
-    into: Float64[np.ndarray, " 2"],
-    spacing: float,
-) -> Float64[np.ndarray, "n 3"]:
-    """The cubic between two places with these directions there (unit vectors), at about this spacing [m].
-
-    Its ends are the places bit for bit. A height that is NaN at one of them is that of the other.
-    """
-    distance = float(np.hypot(*(stop - start)[:2]))
-    u = np.linspace(0.0, 1.0, max(round(distance / spacing), 2) + 1)[:, None]
-    first, last = np.where(np.isnan(start), stop, start), np.where(np.isnan(stop), start, stop)
-    slopes = [np.array([*direction, 0.0]) * distance for direction in (out, into)]
-    curve = (2 * u**3 - 3 * u**2 + 1) * first + (u**3 - 2 * u**2 + u) * slopes[0]
-    curve = curve + (3 * u**2 - 2 * u**3) * last + (u**3 - u**2) * slopes[1]
-    curve[[0, -1]] = start, stop
-    return curve
-
-
 def smoothstep(t: np.ndarray) -> np.ndarray:
     """Cubic step from 0 at ``t`` <= 0 to 1 at ``t`` >= 1, with slope 0 at both ends."""
     t = np.clip(t, 0, 1)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from scjax.outpainting.coverage import OpenEnd, outward_heading
-from scjax.outpainting.linking import link_lanes, moved_lanes, without_kinks
-from scjax.outpainting.measures import kinks_of
+from scjax.outpainting.linking import link_lanes, moved_lanes
 from scjax.outpainting.seams import find_joints
 from scjax.scene.angles import wrap_to_pi
 from tests.factories.maps import map_lane
@@ -99,23 +98,3 @@ def test_connected_lanes_are_equal_where_they_meet():
         edges += len(linked.edges)
         assert all(np.array_equal(linked.lines[a][-1], linked.lines[b][0]) for a, b in linked.edges)
     assert edges == CASES
-
-
-def test_short_lanes_that_tremble_are_drawn_anew_from_end_to_end():
-    rng = np.random.default_rng(3)
-    turn = np.array([[0.0, 0.0, 0.0], [1.2, 0.1, 0.0], [2.2, 0.8, 0.0]])
-    short = np.stack([np.interp(np.linspace(0, 2, 20), np.arange(3), column) for column in turn.T], -1)
-    short[1:-1, :2] += rng.normal(0.0, 0.1, (18, 2))
-    before, after = np.linspace((-9.0, 0.0, 0.0), (0.0, 0.0, 0.0), 20), np.linspace(turn[2], (8.0, 5.6, 0.0), 20)
-    lines = [before, short, after]
-    first, drawn, last = without_kinks(lines, [(0, 1), (1, 2)])
-    assert first is before and last is after and len(kinks_of(short)) and not len(kinks_of(drawn))
-    assert np.array_equal(drawn[[0, -1]], short[[0, -1]])
-    bends = [_outward(one, False) - _outward(two, True) - np.pi for one, two in ((before, drawn), (drawn, after))]
-    assert np.rad2deg(np.abs(wrap_to_pi(np.array(bends)))).max() < 10.0
-
-
-def test_long_lanes_and_short_ones_that_no_cubic_mends_stay():
-    long = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0]])
-    back = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.2, 0.0], [0.0, 0.2, 0.0]])
-    assert all(one is other for one, other in zip(without_kinks([long, back], []), [long, back], strict=True))
