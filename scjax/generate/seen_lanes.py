@@ -19,7 +19,8 @@ from scjax.scene import Scene
 _LEAST = 0.5  # how sure a cell must be that there is a lane
 _REACH = (2.0, 45.0)  # m ahead
 _SPACING, _TURN = 1.0, 0.5  # m and rad between points that are kept
-_FEWEST = 8  # points
+FEWEST = 8
+"""Points of lanes that say anything."""
 _SAME_HEADING = np.cos(np.deg2rad(30.0))
 _ERROR, _ERROR_SHARE = 0.8, 0.04  # m, and share of the distance: how far a point may be off
 _FAR = 8.0  # m; points that are farther from all lanes of their heading are left out
@@ -70,7 +71,7 @@ def shift_to_seen(scene: Scene, first: int, seen: SeenLanes) -> Scene:
       scene: single, unpadded, in the forward window.
       first: number of the agents that stay: the ego and those that are seen.
     """
-    if len(seen.points) < _FEWEST or not len(scene.lanes):
+    if len(seen.points) < FEWEST or not len(scene.lanes):
         return scene
     segments = lane_segments(scene)
     costs = [(_cost(seen, segments, np.zeros(4)), np.zeros(4))]
@@ -98,7 +99,7 @@ def _step(seen: SeenLanes, segments: np.ndarray, shift: Float64[np.ndarray, " 4"
     near = np.isfinite(gaps) & (gaps < _FAR)
     if not near.any():
         return shift
-    foot, across, gaps, errors = foot[near], across[near], gaps[near], _errors(seen)[near]
+    foot, across, gaps, errors = foot[near], across[near], gaps[near], lane_errors(seen)[near]
     ratio = gaps / errors
     weights = 1 / (1 + ratio**2) ** 2 / errors**2
     columns = (_basis(foot) * across[:, :, None]).sum(1)
@@ -109,11 +110,12 @@ def _step(seen: SeenLanes, segments: np.ndarray, shift: Float64[np.ndarray, " 4"
 
 
 def _cost(seen: SeenLanes, segments: np.ndarray, shift: Float64[np.ndarray, " 4"]) -> float:
-    ratio = _nearest(seen, _shifted(segments, shift))[2] / _errors(seen)
+    ratio = _nearest(seen, _shifted(segments, shift))[2] / lane_errors(seen)
     return float((1 - 1 / (1 + ratio**2)).mean() + _WEIGHTS * ((shift / _MOST) ** 2).sum())
 
 
-def _errors(seen: SeenLanes) -> Float64[np.ndarray, " n"]:
+def lane_errors(seen: SeenLanes) -> Float64[np.ndarray, " n"]:
+    """How far each point may be off [m]."""
     return _ERROR + _ERROR_SHARE * np.hypot(*seen.points.T)
 
 

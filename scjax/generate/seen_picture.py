@@ -36,7 +36,7 @@ class SeenPicture:
 
     @functools.cached_property
     def space(self) -> SeenSpace:
-        """Depth and objects of every cell."""
+        """Depth of every cell."""
         return SeenSpace.of_cells(self.cells)
 
     @property

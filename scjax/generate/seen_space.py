@@ -1,7 +1,8 @@
 """Space that a picture shows to be empty, from the tokens of the vision network of the package.
 
-A vehicle that stood there would be seen: the cells that its box covers show something behind it, and no object near it.
-Vehicles that a network puts there go to the nearest place of a lane that is out of sight.
+A vehicle that stood there would be seen: the cells that its box covers show something that is not nearer. Vehicles that
+a network puts there go to the nearest place of a lane that is out of sight, also where cells show objects that are too
+few to be a seen agent: such vehicles stood on empty road more often than in the place of another one.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from jaxtyping import Bool, Float, Float64
 
 from scjax.camera.projection import project_points
 from scjax.camera.standard_view import standard_camera
-from scjax.encoders.dashcam_network import FINE, PLACE_SCALE, cells_of_tokens, sureness
+from scjax.encoders.dashcam_network import FINE, cells_of_tokens
 from scjax.scene import AgentType, Scene
 from scjax.scene.boxes import overlaps
 from scjax.scene.edit import keep_elements
@@ -23,9 +24,6 @@ _INSIDE = 0.3  # share of a box in the picture, at least
 _HIDDEN = 0.3  # share of a box behind something nearer, at most
 _OUTSIDE, _UNSEEN = 0.1, 0.7  # the same of a box that is out of sight, at most and at least
 _DEPTH_SHARE, _DEPTH_ERROR = 0.15, 1.0  # of the depth of a cell, and m
-_LEAST = 0.2  # how sure a cell must be that there is an object
-_NEAR, _SPREAD = 2.0, 0.1  # m, and share of the distance, within which that object may be the box
-_OWN, _OWN_SHARE = 1.5, 0.06  # m, and share of the distance, within which an object is a seen agent
 _ACROSS = np.linspace(0.0, 1.0, 7)[1:-1]  # points of a box's silhouette
 _UP = np.array([0.1, 0.35, 0.6, 0.85])
 _GAP = 2.0  # m before and behind a vehicle that is moved
@@ -35,46 +33,25 @@ Cells = tuple[np.ndarray, np.ndarray]  # rows and columns
 
 @dataclasses.dataclass(frozen=True)
 class SeenSpace:
-    """What the fine cells of a standard view show [rows, columns].
+    """What the fine cells of a standard view show.
 
     Attributes:
       depth: of what they show [m].
-      sure: how sure it is that they show an object, 0 to 1.
-      places: of that object, x ahead and y to the left of the ego [m].
     """
 
     depth: Float64[np.ndarray, "rows columns"]
-    sure: Float64[np.ndarray, "rows columns"]
-    places: Float64[np.ndarray, "rows columns 2"]
 
     @classmethod
     def of_cells(cls, cells: Float[np.ndarray, "width rows columns"]) -> SeenSpace:
         """From the tokens of a picture in their places."""
-        grid = cells.shape[1:]
-        numbers = cells_of_tokens(cells.reshape(len(cells), -1).T.astype(np.float64))
-        shape = (*grid, FINE, FINE)
+        rows, columns = cells.shape[1:]
+        depth = cells_of_tokens(cells.reshape(len(cells), -1).T.astype(np.float64))["depth"]
+        depth = depth.reshape(rows, columns, FINE, FINE).swapaxes(1, 2).reshape(rows * FINE, columns * FINE)
+        return cls(np.exp(depth.clip(-5, 10)))
 
-        def by_place(values: np.ndarray) -> np.ndarray:
-            values = values.reshape(*shape, values.shape[-1]).swapaxes(1, 2)
-            return values.reshape(grid[0] * FINE, grid[1] * FINE, -1)
-
-        depth, objects = by_place(numbers["depth"])[..., 0], by_place(numbers["object"])
-        return cls(np.exp(depth.clip(-5, 10)), sureness(objects[..., -1]), PLACE_SCALE * objects[..., :2])
-
-    def shows_empty(
-        self, agents: Float[np.ndarray, "agents 9"], seen: Float[np.ndarray, "others 9"]
-    ) -> Bool[np.ndarray, " agents"]:
-        """Boxes that the picture would show if they were there, and does not.
-
-        Args:
-          agents: in the frame of the ego, as in a scene.
-          seen: agents that are there; cells that show them show nothing else.
-        """
-        others = np.asarray(seen, np.float64)
-        gaps = np.linalg.norm(self.places[:, :, None] - others[:, :2], axis=-1)
-        radii = _OWN + _OWN_SHARE * np.hypot(others[:, 0], others[:, 1])
-        objects = np.where((gaps < radii).any(-1), 0.0, self.sure)
-        return np.array([self._shows_without(agent, objects) for agent in np.asarray(agents, np.float64)], bool)
+    def shows_empty(self, agents: Float[np.ndarray, "agents 9"]) -> Bool[np.ndarray, " agents"]:
+        """Boxes, in the frame of the ego as in a scene, that the picture would show if they were there."""
+        return np.array([self._would_show(agent) for agent in np.asarray(agents, np.float64)], bool)
 
     def hides(self, agent: Float64[np.ndarray, " 9"]) -> bool:
         """Whether a box lies out of sight: beside the picture, behind something, or too far away."""
@@ -83,12 +60,9 @@ class SeenSpace:
             return True
         return bool(self._are_hidden(cells, depth).mean() > _UNSEEN)
 
-    def _shows_without(self, agent: Float64[np.ndarray, " 9"], objects: Float64[np.ndarray, "rows columns"]) -> bool:
+    def _would_show(self, agent: Float64[np.ndarray, " 9"]) -> bool:
         cells, depth, inside, reach = self._covered(agent)
-        if reach > _REACH or inside < _INSIDE or self._are_hidden(cells, depth).mean() >= _HIDDEN:
-            return False
-        is_near = np.hypot(*np.moveaxis(self.places[cells] - agent[:2], -1, 0)) < _NEAR + _SPREAD * reach
-        return bool((objects[cells] * is_near).max() < _LEAST)
+        return reach <= _REACH and inside >= _INSIDE and bool(self._are_hidden(cells, depth).mean() < _HIDDEN)
 
     def _covered(self, agent: Float64[np.ndarray, " 9"]) -> tuple[Cells, np.ndarray, float, float]:
         """Rows and columns of the cells of points of a box's silhouette, their depths, the share of the points that lie
@@ -124,7 +98,7 @@ def move_misplaced(scene: Scene, first: int, space: SeenSpace, keeps_number: boo
       keeps_number: whether vehicles without such a place stay where they are.
     """
     agents = np.asarray(scene.agents, np.float64).copy()
-    misplaced = space.shows_empty(agents, agents[1:first]) | overlaps(agents)[:first].any(0)
+    misplaced = space.shows_empty(agents) | overlaps(agents)[:first].any(0)
     misplaced &= np.asarray(scene.agent_types) == AgentType.VEHICLE
     misplaced[:first] = False
     if not misplaced.any():

@@ -27,7 +27,10 @@ def draw_view(rng: np.random.Generator, spec: SceneSpec, model: Model) -> int | 
         return None
     cells = np.asarray(image.grid())
     tokens = cells.reshape(len(cells), -1).T
-    return model.views.draw(rng, tokens, cells.shape[1:], num_lanes=spec.num_lanes, num_agents=spec.num_agents)
+    seen = None if spec.picture is None else spec.picture.lanes
+    return model.views.draw(
+        rng, tokens, cells.shape[1:], num_lanes=spec.num_lanes, num_agents=spec.num_agents, seen=seen
+    )
 
 
 def hold_seen_agents(spec: SceneSpec, view: int, model: Model) -> SceneSpec:

@@ -1,7 +1,8 @@
 """Outlines of windows ahead of the ego, and which of them a picture looks like.
 
-A linear map from the features of a picture says how many lanes and agents of each kind its window has. The outline with
-the most similar numbers is drawn. The map is fitted in closed form to the pictures of the training.
+A linear map from the features of a picture says how many lanes and agents of each kind its window has. An outline with
+similar numbers is drawn, and where lanes are seen one whose lanes lie like these (``view_roads``). The map is fitted in
+closed form to the pictures of the training.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, UInt8
 
+from scjax.generate.seen_lanes import FEWEST, SeenLanes
+from scjax.generate.view_roads import BYTES, misfits
 from scjax.models.denoiser.kinds import digits_of
 
 VIEW_ARRAYS = ("lanes", "agents", "domains", "weights", "deviations")
+_ROADS = "roads"
 
 _POOLED = (4, 7)  # parts of a picture, rows and columns, whose features are averaged
 _FIRST_ROW = 0.15  # share of the picture above the parts
@@ -25,6 +29,9 @@ _NEAREST = 4  # outlines among which one is drawn
 _LANE, _AGENT = 10.0, 0.3
 """Distance of a lane and an agent too many or too few, where their number is given. Layouts of lanes that look like the
 picture and have nearly this number serve better than those of this number that look least unlike it."""
+
+_SEEN = 500.0
+"""Weight of how badly lanes fit those that are seen (``view_roads.misfits``), beside squared shares of deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +44,7 @@ class ViewOutlines:
       weights: the map [features of a picture and 1, numbers].
       deviations: of its errors [numbers].
       lane_sizes, agent_sizes: sizes of the digits of kinds.
+      roads: bins of each window that lanes go through, packed [scenes, bytes]; None: not known.
     """
 
     lanes: np.ndarray
@@ -46,6 +54,7 @@ class ViewOutlines:
     deviations: np.ndarray
     lane_sizes: tuple[int, ...]
     agent_sizes: tuple[int, ...]
+    roads: np.ndarray | None = None
 
     @classmethod
     def fit(
@@ -56,12 +65,14 @@ class ViewOutlines:
         pictures: Float32[np.ndarray, "scenes features"],
         sizes: tuple[tuple[int, ...], tuple[int, ...]],
         most: int,
+        roads: UInt8[np.ndarray, "scenes bytes"] | None = None,
     ) -> ViewOutlines:
         """The map of least squares, and at most ``most`` of the outlines.
 
         Args:
           pictures: ``picture_features`` of each scene.
           sizes: of the digits of the kinds of lanes and of agents.
+          roads: ``view_roads.lane_bins`` of each scene.
         """
         numbers = kind_numbers(lanes, sizes[0]), kind_numbers(agents, sizes[1])
         targets = np.concatenate(numbers, 1).astype(np.float64)
@@ -86,6 +97,7 @@ class ViewOutlines:
             weights.astype(np.float32),
             deviations.astype(np.float32),
             *sizes,
+            None if roads is None else roads[rows],
         )
 
     @classmethod
@@ -99,13 +111,15 @@ class ViewOutlines:
         """
         if missing := sorted(set(VIEW_ARRAYS) - arrays.keys()):
             raise ValueError(f"view outlines: {missing[0]} is missing")
-        views = cls(**{name: arrays[name] for name in VIEW_ARRAYS}, lane_sizes=sizes[0], agent_sizes=sizes[1])
+        parts = {name: arrays[name] for name in VIEW_ARRAYS}
+        views = cls(**parts, lane_sizes=sizes[0], agent_sizes=sizes[1], roads=arrays.get(_ROADS))
         views.check()
         return views
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Name -> array, for files."""
-        return {name: getattr(self, name) for name in VIEW_ARRAYS}
+        arrays = {name: getattr(self, name) for name in VIEW_ARRAYS}
+        return arrays if self.roads is None else arrays | {_ROADS: self.roads}
 
     def check(self) -> None:
         """Whether the parts fit each other.
@@ -119,6 +133,8 @@ class ViewOutlines:
             array = getattr(self, name)
             if array.dtype.kind != "i" or array.ndim != ndim or len(array) != length or not scenes:
                 raise ValueError(f"view outlines: {name} has shape {array.shape} and type {array.dtype}")
+        if self.roads is not None and (self.roads.shape != (scenes, BYTES) or self.roads.dtype != np.uint8):
+            raise ValueError(f"view outlines: {_ROADS} has shape {self.roads.shape} and type {self.roads.dtype}")
         for name, sizes in (("lanes", self.lane_sizes), ("agents", self.agent_sizes)):
             if (getattr(self, name) >= max(math.prod(sizes), 1)).any() or (getattr(self, name) < -1).any():
                 raise ValueError(f"view outlines: {name} has kinds that the denoiser does not know")
@@ -138,12 +154,14 @@ class ViewOutlines:
         *,
         num_lanes: int | None = None,
         num_agents: int | None = None,
+        seen: SeenLanes | None = None,
     ) -> int:
         """A scene of the nearest ones to a picture.
 
         Args:
           tokens: of the cells of the picture, row-major; grid: its rows and columns.
           num_lanes, num_agents: near in these, too, if given.
+          seen: lanes that the picture shows; the outline's lanes lie nearly like them.
 
         Raises:
           ValueError: the picture has other features than those that were fitted.
@@ -156,6 +174,8 @@ class ViewOutlines:
         for kinds, number, each in ((self.lanes, num_lanes, _LANE), (self.agents, num_agents, _AGENT)):
             if number is not None:
                 distances = distances + each * np.abs((kinds >= 0).sum(1) - number)
+        if seen is not None and self.roads is not None and len(seen.points) >= FEWEST:
+            distances = distances + _SEEN * misfits(self.roads, seen)
         return int(rng.choice(np.argsort(distances, kind="stable")[:_NEAREST]))
 
     @functools.cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scjax.encoders.dashcam_network import CLASSES, FINE, DashcamConfig
 from scjax.generate.seen_space import SeenSpace, move_misplaced
 from scjax.scene import AgentType, Crop, empty
 from scjax.scene.boxes import overlaps
@@ -13,10 +14,9 @@ CAR = (4.6, 1.9, 1.6)
 CELLS = 28
 
 
-def space(depth=60.0, sure=0.0, place=(20.0, 0.0)):
+def space(depth=60.0):
     """A picture whose cells all show the same."""
-    shape = CELLS, CELLS
-    return SeenSpace(np.full(shape, depth), np.full(shape, sure), np.broadcast_to(np.array(place), (*shape, 2)))
+    return SeenSpace(np.full((CELLS, CELLS), depth))
 
 
 def car(x, y):
@@ -39,28 +39,30 @@ def scene(*places):
     )
 
 
-NO_OTHERS = np.zeros((0, 9))
-
-
 def test_a_car_in_view_of_what_lies_behind_it_is_not_there():
-    assert space().shows_empty(car(20.0, 0.0)[None], NO_OTHERS).all()
+    assert space().shows_empty(car(20.0, 0.0)[None]).all()
 
 
 @pytest.mark.parametrize(
     ("picture", "place"),
     [
         (space(depth=5.0), (20.0, 0.0)),  # behind something
-        (space(sure=0.9), (20.0, 0.0)),  # seen
         (space(), (20.0, 25.0)),  # beside the picture
         (space(), (60.0, 0.0)),  # too far
     ],
 )
 def test_a_car_may_be_where_the_picture_does_not_say_otherwise(picture, place):
-    assert not picture.shows_empty(car(*place)[None], NO_OTHERS).any()
+    assert not picture.shows_empty(car(*place)[None]).any()
 
 
-def test_cells_of_an_agent_that_is_seen_show_no_other():
-    assert space(sure=0.9).shows_empty(car(21.0, 0.0)[None], car(20.0, 0.0)[None]).all()
+def test_depth_of_tokens_lies_in_the_place_of_their_fine_cells():
+    width = DashcamConfig().width
+    cells = np.zeros((width, 2, 3), np.float32)
+    of_fine = (width - DashcamConfig().features) // FINE**2
+    for fine in range(FINE**2):
+        cells[DashcamConfig().features + fine * of_fine + CLASSES] = np.log(10.0 + fine)
+    depth = SeenSpace.of_cells(cells).depth
+    np.testing.assert_allclose(depth, np.tile([[10.0, 11.0], [12.0, 13.0]], (2, 3)), rtol=1e-5)
 
 
 def test_a_misplaced_car_goes_to_a_lane_out_of_sight():
@@ -71,7 +73,7 @@ def test_a_misplaced_car_goes_to_a_lane_out_of_sight():
 
 
 def test_a_car_inside_one_that_is_seen_is_moved():
-    after = move_misplaced(scene((20.0, 0.0), (21.0, 0.5)), 2, space(sure=0.9), keeps_number=False)
+    after = move_misplaced(scene((20.0, 0.0), (21.0, 0.5)), 2, space(depth=5.0), keeps_number=False)
     assert not overlaps(after.agents.astype(np.float64)).any()
     np.testing.assert_allclose(after.agents[1, :2], [20.0, 0.0])
 

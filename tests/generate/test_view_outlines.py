@@ -7,7 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from scjax.generate.seen_lanes import SeenLanes
 from scjax.generate.view_outlines import ViewOutlines, kind_numbers, picture_features
+from scjax.generate.view_roads import BYTES, SQUARES
+from scjax.models.denoiser.kinds import SECTORS
 
 SIZES = (3, 2), (2, 3)
 GRID = (4, 3)
@@ -84,3 +87,31 @@ def test_damaged_arrays_are_named(views, name):
 def test_picture_of_other_features_is_refused(data, views):
     with pytest.raises(ValueError, match="a picture has"):
         views.draw(np.random.default_rng(0), np.zeros((12, 3)), GRID)
+
+
+def test_draw_prefers_windows_whose_lanes_lie_like_those_that_are_seen(data, views):
+    _, _, pictures = data
+    points = np.stack([np.arange(4.5, 36.0), np.full(32, 1.0)], 1)
+    seen = SeenLanes(points, np.broadcast_to([1.0, 0.0], points.shape))
+    bins = np.zeros((len(SQUARES), SECTORS), bool)
+    bins[np.abs(SQUARES[:, 1] - 1.0) < 0.5, 0] = True
+    roads = np.zeros((SCENES, BYTES), np.uint8)
+    alike = np.array([11, 50, 200, 333])
+    roads[alike] = np.packbits(bins.ravel())
+    unsure = dataclasses.replace(views, deviations=100 * np.ones_like(views.deviations), roads=roads)
+    draws = {unsure.draw(np.random.default_rng(k), pictures[0], GRID, seen=seen) for k in range(20)}
+    assert draws <= set(alike.tolist()) and len(draws) > 1
+    few = SeenLanes(points[:4], seen.headings[:4])
+    without = [
+        unsure.draw(np.random.default_rng(k), pictures[0], GRID, seen=one) for k in range(5) for one in (few, None)
+    ]
+    assert without[::2] == without[1::2]
+
+
+def test_files_hold_roads_and_damaged_ones_are_named(views):
+    roads = np.zeros((SCENES, BYTES), np.uint8)
+    arrays = dataclasses.replace(views, roads=roads).arrays()
+    np.testing.assert_array_equal(ViewOutlines.from_files(arrays, SIZES).roads, roads)
+    assert ViewOutlines.from_files(views.arrays(), SIZES).roads is None
+    with pytest.raises(ValueError, match="view outlines: roads has shape"):
+        ViewOutlines.from_files(arrays | {"roads": roads[:, 1:]}, SIZES)
