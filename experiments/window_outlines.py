@@ -20,7 +20,7 @@ from experiments.studies.page import script_parser
 from experiments.try_outlines import write_model
 from scjax.generate.model import DEFAULT_MODEL
 from scjax.nn.startup import start_jax
-from scjax.train.objectives.record_views import MOST, outlines_of_records
+from scjax.train.objectives.record_views import MOST, windows_of_records
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -45,7 +45,7 @@ def with_windows(model: scjax.Model, records: str) -> scjax.Model:
     if model.views is None:
         raise ValueError("this model chooses no outlines by pictures: train a denoiser on pictures first")
     config = model.denoiser.config
-    found = outlines_of_records(records, model.codec, (config.max_agents, config.max_lanes))
+    found = windows_of_records(records, model.codec, (config.max_agents, config.max_lanes))
     rows = np.unique(np.linspace(0, len(found.domains) - 1, min(len(found.domains), MOST)).astype(int))
     views = dataclasses.replace(
         model.views,

@@ -117,7 +117,7 @@ def _write_mp4(frames: Iterable[np.ndarray], path: Path, frames_per_second: floa
                     context.colorspace = context.color_primaries = context.color_trc = _BT709
                     context.color_range = _LIMITED
                     stream.options = {"crf": _QUALITY, "preset": "veryfast", "threads": "1"}
-                picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
+                picture = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(frame), format="rgb24")
                 picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
                 container.mux(stream.encode(picture))
             if stream is None:

@@ -48,12 +48,12 @@ def views_of_records(folder: str, images: WindowImages, codec: SceneCodec, bucke
         tokens = images(scene, row).image
         pictures.append(picture_features(tokens.reshape(len(tokens), -1).T, images.grid))
 
-    outlines = outlines_of_records(folder, codec, bucket, keep_features)
+    outlines = windows_of_records(folder, codec, bucket, keep_features)
     sizes = LANE_DIGITS, agent_digits(codec)
     return ViewOutlines.fit(*outlines[:3], np.stack(pictures), sizes, MOST, outlines.roads)
 
 
-def outlines_of_records(
+def windows_of_records(
     folder: str, codec: SceneCodec, bucket: Bucket, visit: Callable[[Scene, int], None] | None = None
 ) -> WindowOutlines:
     """Outlines of the forward windows of the training split.
