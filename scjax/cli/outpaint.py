@@ -150,12 +150,12 @@ def _grown(
 
     with tqdm(desc="tiles", unit="tile", disable=None) as bar:
         steps = outpaint_steps(seed, begin, prompts, **ways, **sampling)
-        maps = [next(steps)]
-        first = len(maps[0].tiles)
-        for grown in steps:
-            maps = [grown]
+        map = next(steps)
+        first = len(map.tiles)
+        while (grown := next(steps, None)) is not None:
+            map = grown
             bar.update()
-    return first, maps[0]
+    return first, map
 
 
 def _say_if_short(map: Map, length: float | None, quiet: bool) -> None:

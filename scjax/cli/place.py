@@ -165,20 +165,19 @@ def _input(content: Any, file: str, at: Any, step: int | None, ego_speed: float 
 
 
 def _placed(scenes: list[Scene], condition: Any, seed: int, options: dict[str, Any], clock: Clock) -> Iterator[Scene]:
-    """The scenes with traffic, under a progress bar if they are many."""
+    """The scenes with traffic, under a progress bar."""
     import jax
-    from tqdm import tqdm
 
     from scjax.generate.place import place_traffic
+    from scjax.generate.sample import part_of
 
-    key = jax.random.key(seed)
-    with tqdm(total=len(scenes), unit="scene", disable=len(scenes) <= _CHUNK) as bar:
-        for start in range(0, len(scenes), _CHUNK):
-            some = scenes[start : start + _CHUNK]
-            with clock.part("scenes"), progress_bar("scenes") as progress:
-                own_key = jax.random.fold_in(key, start) if start else key
-                placed = place_traffic(own_key, some, condition, progress=progress, **options)
-            bar.update(len(some))
+    key, starts = jax.random.key(seed), range(0, len(scenes), _CHUNK)
+    with progress_bar("scenes") as progress:
+        for number, start in enumerate(starts):
+            options["progress"] = part_of(progress, number, len(starts))
+            own_key = jax.random.fold_in(key, start) if start else key
+            with clock.part("scenes"):
+                placed = place_traffic(own_key, scenes[start : start + _CHUNK], condition, **options)
             yield from placed
 
 

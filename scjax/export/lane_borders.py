@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,6 @@ from jaxtyping import Float64
 
 from scjax.export.lane_curves import LaneCurve, curve_frames
 from scjax.export.traffic import LANE_WIDTH
-from scjax.export.wide_road import WideRoad
 
 _STEP = 0.5  # m between the places where borders are measured
 _TOLERANCE = 0.01  # m between a border and the cubic pieces that it is written as
@@ -65,40 +65,47 @@ def single_lane_borders(curve: LaneCurve, widths: tuple[float, float]) -> LaneBo
     return LaneBorders(np.array([0.0, length]), np.stack([half, -half], -1), np.tile(np.array([slope, -slope]), (2, 1)))
 
 
-def joined_lane_borders(road: WideRoad) -> LaneBorders:
-    """The borders of the lanes of a road that was joined, with the middle of every lane halfway between two."""
-    measured = _measured(road)
-    assert measured is not None  # else its lanes would not have been joined
-    rows, spans = {0, len(measured.stations) - 1}, [(0, len(measured.stations) - 1)]
-    while spans:
-        first, last = spans.pop()
-        inner = np.arange(first, last + 1)
-        error = np.abs(_between(measured, first, last, measured.stations[inner]) - measured.offsets[inner]).max(1)
-        if error.max() > _TOLERANCE:
-            worst = first + int(error.argmax())
-            rows.add(worst)
-            spans += [(first, worst), (worst, last)]
-    return LaneBorders(*(table[sorted(rows)] for table in measured))
+def joined_lane_borders(reference: LaneCurve, lanes: Sequence[LaneCurve]) -> LaneBorders | None:
+    """The borders at small steps of lanes from left to right, whose middles lie halfway between two of them.
 
-
-def _measured(road: WideRoad) -> LaneBorders | None:
-    """The borders at small steps; None if a lane does not run beside the reference line."""
-    length = road.curve.length
-    stations = np.linspace(0.0, length, max(int(length / _STEP), 2) + 1)
-    places, headings = curve_frames(road.curve, stations)
+    None if a lane does not run beside the reference line.
+    """
+    stations = np.linspace(0.0, reference.length, max(int(reference.length / _STEP), 2) + 1)
+    places, headings = curve_frames(reference, stations)
     bend = np.gradient(np.unwrap(headings), stations)
     aside = np.stack([-np.sin(headings), np.cos(headings)], -1)
     middles, slopes = [], []
-    for lane in road.lanes:
-        arcs = lane_arcs(road.curve, lane.curve, stations)
+    for lane in lanes:
+        arcs = lane_arcs(reference, lane, stations)
         if arcs is None:
             return None
-        points, ways = curve_frames(lane.curve, arcs)
+        points, ways = curve_frames(lane, arcs)
         middle = ((points - places) * aside).sum(1)
         middle, slope = _parallel_at_ends(stations, middle, np.tan(ways - headings) * (1 - bend * middle))
         middles.append(middle)
         slopes.append(slope)
     return LaneBorders(stations, _borders(np.stack(middles, -1), LANE_WIDTH), _borders(np.stack(slopes, -1), 0.0))
+
+
+def have_usual_widths(borders: LaneBorders) -> bool:
+    """Whether all lanes are as wide as lanes are."""
+    widths = -np.diff(borders.offsets, axis=1)
+    return bool((widths > _LEAST_WIDTH).all() and (widths < _MOST_WIDTH).all())
+
+
+def at_fewer_stations(borders: LaneBorders) -> LaneBorders:
+    """Nearly the same borders, with as few cubic pieces as need be."""
+    rows, spans = {0, len(borders.stations) - 1}, [(0, len(borders.stations) - 1)]
+    while spans:
+        first, last = spans.pop()
+        inner = slice(first, last + 1)
+        between = cubic_values(cubic(borders, first, last), borders.stations[inner] - borders.stations[first])
+        error = np.abs(between - borders.offsets[inner]).max(1)
+        if error.max() > _TOLERANCE:
+            worst = first + int(error.argmax())
+            rows.add(worst)
+            spans += [(first, worst), (worst, last)]
+    return LaneBorders(*(table[sorted(rows)] for table in borders))
 
 
 def _parallel_at_ends(stations: np.ndarray, offsets: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -126,13 +133,6 @@ def _borders(middles: np.ndarray, width: float) -> np.ndarray:
     return np.column_stack([left, left[:, None] - np.cumsum(lane_widths, 1)])
 
 
-def _between(borders: LaneBorders, first: int, last: int, stations: np.ndarray) -> np.ndarray:
-    """Offsets at stations between two rows."""
-    coefficients = cubic(borders, first, last)
-    ds = stations - borders.stations[first]
-    return np.stack([ds**k for k in range(4)], -1) @ coefficients
-
-
 def cubic(borders: LaneBorders, first: int, last: int) -> Float64[np.ndarray, "4 borders"]:
     """Coefficients a, b, c, d of the polynomials between two rows, in meters from the first one."""
     size = borders.stations[last] - borders.stations[first]
@@ -141,10 +141,8 @@ def cubic(borders: LaneBorders, first: int, last: int) -> Float64[np.ndarray, "4
     return np.stack([y0, m0, (3 * rise - 2 * m0 - m1) / size, (m0 + m1 - 2 * rise) / size**2])
 
 
-def has_usual_widths(road: WideRoad) -> bool:
-    """Whether all lanes run beside the reference line, each as wide as lanes are."""
-    borders = _measured(road)
-    if borders is None:
-        return False
-    widths = -np.diff(borders.offsets, axis=1)
-    return bool((widths > _LEAST_WIDTH).all() and (widths < _MOST_WIDTH).all())
+def cubic_values(
+    coefficients: Float64[np.ndarray, "4 ..."], places: Float64[np.ndarray, " n"]
+) -> Float64[np.ndarray, "n ..."]:
+    """Values of polynomials at places from their start [m]."""
+    return np.stack([places**k for k in range(4)], -1) @ coefficients

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scjax.export.crossings import MAX_STEP
-from scjax.export.lane_borders import LaneBorders, joined_lane_borders, single_lane_borders
+from scjax.export.lane_borders import LaneBorders, at_fewer_stations, single_lane_borders
 from scjax.export.lane_curves import curve_line
 from scjax.export.traffic import LANE_WIDTH
 from scjax.export.wide_road import LaneEnd, WideRoad, lane_ends
@@ -24,21 +24,21 @@ def all_lane_borders(roads: Sequence[WideRoad]) -> dict[int, LaneBorders]:
 
     A road of one lane has one width. That of a way through a junction changes evenly between those at its ends.
     """
-    borders = {road.id: joined_lane_borders(road) for road in roads if len(road.lanes) > 1}
+    borders = {road.id: at_fewer_stations(road.borders) for road in roads if road.borders is not None}
     rows = {road.id: {lane.number: row for row, lane in enumerate(road.lanes)} for road in roads}
-    widths, places = _single_widths(roads), lane_ends(roads)
+    widths, ends_of = _single_widths(roads), lane_ends(roads)
 
-    def width(place: LaneEnd) -> float:
-        if place.road in widths:
-            return widths[place.road]
-        row, at_end = rows[place.road][place.number], place.at_end
-        left, right = borders[place.road].offsets[-1 if at_end else 0, row : row + 2].tolist()
+    def width(end: LaneEnd) -> float:
+        if end.road in widths:
+            return widths[end.road]
+        row = rows[end.road][end.number]
+        left, right = borders[end.road].offsets[-1 if end.at_end else 0, row : row + 2].tolist()
         return left - right
 
     for road in roads:
         way = road.lanes[0].road
         if road.junction:
-            ends = (width(places[way.before].last), width(places[way.after].first))
+            ends = (width(ends_of[way.before].last), width(ends_of[way.after].first))
             borders[road.id] = single_lane_borders(road.curve, ends)
         elif road.id in widths:
             borders[road.id] = single_lane_borders(road.curve, (widths[road.id], widths[road.id]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -107,7 +107,7 @@ def _signals(log: Log, lanes: LaneNetwork, roads: list[WideRoad], losses: Losses
     """Lights on the roads of the lanes that they control: in a junction where the lane enters one."""
     rows = {lane.id: row for row, lane in enumerate(lanes.lanes)}
     planned = {lane.road.id: lane.road for road in roads for lane in road.lanes}
-    places, by_id = lane_ends(roads), {road.id: road for road in roads}
+    ends_of, by_id = lane_ends(roads), {road.id: road for road in roads}
     signals: dict[int, list[PlacedSignal]] = {}
     for row, lane in enumerate(log.signal_lane_ids):
         if lane not in rows:
@@ -116,10 +116,10 @@ def _signals(log: Log, lanes: LaneNetwork, roads: list[WideRoad], losses: Losses
         lit = _lit_ends(rows[lane], list(planned.values()))
         losses["signals of lanes that no lane leads to, left out"] += not lit
         for number, (id, is_last) in enumerate(lit):
-            place = places[id].last if is_last else places[id].first
+            end = ends_of[id].last if is_last else ends_of[id].first
             name = f"signal-{row}" + (f"-{number + 1}" if number else "")
-            s = by_id[place.road].curve.length if place.at_end else 0.0
-            signals.setdefault(place.road, []).append(PlacedSignal(name, row, place.number, s))
+            s = by_id[end.road].curve.length if end.at_end else 0.0
+            signals.setdefault(end.road, []).append(PlacedSignal(name, row, end.number, s))
     return signals
 
 
@@ -146,23 +146,23 @@ def opendrive_tree(network: OpenDriveRoads, name: str) -> XmlElement:
     (west, south), (east, north) = corners.min(0).tolist(), corners.max(0).tolist()
     header = {"revMajor": 1, "revMinor": 7, "name": name, "version": "1.00", "vendor": "scjax"}
     add_element(root, "header", **header, north=north, south=south, east=east, west=west)
-    borders, places = all_lane_borders(network.roads), lane_ends(network.roads)
+    borders, ends_of = all_lane_borders(network.roads), lane_ends(network.roads)
     for road in network.roads:
-        _add_road(root, road, borders[road.id], places, network)
+        _add_road(root, road, borders[road.id], ends_of, network)
     for junction in sorted({road.junction for road in network.roads} - {0}):
         element = add_element(root, "junction", id=_junction_id(network, junction), name=f"junction {junction}")
         ways = [road for road in network.roads if road.junction == junction]
         for number, road in enumerate(ways):
-            place = places[road.lanes[0].road.before].last
+            end = ends_of[road.lanes[0].road.before].last
             connection = add_element(
                 element,
                 "connection",
                 id=number,
-                incomingRoad=place.road,
+                incomingRoad=end.road,
                 connectingRoad=road.id,
                 contactPoint="start",
             )
-            add_element(connection, "laneLink", **{"from": place.number, "to": road.lanes[0].number})
+            add_element(connection, "laneLink", **{"from": end.number, "to": road.lanes[0].number})
     return root
 
 
@@ -175,7 +175,7 @@ def _add_road(
     root: XmlElement,
     road: WideRoad,
     borders: LaneBorders,
-    places: Mapping[int, LaneEnds],
+    ends_of: dict[int, LaneEnds],
     network: OpenDriveRoads,
 ) -> None:
     lane = network.lanes.lanes[road.lanes[0].road.lane]
@@ -187,7 +187,7 @@ def _add_road(
         root, "road", name=_road_name(network, road), length=length, id=road.id, junction=junction, rule="RHT"
     )
     links = add_element(element, "link")
-    linked = _linked_lanes(road, places)
+    linked = _linked_lanes(road, ends_of)
     numbers = (road.junction_before, road.junction_after)
     for tag, ends, number in zip(("predecessor", "successor"), linked, numbers, strict=True):
         if ends:
@@ -201,17 +201,17 @@ def _add_road(
         _add_geometry(plan, piece, start, size)
     _add_heights(element, road.curve)
     kind = _LANE_TYPES.get(lane.lane_type or "", "driving")
-    add_lanes(element, road, borders, kind, *([place.number for place in ends] for ends in linked))
+    add_lanes(element, road, borders, kind, *([end.number for end in ends] for ends in linked))
     if road.id in network.signals:
         incoming = linked[0][0].number if road.junction else 0
         _add_signals(add_element(element, "signals"), road, borders, network.signals[road.id], incoming)
 
 
-def _linked_lanes(road: WideRoad, places: Mapping[int, LaneEnds]) -> tuple[Sequence[LaneEnd], Sequence[LaneEnd]]:
+def _linked_lanes(road: WideRoad, ends_of: dict[int, LaneEnds]) -> tuple[Sequence[LaneEnd], Sequence[LaneEnd]]:
     """The lanes of roads that its lanes are linked to, before and after; none where a junction or nothing is."""
     if road.junction:
         way = road.lanes[0].road
-        return [places[way.before].last], [places[way.after].first]
+        return [ends_of[way.before].last], [ends_of[way.after].first]
     before, after = (
         [LaneEnd(id, lane.number, id == road.before) for lane in road.lanes] if id else []
         for id in (road.before, road.after)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from scjax.export.lane_borders import LaneBorders, cubic
+from scjax.export.lane_borders import LaneBorders, cubic, cubic_values
 from scjax.export.wide_road import WideRoad
 from scjax.export.xml_text import XmlElement, add_element
 
@@ -60,11 +60,9 @@ def _records(stations: np.ndarray, curves: np.ndarray) -> Iterator[tuple[float, 
     start, before = 0.0, None
     for s, end, curve in zip(stations[:-1].tolist(), stations[1:].tolist(), curves, strict=True):
         places = np.linspace(s, end, 5)
-        if before is not None and np.allclose(_values(before, places - start), _values(curve, places - s), 0.0, _SAME):
+        if before is not None and np.allclose(
+            cubic_values(before, places - start), cubic_values(curve, places - s), 0.0, _SAME
+        ):
             continue
         start, before = s, curve
         yield s, dict(zip("abcd", curve.tolist(), strict=True))
-
-
-def _values(curve: np.ndarray, places: np.ndarray) -> np.ndarray:
-    return np.stack([places**k for k in range(4)], -1) @ curve

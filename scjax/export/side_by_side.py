@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scjax.export.crossings import MAX_STEP
 from scjax.export.lane_curves import curve_line
 from scjax.export.planned_road import PlannedRoad
 
@@ -119,7 +118,7 @@ def _offset(a: PlannedRoad, b: PlannedRoad, line: _Line, other: _Line, is_same: 
         and (apart > _LEAST_APART).all()
         and (apart < _MOST_APART).all()
         and (np.sign(aside) == np.sign(aside[0])).all()
-        and rise.max() < min(_MOST_RISE, MAX_STEP)
+        and rise.max() < _MOST_RISE
     ):
         return None
     rest = np.array([first, len(line.points) - 1 - last]) * _STEP

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from scjax.export.lane_borders import LaneBorders
 from scjax.export.lane_curves import LaneCurve
 from scjax.export.planned_road import PlannedRoad
 
@@ -36,6 +37,7 @@ class WideRoad:
       id: from 1.
       curve: its reference line.
       lanes: from left to right.
+      borders: of the lanes of a road that was joined; None: it has one lane.
       junction: id of the junction that it lies in, 0 outside of junctions.
       before, after: ids of roads at its ends with the same lanes, 0 where there is none.
       junction_before, junction_after: ids of the junctions at its ends, 0 where there is none.
@@ -44,6 +46,7 @@ class WideRoad:
     id: int
     curve: LaneCurve
     lanes: tuple[RoadLane, ...]
+    borders: LaneBorders | None = None
     junction: int = 0
     before: int = 0
     after: int = 0
@@ -66,20 +69,25 @@ class LaneEnd(NamedTuple):
 
 
 class LaneEnds(NamedTuple):
-    """Where the traffic of a road of one lane enters and leaves the wide roads that it became a lane of."""
+    """Where the traffic of a road of one lane enters and leaves the wide roads that it became a lane of.
+
+    Attributes:
+      first: where it enters.
+      last: where it leaves, on another wide road if that was cut in two.
+    """
 
     first: LaneEnd
     last: LaneEnd
 
 
 def lane_ends(roads: Sequence[WideRoad]) -> dict[int, LaneEnds]:
-    """The places of all roads of one lane, by their ids; a wide road that was cut in two has one of each."""
+    """The ends of all lanes, by the ids of the roads of one lane that they were."""
     parts: dict[int, list[tuple[float, int, int]]] = {}
     for road in roads:
         for lane in road.lanes:
             parts.setdefault(lane.road.id, []).append((lane.start, road.id, lane.number))
-    places = {}
+    ends = {}
     for id, row in parts.items():
         (_, first, number), (_, last, _) = min(row), max(row)
-        places[id] = LaneEnds(LaneEnd(first, number, number > 0), LaneEnd(last, number, number < 0))
-    return places
+        ends[id] = LaneEnds(LaneEnd(first, number, number > 0), LaneEnd(last, number, number < 0))
+    return ends

@@ -11,7 +11,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from scjax.export.lane_borders import has_usual_widths, lane_arcs
+from scjax.export.lane_borders import have_usual_widths, joined_lane_borders, lane_arcs
 from scjax.export.lane_curves import (
     LaneCurve,
     curve_frames,
@@ -51,10 +51,10 @@ def wide_roads(roads: Sequence[PlannedRoad], kinds: Sequence[Hashable]) -> list[
     for road in roads:
         if road.id not in joined:
             curve = _way(road, joined) if road.junction else without_short_ends(road.curve)
-            ends = (road.junction, 0, 0, road.junction_before, road.junction_after)
-            if not road.junction:
-                ends = (0, road.before, road.after, road.junction_before, road.junction_after)
-            wide.append(WideRoad(road.id, curve, (RoadLane(road, curve, -1, 0.0, road.curve.length),), *ends))
+            lane = RoadLane(road, curve, -1, 0.0, road.curve.length)
+            before, after = (0, 0) if road.junction else (road.before, road.after)  # of a way: see lane_ends
+            ends = (before, after, road.junction_before, road.junction_after)
+            wide.append(WideRoad(road.id, curve, (lane,), None, road.junction, *ends))
     return _without_doubles(sorted(wide, key=lambda road: road.id))
 
 
@@ -78,9 +78,11 @@ def _joined(group: RoadGroup, by_id: dict[int, PlannedRoad]) -> WideRoad | None:
             return None
         kept = arcs if number < 0 else road.curve.length - arcs[::-1]
         lanes.append(RoadLane(road, part_of_curve(curve, *arcs.tolist()), number, *kept.tolist()))
-    ends = (0, 0, 0, first.junction_before, first.junction_after)
-    wide = WideRoad(first.id, reference, tuple(lanes), *ends)
-    return wide if has_usual_widths(wide) else None
+    borders = joined_lane_borders(reference, [lane.curve for lane in lanes])
+    if borders is None or not have_usual_widths(borders):
+        return None
+    ends = (first.junction_before, first.junction_after)
+    return WideRoad(first.id, reference, tuple(lanes), borders, 0, 0, 0, *ends)
 
 
 def _common_part(reference: LaneCurve, curves: Sequence[LaneCurve], first: PlannedRoad) -> LaneCurve | None:
@@ -178,6 +180,9 @@ def _cut_in_two(road: WideRoad, id: int) -> WideRoad:
             is_first = (row == 0) == (lane.number < 0)
             bounds = (lane.start, place) if is_first else (place, lane.end)
             lanes[row].append(RoadLane(lane.road, cut_curve(lane.curve, start, end), lane.number, *bounds))
-    rest = WideRoad(id, halves[1], tuple(lanes[1]), 0, road.id, 0, 0, road.junction_after)
+    rest = WideRoad(id, halves[1], tuple(lanes[1]), None, 0, road.id, 0, 0, road.junction_after)
     road.curve, road.lanes, road.after, road.junction_after = halves[0], tuple(lanes[0]), id, 0
+    if road.borders is not None:
+        for half in (road, rest):
+            half.borders = joined_lane_borders(half.curve, [lane.curve for lane in half.lanes])
     return rest

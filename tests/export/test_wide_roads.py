@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from scjax.export.base import Losses
-from scjax.export.lane_borders import joined_lane_borders, lane_arcs
+from scjax.export.lane_borders import lane_arcs
 from scjax.export.lane_curves import curve_frames, fit_curve
 from scjax.export.opendrive import road_network
 from scjax.export.planned_road import PlannedRoad
@@ -38,7 +38,7 @@ def numbers(roads) -> list[list[tuple[int, int]]]:
 def test_lanes_of_one_direction_are_one_road():
     roads = wide_roads([planned(1, straight(0.0)), planned(2, straight(3.5)), planned(3, straight(-3.4))], [None] * 3)
     assert numbers(roads) == [[(2, -1), (1, -2), (3, -3)]]
-    widths = -np.diff(joined_lane_borders(roads[0]).offsets, axis=1)
+    widths = -np.diff(roads[0].borders.offsets, axis=1)
     np.testing.assert_allclose(widths, np.tile([3.5, 3.5, 3.3], (len(widths), 1)), atol=0.1)
 
 
@@ -89,7 +89,7 @@ def test_lanes_of_a_bend_stay_where_they_were(radius):
     angle = np.linspace(0.0, 1.5, 60)
     lines = [np.stack([r * np.sin(angle), r * np.cos(angle)], -1) for r in (radius, radius + 3.2 + 0.2 * angle)]
     (road,) = wide_roads([planned(1, lines[0]), planned(2, lines[1])], [None] * 2)
-    borders = joined_lane_borders(road)
+    borders = road.borders
     places, headings = curve_frames(road.curve, borders.stations)
     aside = np.stack([-np.sin(headings), np.cos(headings)], -1)
     for row, line in enumerate(lines[::-1]):
