@@ -39,8 +39,8 @@ of warnings. Lanes may bend at their ends with radii from 3 m; the default is 9 
 50 km/h, which bends in junctions may reduce by up to 10 m/s; the default is 5 m/s. With the first two options alone
 {plain} of {nets} files give a warning.
 netconvert makes up programs of traffic lights, since OpenDRIVE holds none. Warnings about these do not count; they are
-in {lights} of the files. It also warns about two left turns that come nearer than half a lane, if by
-the order of the roads around the junction they do not meet.
+in {lights} of the files. It also warns about two left turns nearer than half a lane
+that do not meet by the order of the roads around the junction.
 
 {faults}
 ## What the formats could not say

@@ -16,6 +16,7 @@ from scjax.outpainting.measures import kinks_of
 from scjax.outpainting.seams import is_duplicate
 from scjax.outpainting.tile_agents import free_agents, sampled_agents
 from scjax.outpainting.tile_signals import tile_signals
+from scjax.outpainting.traffic_side import on_other_side
 from scjax.outpainting.window import HALF, KnownWindow, WindowPose
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.polyline import cumulative_length
@@ -68,7 +69,8 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     dead_ends = merge_beside(new, reach_border(new, _dead_ends(new, window), window.is_dead))
     merges = sum(row == NO_ROW for row in new.rows[merges:])
     dead, unmet = window.dead_turns.of([one.end for one in dead_ends if one.lane is None])
-    faults, penalty = _faults(new, len(unmet), sum(one.lane is not None for one in dead_ends))
+    inside = sum(one.lane is not None for one in dead_ends)
+    faults, penalty = _faults(new, len(unmet), inside, _on_other_side(new, window))
     new_map = _map_of(sample, new, window, free_agents(agents, types, window, coverage), name)
     ids = [lane.id for lane in new_map.lanes]
     pairs = [
@@ -114,11 +116,18 @@ def _dead_ends(new: NewLanes, window: KnownWindow) -> list[DeadEnd]:
     return [one for one in ends if window.is_dead(one.end.place[:2], one.end.outward)]
 
 
-def _faults(new: NewLanes, unmet: int, inside: int) -> tuple[tuple[str, ...], float]:
+def _on_other_side(new: NewLanes, window: KnownWindow) -> int:
+    """How many new lanes are on the side of the road that is the oncoming traffic's in the rest of the map."""
+    others = [lane.points for lane in near_map(window.map, window.pose.x, window.pose.y, HALF * 1.5).lanes]
+    return int(on_other_side([*new.lines, *others], window.keeps_right)[: len(new.lines)].sum())
+
+
+def _faults(new: NewLanes, unmet: int, inside: int, swapped: int) -> tuple[tuple[str, ...], float]:
     """What is wrong with new lanes, and how bad that is: lower is better.
 
     Args:
       unmet, inside: dead ends of lanes of the map, and of new lanes.
+      swapped: new lanes on the oncoming traffic's side of the road.
     """
     kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
     faults = []
@@ -128,7 +137,9 @@ def _faults(new: NewLanes, unmet: int, inside: int) -> tuple[tuple[str, ...], fl
         faults.append(f"{inside} lanes end or begin inside")
     if kinked:
         faults.append(f"{kinked} lanes bend sharply")
-    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked
+    if swapped:
+        faults.append(f"{swapped} lanes are on the oncoming side")
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 0.5 * swapped
 
 
 def _map_of(

@@ -13,6 +13,7 @@ from scjax.data.map_crop import crop_map, near_map
 from scjax.data.token_order import known_half
 from scjax.outpainting.coverage import AHEAD, Coverage, OpenEnd, connected_ends
 from scjax.outpainting.dead_turns import DeadTurns
+from scjax.outpainting.traffic_side import keeps_right
 from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, MapTile, Scene, TileStatus, permute
 from scjax.scene.agent_sizes import CLASS_SIZES
 from scjax.scene.polyline import cumulative_length, spread_points
@@ -69,6 +70,11 @@ class KnownWindow:
         """Whether an end of a lane that nothing continues is dead once the tile is there, as ``measure_map`` says."""
         beyond = place + AHEAD * np.array([np.cos(outward), np.sin(outward)])
         return bool(self._covered.contains(beyond[None])[0])
+
+    @functools.cached_property
+    def keeps_right(self) -> bool | None:
+        """Whether traffic keeps to the right on the map; None if nothing says so."""
+        return keeps_right([lane.points for lane in self.map.lanes])
 
     @functools.cached_property
     def _covered(self) -> Coverage:
