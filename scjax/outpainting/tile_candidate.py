@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float64, Int
 
-from scjax.data.map_crop import near_map
 from scjax.outpainting.coverage import Coverage, OpenEnd, outward_heading
 from scjax.outpainting.lane_merges import NO_ROW, DeadEnd, NewLanes, merge_beside, reach_border
 from scjax.outpainting.linking import link_lanes, moved_lanes
@@ -17,7 +16,7 @@ from scjax.outpainting.seams import is_duplicate
 from scjax.outpainting.tile_agents import free_agents, sampled_agents
 from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.traffic_side import on_other_side
-from scjax.outpainting.window import HALF, KnownWindow, WindowPose
+from scjax.outpainting.window import KnownWindow
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
 from scjax.scene.polyline import cumulative_length
 
@@ -59,7 +58,7 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     """
     count, pose = len(window.scene.lane_mask), window.pose
     lanes, links = pose.to_map(np.asarray(sample.lanes)[count:]), np.asarray(sample.links)
-    kept = _are_new(lanes, window.map, coverage, pose)
+    kept = _are_new(lanes, window.near, coverage)
     rows = np.add(np.flatnonzero(kept), count)
     lines = [lanes[row] for row in np.flatnonzero(kept)]
     agents, types = sampled_agents(sample, window)
@@ -83,14 +82,12 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     return TileCandidate(new_map, tuple(pairs), faults, score, tuple(sorted(dead)), moved)
 
 
-def _are_new(
-    lanes: Float64[np.ndarray, "lanes points 3"], map: Map, coverage: Coverage, pose: WindowPose
-) -> Bool[np.ndarray, " lanes"]:
+def _are_new(lanes: Float64[np.ndarray, "lanes points 3"], near: Map, coverage: Coverage) -> Bool[np.ndarray, " lanes"]:
     """Lanes of some length on uncovered ground that are not there already."""
     if not len(lanes):
         return np.zeros(0, bool)
     covered = coverage.contains(lanes[..., :2].reshape(-1, 2), _DEEP).reshape(lanes.shape[:2]).mean(-1)
-    others = [lane.points for lane in near_map(map, pose.x, pose.y, HALF * 1.5).lanes]
+    others = [lane.points for lane in near.lanes]
     long_enough = np.array([cumulative_length(lane)[-1] >= _SHORTEST for lane in lanes])
     kept = (covered < _COVERED) & long_enough
     for row in np.flatnonzero(kept):
@@ -117,8 +114,8 @@ def _dead_ends(new: NewLanes, window: KnownWindow) -> list[DeadEnd]:
 
 
 def _on_other_side(new: NewLanes, window: KnownWindow) -> int:
-    """How many new lanes are on the side of the road that is the oncoming traffic's in the rest of the map."""
-    others = [lane.points for lane in near_map(window.map, window.pose.x, window.pose.y, HALF * 1.5).lanes]
+    """How many new lanes are on the side of the road that is the oncoming traffic's elsewhere."""
+    others = [lane.points for lane in window.near.lanes]
     return int(on_other_side([*new.lines, *others], window.keeps_right)[: len(new.lines)].sum())
 
 
@@ -172,8 +169,7 @@ def _map_of(
         for row, line in enumerate(new.lines)
     )
     states = dict(zip(window.map.signal_lane_ids, window.map.signal_states.tolist(), strict=True))
-    near = near_map(window.map, window.pose.x, window.pose.y, HALF * 1.5).lane_by_id
-    signals = tile_signals(np.asarray(sample.signals, np.int32), new, near, states)
+    signals = tile_signals(np.asarray(sample.signals, np.int32), new, window.near.lane_by_id, states)
     lit = np.flatnonzero(signals != Signal.UNKNOWN)
     agents, types = agents_and_types
     return Map(

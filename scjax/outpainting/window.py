@@ -73,8 +73,14 @@ class KnownWindow:
 
     @functools.cached_property
     def keeps_right(self) -> bool | None:
-        """Whether traffic keeps to the right on the map; None if nothing says so."""
-        return keeps_right([lane.points for lane in self.map.lanes])
+        """Whether traffic keeps to the right here, or else on the whole map; None if nothing says so."""
+        here, everywhere = ([lane.points for lane in map.lanes] for map in (self.near, self.map))
+        return on_here if (on_here := keeps_right(here)) is not None else keeps_right(everywhere)
+
+    @functools.cached_property
+    def near(self) -> Map:
+        """The map with only the lanes in and around the window."""
+        return near_map(self.map, self.pose.x, self.pose.y, HALF * 1.5)
 
     @functools.cached_property
     def _covered(self) -> Coverage:

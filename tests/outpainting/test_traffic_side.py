@@ -12,7 +12,7 @@ from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.tile_candidate import tile_candidate
 from scjax.outpainting.traffic_side import keeps_right, on_other_side, oncoming_lengths
 from scjax.outpainting.window import KnownWindow, WindowPose, cut_window
-from scjax.scene import AgentType, Link, Scene
+from scjax.scene import AgentType, Link, Map, MapLane, Scene
 from tests.factories.maps import two_tile_map
 
 
@@ -85,3 +85,14 @@ def test_a_tile_whose_lanes_change_sides_has_a_fault(center, fault):
     assert isinstance(sample, Scene) and AgentType.VEHICLE in sample.agent_types
     faults = tile_candidate(sample, window, Coverage(map), "2").faults
     assert (fault in faults) if fault else not any("oncoming" in one for one in faults)
+
+
+def test_the_roads_of_a_window_say_more_than_those_elsewhere():
+    here = [_EAST * _MIRROR, _WEST * _MIRROR]
+    far = [line * np.array([2.0, 1.0, 1.0]) + np.array([400.0, 0.0, 0.0]) for line in (_EAST, _WEST)]  # longer
+    lanes = [MapLane(id=str(row), lane_type=None, points=line) for row, line in enumerate([*here, *far])]
+    map = Map(lanes=tuple(lanes))
+    known = cut_window(map, WindowPose(20.0, 0.0, 0.0, 0.0))
+    for x, right in ((20.0, False), (440.0, True), (220.0, True)):
+        window = KnownWindow(WindowPose(x, 0.0, 0.0, 0.0), map, known, (), DeadTurns(map, (), x, 0.0))
+        assert window.keeps_right is right
