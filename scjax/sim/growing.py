@@ -25,9 +25,10 @@ from scjax.sim.map_growth import MapGrowth, in_front_half
 from scjax.sim.policies import Policy
 from scjax.sim.preparation import Start, pad_start, prepare
 from scjax.sim.road_network import NONE
-from scjax.sim.route_follower import RouteFollower
+from scjax.sim.route_follower import ON_ROAD, RouteFollower
 from scjax.sim.simulate import TIME_STEP, key_seed, padded_signals
 from scjax.sim.track_log import TrackLog
+from scjax.sim.walking import STANDS
 
 SEGMENT = 20  # steps between two looks at what is left of the way
 LOOK_AHEAD = 140.0  # m of the way that must be there: a tile that leads nowhere is known before it comes in sight
@@ -37,6 +38,7 @@ _SIGNALS = 256  # likewise
 _ROUTE_LANES = 32
 _TILES_AT_ONCE = 8  # of 32 m; more are added two seconds later
 _ROOM = 1.35  # m to the side of a centerline, of a car that passes; lanes that swerve leave 1.4 m
+_BESIDE_PEOPLE = 0.25  # m more, beside pedestrians: lanes do not swerve around them
 _WIDTH = 2.2  # m, of the widest car; what is wider needs more room
 _PASSING = 30.0  # m between two bodies that a car may have to pass on different sides
 
@@ -252,16 +254,23 @@ def with_first_stop_lines(map: Map) -> Map:
 
 
 def bodies_in_the_way(start: Start, width: float = _WIDTH) -> set[str]:
-    """Ids of vehicles and obstacles that follow no lane and leave who is so wide [m] no room: queues would not end."""
+    """Ids of those who stay where they are and leave who is so wide [m] no room: queues would not end.
+
+    They are vehicles and obstacles that follow no lane, and pedestrians who stand beside the road.
+    """
     from scipy.spatial import KDTree
 
     log, count, network = start.log, start.log.num_objects, start.network
     points = np.unique(np.stack([network.x, network.y], -1), axis=0)  # lanes that swerve where there is room
     follows_none = start.places.lane[:count] == NONE
-    stands = follows_none & (log.object_types != AgentType.PEDESTRIAN)
-    tree, names, room = KDTree(points), set[str](), _ROOM + max(width - _WIDTH, 0.0) / 2
-    for row in np.flatnonzero(stands):
+    tree, names = KDTree(points), set[str]()
+    for row in np.flatnonzero(follows_none):
         center, heading = np.array([start.agents.x[row], start.agents.y[row]]), float(start.agents.heading[row])
+        room = _ROOM + max(width - _WIDTH, 0.0) / 2
+        if log.object_types[row] == AgentType.PEDESTRIAN:
+            if start.agents.speed[row] > STANDS or tree.query(center)[0] < ON_ROAD:
+                continue  # walks on
+            room += _BESIDE_PEOPLE
         half = log.sizes[row, :2] / 2
         offset = points[tree.query_ball_point(center, float(np.hypot(*half)) + room)] - center
         cos, sin = np.cos(heading), np.sin(heading)

@@ -43,7 +43,8 @@ _HEADING_LENGTH = 5.0  # m over which a heading off the lane fades out
 _SIGNAL_BRAKING = 3.0  # m/s^2; who would have to brake harder drives on at amber
 _COMFORT = 1.5  # m/s^2 before bends
 _STANDS = 0.5  # m/s
-_ON_ROAD = 1.8  # m from a centerline, where pedestrians do not stand for long
+ON_ROAD = 1.8
+"""m from a centerline, within which pedestrians do not stand for long."""
 
 
 @pytree
@@ -114,7 +115,7 @@ class RouteFollower:
             since_change=jnp.full(num, 10.0),
             waiting=jnp.zeros(num),
             is_parked=places.is_parked,
-            pace=usual_pace(agents, _distance_to_lanes(network, agents) < _ON_ROAD),
+            pace=usual_pace(agents, _distance_to_lanes(network, agents) < ON_ROAD),
             ignore=_touching(agents),
         )
 

@@ -19,7 +19,8 @@ from scjax.sim.directions import directions
 
 _MAX_SPEED = 2.0  # m/s; faster ones are errors of the source
 _USUAL_SPEED, _SLOW = 1.3, 0.8  # m/s, of those who leave the road, and at least of all who walk
-_STANDS = 0.15  # m/s
+STANDS = 0.15
+"""m/s; slower pedestrians stand."""
 _LOOK_AHEAD = 1.2  # m
 _ROOM = 0.7  # m around bodies
 _AWAY = 1.3  # rad by which people turn aside
@@ -32,7 +33,7 @@ def usual_pace(agents: Agents, on_road: Bool[AnyArray, " N"]) -> Float[AnyArray,
     Args:
       on_road: agents on a lane, who do not stand there for long.
     """
-    walks = agents.speed > _STANDS
+    walks = agents.speed > STANDS
     speed = jnp.clip(agents.speed, jnp.where(walks, _SLOW, 0.0), _MAX_SPEED)
     return jnp.where(on_road, jnp.maximum(speed, _USUAL_SPEED), speed)
 

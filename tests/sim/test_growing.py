@@ -65,6 +65,14 @@ def test_bodies_that_reach_into_a_lane_are_in_the_way():
     assert bodies_in_the_way(start, width=8.0) == {"a1", "a2", "a3"}
 
 
+def test_people_who_stand_close_beside_a_lane_are_in_the_way():
+    """Who stands on the lane walks on, and so does who walks."""
+    people = [agent(20.0 * (k + 1), y, size=(0.8, 0.8, 1.7)) for k, y in enumerate((1.9, 1.0, 2.6, 1.9))]
+    people[3][3] = 1.2
+    start = prepare(with_agents([road(200.0)], people, [AgentType.PEDESTRIAN] * 4), 0, np.random.default_rng(0))
+    assert bodies_in_the_way(start) == {"a0"}
+
+
 def test_new_bodies_that_leave_no_room_beside_old_ones_are_in_the_way():
     places = [agent(60.0, -2.2), agent(66.0, 1.3), agent(66.0, 40.0), agent(120.0, 1.3)]  # parked; beside it; elsewhere
     kinds = [AgentType.VEHICLE, *[AgentType.STATIC] * 3]
