@@ -18,6 +18,7 @@ from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.traffic_side import on_other_side
 from scjax.outpainting.window import KnownWindow
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
+from scjax.scene.lane_overlaps import overlap_places
 from scjax.scene.polyline import cumulative_length
 
 _SHORTEST = 0.5  # m of a new lane
@@ -69,7 +70,7 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     merges = sum(row == NO_ROW for row in new.rows[merges:])
     dead, unmet = window.dead_turns.of([one.end for one in dead_ends if one.lane is None])
     inside = sum(one.lane is not None for one in dead_ends)
-    faults, penalty = _faults(new, len(unmet), inside, _on_other_side(new, window))
+    faults, penalty = _faults(new, window, len(unmet), inside)
     new_map = _map_of(sample, new, window, free_agents(agents, types, window, coverage), name)
     ids = [lane.id for lane in new_map.lanes]
     pairs = [
@@ -113,20 +114,16 @@ def _dead_ends(new: NewLanes, window: KnownWindow) -> list[DeadEnd]:
     return [one for one in ends if window.is_dead(one.end.place[:2], one.end.outward)]
 
 
-def _on_other_side(new: NewLanes, window: KnownWindow) -> int:
-    """How many new lanes are on the side of the road that is the oncoming traffic's elsewhere."""
-    others = [lane.points for lane in window.near.lanes]
-    return int(on_other_side([*new.lines, *others], window.keeps_right)[: len(new.lines)].sum())
-
-
-def _faults(new: NewLanes, unmet: int, inside: int, swapped: int) -> tuple[tuple[str, ...], float]:
+def _faults(new: NewLanes, window: KnownWindow, unmet: int, inside: int) -> tuple[tuple[str, ...], float]:
     """What is wrong with new lanes, and how bad that is: lower is better.
 
     Args:
       unmet, inside: dead ends of lanes of the map, and of new lanes.
-      swapped: new lanes on the oncoming traffic's side of the road.
     """
     kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
+    lines = [*new.lines, *(lane.points for lane in window.near.lanes)]
+    swapped = int(on_other_side(lines, window.keeps_right)[: len(new.lines)].sum())
+    overlap = len(overlap_places(lines)) > window.num_overlap_places
     faults = []
     if unmet:
         faults.append(f"{unmet} lanes do not go on")
@@ -136,7 +133,9 @@ def _faults(new: NewLanes, unmet: int, inside: int, swapped: int) -> tuple[tuple
         faults.append(f"{kinked} lanes bend sharply")
     if swapped:
         faults.append(f"{swapped} lanes are on the oncoming side")
-    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 0.5 * swapped
+    if overlap:
+        faults.append("lanes lie on each other")
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 0.5 * swapped + 1.0 * overlap
 
 
 def _map_of(

@@ -15,6 +15,7 @@ from scjax.scene.polyline import point_headings, spread_points
 _ACROSS = np.deg2rad(30.0)  # between lanes that cross
 _ONE_APPROACH, _SAME_WAY = 12.0, np.deg2rad(30.0)  # m and rad between the starts of lanes of one approach
 _CROSSING = 1.0  # m between lanes that cross
+_ONE_PLACE, _STRAIGHT = 5.0, np.deg2rad(20.0)  # m between the starts of lanes straight on that have one light
 _GOES = (Signal.GO, Signal.CAUTION)
 
 
@@ -24,7 +25,8 @@ def tile_signals(
     """The ``Signal`` of each new lane.
 
     A lane that continues a lane of the map has the signal of that one, if it alone does; it has none of its own. Where
-    the lanes of an approach cross a lane with a signal of the map on which traffic goes, they stop.
+    the lanes of an approach cross a lane with a signal of the map on which traffic goes, they stop. Lanes straight on
+    from one place have one light: that of the map's lanes, else red if one of them is.
 
     Args:
       sampled: signals of the lanes of the sample.
@@ -44,6 +46,13 @@ def tile_signals(
             for other in free:
                 if _is_one_approach(lanes.lines[lane], lanes.lines[other]):
                     signals[other] = Signal.STOP
+    for lane in free:
+        beside = [other for other in (*fixed, *free) if _have_one_light(lanes.lines[lane], lanes.lines[other])]
+        shown = {int(signals[other]) for other in beside if other in fixed and signals[other] != Signal.UNKNOWN}
+        if len(shown) == 1:
+            signals[lane] = shown.pop()
+        elif any(signals[other] == Signal.STOP for other in beside):
+            signals[lane] = Signal.STOP
     return signals
 
 
@@ -78,6 +87,17 @@ def _cross(one: Float64[np.ndarray, "_ 3"], other: Float64[np.ndarray, "_ 3"]) -
 def _is_one_approach(one: Float64[np.ndarray, "_ 3"], other: Float64[np.ndarray, "_ 3"]) -> bool:
     turn = wrap_to_pi(_start_heading(one) - _start_heading(other))
     return bool(np.hypot(*(one[0] - other[0])[:2]) < _ONE_APPROACH and abs(turn) < _SAME_WAY)
+
+
+def _have_one_light(one: Float64[np.ndarray, "_ 3"], other: Float64[np.ndarray, "_ 3"]) -> bool:
+    """Whether two lanes lead straight on from one place, a lane itself included."""
+    if np.hypot(*(one[0] - other[0])[:2]) > _ONE_PLACE:
+        return False
+    start, end, other_start, other_end = (
+        heading for line in (one, other) for heading in (_start_heading(line), _start_heading(line[::-1]) + np.pi)
+    )
+    turns = np.array([end - start, other_end - other_start, start - other_start])
+    return bool((np.abs(wrap_to_pi(turns)) < _STRAIGHT).all())
 
 
 def _start_heading(line: Float64[np.ndarray, "_ 3"]) -> float:

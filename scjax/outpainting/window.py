@@ -16,6 +16,7 @@ from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.traffic_side import keeps_right
 from scjax.scene import TILE_SIZE, AgentType, Crop, Map, MapLane, MapTile, Scene, TileStatus, permute
 from scjax.scene.agent_sizes import CLASS_SIZES
+from scjax.scene.lane_overlaps import overlap_places
 from scjax.scene.polyline import cumulative_length, spread_points
 
 HALF = TILE_SIZE / 2
@@ -76,6 +77,11 @@ class KnownWindow:
         """Whether traffic keeps to the right here, or else on the whole map; None if nothing says so."""
         here, everywhere = ([lane.points for lane in map.lanes] for map in (self.near, self.map))
         return on_here if (on_here := keeps_right(here)) is not None else keeps_right(everywhere)
+
+    @functools.cached_property
+    def num_overlap_places(self) -> int:
+        """Places near the window where lanes of the map lie on each other."""
+        return len(overlap_places([lane.points for lane in self.near.lanes]))
 
     @functools.cached_property
     def near(self) -> Map:

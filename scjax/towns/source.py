@@ -24,7 +24,7 @@ from scjax.data.tiles import Pose, find_poses
 from scjax.data.workers import WorkerPool
 from scjax.nn.startup import cache_folder
 from scjax.scene import Log, LogMetadata, load_log, save_log
-from scjax.towns.lane_overlaps import overlap_places
+from scjax.scene.lane_overlaps import overlap_places
 from scjax.towns.simulate_town import TrafficOptions, simulate_town
 from scjax.towns.sumo import SUMO_VERSION, find_sumo
 from scjax.towns.town_log import DOMAIN, TownMap, cut_log

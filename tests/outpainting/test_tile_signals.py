@@ -57,3 +57,17 @@ def test_signals_of_other_junctions_stay():
 def test_the_rest_of_a_lane_that_is_cut_and_added_lanes_have_no_signal():
     lanes = [AHEAD[:9], AHEAD[8:], ACROSS]
     assert _signals(lanes, [STOP], {}, rows=[0, 0, NO_ROW]) == [STOP, UNKNOWN, UNKNOWN]
+
+
+def test_lanes_straight_on_from_one_place_have_one_light():
+    beside = AHEAD + np.array([0.0, 3.5, 0.0])
+    assert _signals([AHEAD, beside], [GO, STOP], {}) == [STOP, STOP]
+    assert _signals([AHEAD, beside], [STOP, GO], {"old": int(GO)}, [_joint(0)]) == [GO, GO]
+    assert _signals([AHEAD, beside], [GO, UNKNOWN], {}) == [GO, UNKNOWN]
+
+
+def test_turn_arrows_differ_from_the_light_of_lanes_straight_on():
+    angles = np.linspace(0.0, np.pi / 2, 20)
+    turn = np.stack([10 * np.sin(angles), 10 * (1 - np.cos(angles)), np.zeros(20)], -1)
+    for other in (turn, AHEAD + np.array([0.0, 9.0, 0.0]), AHEAD[::-1]):
+        assert _signals([AHEAD, other], [GO, STOP], {}) == [GO, STOP]

@@ -1,4 +1,4 @@
-"""The side of the road on which traffic keeps, on lanes written by hand."""
+"""The side of the road on which traffic keeps, and faults of tiles, on lanes written by hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scjax.outpainting.dead_turns import DeadTurns
 from scjax.outpainting.tile_candidate import tile_candidate
 from scjax.outpainting.traffic_side import keeps_right, on_other_side, oncoming_lengths
 from scjax.outpainting.window import KnownWindow, WindowPose, cut_window
-from scjax.scene import AgentType, Link, Map, MapLane, Scene
+from scjax.scene import Link, Map, MapLane
 from tests.factories.maps import two_tile_map
 
 
@@ -22,6 +22,7 @@ def _lane(start: tuple[float, float], end: tuple[float, float], height: float = 
 
 _EAST, _WEST = _lane((0, -2), (40, -2)), _lane((40, 2), (0, 2))
 _MIRROR = np.array([1.0, -1.0, 1.0])
+_POINTS = 20  # of a lane of a sample
 
 
 def test_oncoming_lanes_are_counted_by_the_meter_on_their_side():
@@ -60,9 +61,8 @@ def test_no_lines_have_no_side():
     assert keeps_right([]) is None and on_other_side([], None).shape == (0,)
 
 
-@pytest.mark.parametrize(("center", "fault"), [(-4.0, ""), (4.0, "2 lanes are on the oncoming side")])
-def test_a_tile_whose_lanes_change_sides_has_a_fault(center, fault):
-    """Two new lanes beside the map's, the oncoming one on the left, or on the right."""
+def _faults(*new: np.ndarray) -> tuple[str, ...]:
+    """The faults of a tile that adds lanes to a road of the map in both directions."""
     map = two_tile_map()
     points = map.lanes[0].points[::-1] + np.array([0.0, 4.0, 0.0])
     oncoming = dataclasses.replace(map.lanes[0], id="oncoming", points=points)
@@ -70,21 +70,34 @@ def test_a_tile_whose_lanes_change_sides_has_a_fault(center, fault):
     pose = WindowPose(95.5, -2.0, 0.0, 0.0)
     known = cut_window(map, pose)
     window = KnownWindow(pose, map, known, (), DeadTurns(map, (), 0.0, 0.0))
-    assert window.keeps_right is True
-    there = np.linspace([3.0, 20.0, 0.0], [30.0, 20.0, 0.0], known.lanes.shape[1])
-    back = there[::-1] - [0.0, center, 0.0]
-    count = len(known.lane_mask)
-    links = np.full((count + 2, count + 2), Link.NONE)
+    count, more = len(known.lane_mask), len(new)
+    links = np.full((count + more, count + more), Link.NONE)
     links[:count, :count] = known.links
     sample = known.replace(
-        lanes=np.concatenate([known.lanes, [there, back]]),
-        lane_mask=np.ones(count + 2, bool),
+        lanes=np.concatenate([known.lanes, new]),
+        lane_mask=np.ones(count + more, bool),
         links=links,
-        signals=np.zeros(count + 2, int),
+        signals=np.zeros(count + more, int),
     )
-    assert isinstance(sample, Scene) and AgentType.VEHICLE in sample.agent_types
-    faults = tile_candidate(sample, window, Coverage(map), "2").faults
-    assert (fault in faults) if fault else not any("oncoming" in one for one in faults)
+    return tile_candidate(sample, window, Coverage(map), "2").faults
+
+
+def _straight(start: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
+    return np.linspace([*start, 0.0], [*end, 0.0], _POINTS)
+
+
+@pytest.mark.parametrize(("center", "is_fault"), [(24.0, False), (16.0, True)])
+def test_a_tile_whose_lanes_change_sides_has_a_fault(center, is_fault):
+    """Two new lanes, the oncoming one on the left, or on the right."""
+    faults = _faults(_straight((3.0, 20.0), (30.0, 20.0)), _straight((30.0, center), (3.0, center)))
+    assert ("2 lanes are on the oncoming side" in faults) == is_fault
+
+
+@pytest.mark.parametrize(("start", "is_fault"), [((12.0, 20.3), True), ((12.0, 23.0), False), ((3.0, 20.3), False)])
+def test_a_tile_with_lanes_on_each_other_has_a_fault(start, is_fault):
+    """A second lane of one direction on the first one, beside it, or from the same place."""
+    faults = _faults(_straight((3.0, 20.0), (24.0, 20.0)), _straight(start, (31.0, start[1])))
+    assert ("lanes lie on each other" in faults) == is_fault
 
 
 def test_the_roads_of_a_window_say_more_than_those_elsewhere():

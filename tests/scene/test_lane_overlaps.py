@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scjax.towns.lane_overlaps import overlap_places
+from scjax.scene.lane_overlaps import overlap_places
 
 
 def line(*points) -> np.ndarray:
