@@ -30,7 +30,7 @@ _ENCODER = {
     "threads": "1",
     "x264-params": "scenecut=0:rc-lookahead=0:mbtree=0:weightp=0:bframes=3:b-adapt=0",
 }
-"""Of H.264: nothing looks ahead and every fourth frame is predicted, which takes less than half of the time of the preset
+"""Of H.264: nothing looks ahead and three of four frames lie between others, in half of the time of the preset
 veryfast. Drawings become as large as with that one (``benchmarks/README.md``, wireframes)."""
 
 
