@@ -30,7 +30,7 @@ def image_streams(
     """The streams "image", "depth" and, with a camera, "camera" of every condition; none without a picture.
 
     Each different picture is encoded once, and each different depth. The encoder of the package gets standard views of
-    the pictures, by ``Condition.camera``.
+    the pictures, by ``Condition.camera``, and changed ones of them where seen agents shall hold (``seen_views``).
 
     Args:
       encoder: by default the model's (``default_image_encoder``).
