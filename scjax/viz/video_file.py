@@ -24,7 +24,7 @@ _MIXTURES = (
 """Share of a color, and the gray that it is mixed with."""
 
 _BT709, _LIMITED = 1, 1  # numbers of the color space and the range of values that players expect
-_ENCODER = {
+_ENCODER: dict[str, object] = {
     "preset": "superfast",
     "crf": "26",  # constant rate factor; lower is better and larger
     "threads": "1",
