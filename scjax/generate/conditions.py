@@ -18,6 +18,7 @@ from scjax.encoders.depth import DepthProvider, ExactDepth
 from scjax.encoders.text import clean_text
 from scjax.encoders.vision import GridTokens
 from scjax.generate.camera_stream import picture_camera
+from scjax.generate.seen_views import CHANGES
 from scjax.language.attributes.table import check_attributes
 from scjax.scene import Crop, Scene, validate
 from scjax.scene.arguments import truth_value, whole_number
@@ -38,11 +39,14 @@ class Stream:
       tokens: [tokens, width] features.
       mask: [tokens] True at real tokens; None: all are real.
       positions: [tokens, axes] place of each token, such as (row, column) in an image; None: the order is the place.
+      views: [changes, tokens, width] tokens of changed views of an image, which no network reads, but
+        ``generate.seen_agents``; None: not known.
     """
 
     tokens: Array | np.ndarray
     mask: Array | np.ndarray | None = None
     positions: Array | np.ndarray | None = None
+    views: Array | np.ndarray | None = None
 
     def __post_init__(self):
         tokens = _numbers(self.tokens, "Stream.tokens", finite=False)
@@ -62,6 +66,13 @@ class Stream:
                 )
             if name == "mask" and array.dtype != bool:
                 raise ValueError(f"Stream.mask must be of type bool, not {array.dtype}: True at real tokens")
+        if self.views is not None:
+            shape = _numbers(self.views, "Stream.views").shape
+            if shape != (len(CHANGES), *tokens.shape):
+                raise ValueError(
+                    f"Stream.views has shape {shape}, but must be {(len(CHANGES), *tokens.shape)}: leave it out, or "
+                    "give the picture itself as Condition.image"
+                )
         real = tokens if self.mask is None else tokens[np.asarray(self.mask)]
         if not np.isfinite(real.astype(np.float32)).all():
             raise ValueError("Stream.tokens holds NaN or infinity: correct the features")
@@ -105,7 +116,7 @@ class Stream:
     def content_hash(self) -> bytes:
         """Equal for streams of equal content."""
         digest = hashlib.sha256()
-        for value in (self.tokens, self.mask, self.positions):
+        for value in (self.tokens, self.mask, self.positions, self.views):
             array = np.asarray(value) if value is not None else np.zeros(0)
             digest.update(repr((array.shape, array.dtype.str)).encode())
             digest.update(np.ascontiguousarray(array).tobytes())

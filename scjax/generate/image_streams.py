@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from scjax.camera.photo import Photo
 from scjax.camera.standard_view import standard_view
@@ -15,6 +18,7 @@ from scjax.generate.camera_stream import camera_tokens
 from scjax.generate.conditions import Condition, Stream
 from scjax.generate.model import Model
 from scjax.generate.picture_networks import check_encoder, default_depth, default_image_encoder
+from scjax.generate.seen_views import CHANGES, changed_views
 from scjax.models.denoiser.config import ImageCondition, TextCondition
 
 _CURE = "leave it out, or load a model that was trained on pictures (docs/images.md)"
@@ -26,7 +30,7 @@ def image_streams(
     """The streams "image", "depth" and, with a camera, "camera" of every condition; none without a picture.
 
     Each different picture is encoded once, and each different depth. The encoder of the package gets standard views of
-    the pictures, by ``Condition.camera``.
+    the pictures, by ``Condition.camera``, and changed ones of them where seen agents shall hold (``seen_views``).
 
     Args:
       encoder: by default the model's (``default_image_encoder``).
@@ -45,6 +49,7 @@ def image_streams(
     network = model.denoiser.config.condition
     reads_depth = isinstance(network, ImageCondition) and network.depth
     features = dict(zip(photos, encoder(list(photos.values()), preprocessing), strict=True))
+    seen_views = _seen_views(conditions, views, model, encoder)
     depths: dict[tuple[str, str], GridTokens] = {}
     streams: list[Mapping[str, Stream]] = []
     for condition, view in zip(conditions, views, strict=True):
@@ -53,7 +58,7 @@ def image_streams(
             streams.append({})
             continue
         image = features[view.content]
-        own = {"image": Stream.from_cells(image)}
+        own = {"image": dataclasses.replace(Stream.from_cells(image), views=seen_views.get(view.content))}
         if reads_depth:
             provider: DepthProvider = default_depth(model) if condition.depth is None else condition.depth
             pair = photo.content, provider.key_of(photo)
@@ -66,6 +71,22 @@ def image_streams(
             own["camera"] = Stream.from_cells(camera_tokens(condition.camera, image.mask, preprocessing))
         streams.append(own)
     return streams
+
+
+def _seen_views(
+    conditions: Sequence[Condition], views: Sequence[Photo | None], model: Model, encoder: ImageEncoder
+) -> dict[str, np.ndarray]:
+    """Tokens of changed views by the content of the standard view, where seen agents shall hold."""
+    if model.views is None or not takes_standard_views(model.image_encoder):
+        return {}
+    photos = {
+        view.content: view
+        for condition, view in zip(conditions, views, strict=True)
+        if view is not None and condition.hold_seen and condition.known is None
+    }
+    changed = [other for photo in photos.values() for other in changed_views(photo)]
+    tokens = [cells.tokens for cells in encoder(changed, model_preprocessing(model))] if changed else []
+    return {content: np.stack(tokens[len(CHANGES) * k : len(CHANGES) * (k + 1)]) for k, content in enumerate(photos)}
 
 
 def _encoded_view(condition: Condition, model: Model) -> Photo | None:

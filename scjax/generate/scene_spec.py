@@ -182,7 +182,10 @@ def _seen_picture(streams: Mapping[str, Stream], model: Model) -> SeenPicture | 
     """What is seen by the network whose tokens say where agents are, if the model's pictures are read by it."""
     if "image" not in streams or model.views is None or not model.denoiser.config.agent_kinds:
         return None
-    return SeenPicture(np.asarray(streams["image"].grid())) if takes_standard_views(model.image_encoder) else None
+    if not takes_standard_views(model.image_encoder):
+        return None
+    image = streams["image"]
+    return SeenPicture(np.asarray(image.grid()), None if image.views is None else np.asarray(image.views))
 
 
 def _domain_index(domain: str | int | None, names: tuple[str, ...]) -> int | None:

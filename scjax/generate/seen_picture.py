@@ -20,14 +20,16 @@ class SeenPicture:
 
     Attributes:
       cells: the tokens of the picture in their places.
+      views: those of changed views of it (``seen_views``); None: not known.
     """
 
     cells: Float[np.ndarray, "width rows columns"]
+    views: Float[np.ndarray, "changes cells width"] | None = None
 
     @functools.cached_property
     def agents(self) -> SeenAgents:
         """Agents that are seen."""
-        return seen_agents(self._tokens)
+        return seen_agents(self._tokens, self.views)
 
     @functools.cached_property
     def lanes(self) -> SeenLanes:

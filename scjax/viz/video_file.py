@@ -24,7 +24,14 @@ _MIXTURES = (
 """Share of a color, and the gray that it is mixed with."""
 
 _BT709, _LIMITED = 1, 1  # numbers of the color space and the range of values that players expect
-_QUALITY = "20"  # constant rate factor of H.264; lower is better and larger
+_ENCODER: dict[str, object] = {
+    "preset": "superfast",
+    "crf": "26",  # constant rate factor; lower is better and larger
+    "threads": "1",
+    "x264-params": "scenecut=0:rc-lookahead=0:mbtree=0:weightp=0:bframes=3:b-adapt=0",
+}
+"""Of H.264: nothing looks ahead and three of four frames lie between others, in half of the time of the preset
+veryfast. Drawings become as large as with that one (``benchmarks/README.md``, wireframes)."""
 
 
 def video_suffix(path: str | Path) -> str:
@@ -116,7 +123,7 @@ def _write_mp4(frames: Iterable[np.ndarray], path: Path, frames_per_second: floa
                     context = stream.codec_context
                     context.colorspace = context.color_primaries = context.color_trc = _BT709
                     context.color_range = _LIMITED
-                    stream.options = {"crf": _QUALITY, "preset": "veryfast", "threads": "1"}
+                    stream.options = _ENCODER
                 picture = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(frame), format="rgb24")
                 picture = picture.reformat(format="yuv420p", dst_colorspace=_BT709, dst_color_range=_LIMITED)
                 container.mux(stream.encode(picture))

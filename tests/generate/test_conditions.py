@@ -38,6 +38,10 @@ def test_condition_refuses_bad_fields(fields, message):
         ({"tokens": np.zeros(3)}, "must be .tokens, width., at least one of each"),
         ({"tokens": np.zeros((3, 4)), "mask": np.ones(2, bool)}, r"mask has shape \(2,\), but there are 3 tokens"),
         ({"tokens": np.zeros((3, 4)), "positions": np.zeros((2, 2))}, r"positions has shape \(2, 2\)"),
+        (
+            {"tokens": np.zeros((3, 4)), "views": np.zeros((1, 3, 4))},
+            r"views has shape \(1, 3, 4\), but must be \(5, 3, 4",
+        ),
     ],
 )
 def test_stream_refuses_bad_shapes(fields, message):
@@ -68,8 +72,10 @@ def test_stream_without_positions_has_no_grid():
 
 def test_stream_hash_depends_on_content_only():
     assert TEXT.content_hash() == Stream(np.zeros((3, 4), np.float32)).content_hash()
-    others = (Stream(np.ones((3, 4), np.float32)), Stream(TEXT.tokens, mask=np.arange(3) < 2), IMAGE)
-    assert len({TEXT.content_hash(), *(other.content_hash() for other in others)}) == 4
+    views = np.zeros((5, 3, 4), np.float32)
+    masked, viewed = Stream(TEXT.tokens, mask=np.arange(3) < 2), Stream(TEXT.tokens, views=views)
+    others = (Stream(np.ones((3, 4), np.float32)), masked, viewed, IMAGE)
+    assert len({TEXT.content_hash(), *(other.content_hash() for other in others)}) == 5
 
 
 def test_streams_combine_freely():

@@ -23,6 +23,7 @@ from scjax.generate.conditions import Condition
 from scjax.generate.image_streams import image_streams
 from scjax.generate.outline_draw import draw_outline
 from scjax.generate.scene_spec import specify_scene
+from scjax.generate.seen_views import changed_views
 from scjax.generate.view_draw import draw_view
 from scjax.language.attributes.vector import feature_names
 from scjax.models.codec import scjax as ours
@@ -160,6 +161,17 @@ def test_encoder_reads_the_standard_view_of_a_picture(denoiser_run):
         np.testing.assert_allclose(streams["image"].tokens, encoder([view])[0].tokens, atol=1e-4)
         assert "camera" not in streams
     assert np.abs(known["image"].tokens - assumed["image"].tokens).max() > 0.1
+
+
+def test_streams_have_changed_views_where_seen_agents_hold(denoiser_run):
+    _, model, encoder = denoiser_run
+    photo = photo_from_array(picture(90, 160))
+    held, loose = image_streams([Condition(image=photo), Condition(image=photo, hold_seen=False)], model, encoder)
+    views = encoder(changed_views(standard_view(photo)))
+    np.testing.assert_allclose(held["image"].views, [view.tokens for view in views], atol=1e-4)
+    np.testing.assert_array_equal(held["image"].tokens, loose["image"].tokens)
+    (alone,) = image_streams([Condition(image=photo, hold_seen=False)], model, encoder)
+    assert alone["image"].views is None
 
 
 def test_picture_decides_the_outline(denoiser_run, folder):
