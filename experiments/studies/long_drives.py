@@ -209,8 +209,8 @@ The map is not the same from the start to the end. A tile beyond which no road g
 than 60 m from the ego may be taken back, with who is on them. Of stop lines in a row the first counts. Some agents of
 new tiles are left out: vehicles, obstacles and standing people that block a lane, and vehicles that a parked one would
 keep from setting off. So are those who come so near to others that braking does not help. Nobody enters at the border,
-and who is farther than 160 m from the ego is gone. So is who has stood for 40 s in a junction, or on a lane as the first
-of a queue.
+and who is farther than 160 m from the ego is gone. So is who has stood for 40 s in a junction, or on a lane as the
+first of a queue.
 
 Core seconds are of all that a drive takes: sampling the scene, tiles, and traffic, and compiling what no drive before
 it had compiled."""
