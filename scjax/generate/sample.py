@@ -3,14 +3,16 @@
 The stages, in order, each a module of this package:
 
 1. ``scene_spec``: what the conditions hold fixed, in the terms of the model. ``readings`` makes attributes of prompts,
-   for models that read these, and ``encode`` tokens of texts and pictures. From here on there are no conditions.
-2. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline (what each
-   lane and agent is, without coordinates: the model holds outlines of 8,000 scenes of its training, and one that
-   shows the request is drawn).
-3. ``batching``, ``loop``, ``compiled``: latents by the sampler, decoded, in batches of few padded sizes.
-4. ``scjax.repair`` and ``best_of``, if they are chosen.
+   for models that read these, and ``encode`` tokens of texts and pictures. Later stages know specs alone.
+2. ``requests``: a scene's own key draws what is open: domain, numbers of lanes and agents, and its outline. That says
+   what each lane and agent is, without coordinates. The model holds outlines of 8,000 scenes of its training; one that
+   shows the request is drawn.
+3. ``batching``, ``loop``, ``compiled``: latents by the sampler (``diffusion.samplers``), decoded, in batches of few
+   padded sizes.
+4. ``Request.finish``: known elements exactly as they were given, and what a picture shows.
+5. ``scjax.repair`` and ``best_of``, if they are chosen.
 
-Stages 1, 2 and 4 run in NumPy on the host; stage 3 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
+Stages 1, 2, 4 and 5 run in NumPy on the host; stage 3 is jitted. So ``scjax.sample`` cannot be called under ``jax.jit``
 or ``jax.vmap``: give it several conditions instead.
 """
 
@@ -111,13 +113,13 @@ def sample_scenes(
     """Samples ``num_scenes`` scenes for one condition, or for each of several conditions.
 
     Scene i depends on ``fold_in(key, i)`` only, not on how many scenes are sampled with it. With several conditions,
-    scene j of condition c is scene number ``c * num_scenes + j``. A single scene and several are different programs, as
-    are those of other processors: between them, scenes of one key differ in their last bits.
+    scene j of condition c is scene number ``c * num_scenes + j``. A single scene is sampled by another program than
+    several are, and so it is on another processor. Then scenes of one key differ in their last bits.
 
     Args:
       key: typed key, ``jax.random.key(0)``, or the number of one.
-      condition: what to hold fixed; a text is a condition with that prompt; None draws everything. Specs that
-        ``specify_scenes`` made of conditions, for this model, stand for these; then nothing is read again.
+      condition: what to hold fixed; a text is a condition with that prompt; None draws everything. Instead of
+        conditions it may be their specs (``specify_scenes``, for this model), whose prompts are not read again.
       model: from ``scjax.load``, or a model folder, which is read at every call; None: the model that ships with the
         package.
       num_scenes: scenes for each condition.
@@ -138,7 +140,7 @@ def sample_scenes(
       padded_size: (agents, lanes) that every scene is padded to at least, so that scenes of several sizes share
         compiled programs. By default each scene is padded to the smallest of a few sizes that holds it. That runs
         fastest, but every size compiles once.
-      progress: is called while scenes are sampled with the number of parts so far and of all.
+      progress: is called while scenes are sampled, with how many parts of the work are done, and how many there are.
 
     Returns:
       For one condition a batch [num_scenes] of NumPy arrays in meters, padded to its largest scene. For a sequence of
