@@ -25,7 +25,8 @@ def read_command(prompts, folder, as_json) -> None:
     scjax read "vier Autos an der Kreuzung, die Ampel ist rot"
     scjax read "empty motorway" --reader runs/reader/model
 
-    docs/attributes.md explains the names. What is not listed is not understood, or not requested.
+    docs/attributes.md explains the names. What is not listed is not understood, or not requested. "Perhaps" stands
+    beside what is less likely than not: it only decides between drafts of a scene that show the rest.
     """
     from scjax.generate.prompt_reader import load_reader
     from scjax.language.attributes.contradictions import find_contradictions
@@ -51,7 +52,7 @@ def read_command(prompts, folder, as_json) -> None:
 def _lines(reading: Reading) -> list[str]:
     from scjax.language.attributes.shown import shown_value
 
-    if not reading.request:
-        return ["  nothing is understood"]
-    shown = {name: shown_value(value) for name, value in reading.request.items()}
-    return [f"  {name:<22}{value:<30}{100 * reading.shares[name]:.0f} %" for name, value in shown.items()]
+    rows = [(name, value, f"{100 * reading.shares[name]:.0f} %") for name, value in reading.request.items()]
+    rows += [(name, value, "perhaps") for name, value in reading.likely.items()]
+    lines = [f"  {name:<22}{shown_value(value):<30}{share}" for name, value, share in rows]
+    return lines if reading.request else ["  nothing is understood", *lines]

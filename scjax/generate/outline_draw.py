@@ -63,14 +63,15 @@ def draw_outline(rng: np.random.Generator, spec: SceneSpec, model: Model, view: 
     if spec.crop != Crop.CENTERED:
         return None
     known, known_lanes, domain = _known_tokens(spec), None, spec.domain
-    request, negative = spec.attributes, spec.negative_attributes
+    request, negative, likely = spec.attributes, spec.negative_attributes, spec.likely
     if known is not None and len(known.lane_mask) == spec.num_lanes:
-        request, negative = _of_agents(request), _of_agents(negative)
+        request, negative, likely = _of_agents(request), _of_agents(negative), _of_agents(likely)
         known_lanes = _known_kinds(known, model).lanes
     draw = AgentDraw(rng, model.outlines.agents, model.codec, spec.attributes)
     row = model.outlines.draw(
         rng,
         request,
+        likely=likely,
         negative=negative,
         domain=domain,
         num_lanes=spec.num_lanes,

@@ -27,6 +27,7 @@ _TENTHS = 10  # lengths are kept to 0.1 m
 _FITTED = ("vehicles", "pedestrians", "cyclists", "static", "large")  # agents are added or left out to these numbers
 _ENOUGH = 30  # outlines among which one is drawn, at least, if so many show the request equally
 _EQUAL = 1e-4  # of mean numbers of attributes
+_LIKELY = 0.3  # of an attribute that a prompt may ask for, beside one that it asks for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,6 +159,7 @@ class Outlines:
         rng: np.random.Generator,
         request: Mapping[str, Any],
         *,
+        likely: Mapping[str, Any] | None = None,
         negative: Mapping[str, Any] | None = None,
         domain: int | None = None,
         num_lanes: int | None = None,
@@ -174,18 +176,19 @@ class Outlines:
         request and in whose trials few lanes have faults.
 
         Args:
+          likely: further attributes, that count less.
           among: the scenes to choose from; None: all.
           count_misses: of kinds of agents, how much of the request these do not show [rows].
         """
         trials = self.trials if among is None and lanes is None and request else None
         rows = np.arange(len(self)) if among is None else among
-        others = {name: value for name, value in request.items() if name not in _FITTED}
-        held = self.count_held(others)[rows].astype(np.float32)
+        (others, numbers), (likely_others, likely_numbers) = map(_split, (request, likely or {}))
+        held = (self.count_held(others) + _LIKELY * self.count_held(likely_others))[rows].astype(np.float32)
         if trials is not None:
             held += trials.mean_held(others, self.values)
         rows = rows[held >= held.max() - _EQUAL]
-        held = self.count_held({name: value for name, value in request.items() if name in _FITTED})[rows]
-        rows = rows[held == held.max()]
+        held = (self.count_held(numbers) + _LIKELY * self.count_held(likely_numbers))[rows]
+        rows = rows[held >= held.max() - _EQUAL]
         unwanted = self.count_held(negative or {})[rows]
         rows = rows[unwanted == unwanted.min()]
         rows = _those(rows, np.ones(len(rows), bool) if domain is None else self.domains[rows] == domain)
@@ -204,6 +207,12 @@ class Outlines:
         if trials is not None:
             penalties += trials.mean_faulty(rows)
         return int(rng.choice(rows[penalties <= np.sort(penalties)[:_ENOUGH][-1]]))
+
+
+def _split(request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A request without numbers of agents, and these numbers."""
+    numbers = {name: value for name, value in request.items() if name in _FITTED}
+    return {name: value for name, value in request.items() if name not in _FITTED}, numbers
 
 
 def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

@@ -143,7 +143,10 @@ def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> No
             "encoder": reader.encoder_name,
             "files": write_arrays(round_arrays(array_names(reader.params)), temporary, dtype="float16"),
             "notes": notes,
-            "readings": {text: reading._asdict() for text, reading in reader.readings.items()},
+            "readings": {
+                text: reading._replace(likely=dict(reading.likely))._asdict()
+                for text, reading in reader.readings.items()
+            },
         }
         (temporary / INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
 
@@ -185,7 +188,8 @@ def _load(folder: Path) -> PromptReader:
 
 def _reading(content: dict[str, Any], path: Path) -> Reading:
     try:
-        return Reading(check_attributes(content["request"]), dict(content["shares"]))
+        request, likely = check_attributes(content["request"]), check_attributes(content.get("likely", {}))
+        return Reading(request, dict(content["shares"]), likely)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: a reading is damaged ({error}): {_CURE}") from error
 

@@ -21,10 +21,13 @@ class PromptReadings(NamedTuple):
     Attributes:
       conditions: with what their prompts ask for as attributes.
       warnings: for every condition, sentences about parts of its prompt that will not come true.
+      likely: for every condition, attributes that its prompt may ask for too. They go with its attributes, and decide
+        between outlines that show these.
     """
 
     conditions: list[Condition]
     warnings: list[list[str]]
+    likely: list[dict[str, Any]]
 
 
 def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptReader | None = None) -> PromptReadings:
@@ -41,19 +44,25 @@ def read_prompts(conditions: Sequence[Condition], model: Model, reader: PromptRe
     """
     if reads_requests(model):
         return read_requests(conditions, reader)
-    return PromptReadings(list(conditions), [[] for _ in conditions])
+    return _nothing_read(conditions)
 
 
 def read_requests(conditions: Sequence[Condition], reader: PromptReader | None = None) -> PromptReadings:
     """As ``read_prompts``, whatever the model."""
     prompts = list(dict.fromkeys(text for one in conditions for text in one.prompts.values()))
     if not prompts:
-        return PromptReadings(list(conditions), [[] for _ in conditions])
+        return _nothing_read(conditions)
     requests = dict(zip(prompts, _requests(prompts, reader or load_reader()), strict=True))
+    read = [_with_requests(one, requests) for one in conditions]
     return PromptReadings(
-        [_with_requests(one, requests) for one in conditions],
+        read,
         [[] if one.prompt is None else _warnings(one, requests[one.prompt]) for one in conditions],
+        [{} if one.prompt is None else _likely(one, requests[one.prompt]) for one in read],
     )
+
+
+def _nothing_read(conditions: Sequence[Condition]) -> PromptReadings:
+    return PromptReadings(list(conditions), [[] for _ in conditions], [{} for _ in conditions])
 
 
 def reads_requests(model: Model) -> bool:
@@ -72,14 +81,15 @@ def prompt_warnings(condition: Condition, reader: PromptReader | None = None) ->
 
 
 class _PromptRequest(NamedTuple):
-    """What one prompt asks for: attributes, and pairs of them that cannot both hold."""
+    """What one prompt asks for: attributes, pairs of them that cannot both hold, and further attributes that it may."""
 
     attributes: dict[str, Any]
     contradictions: list[tuple[str, str]]
+    likely: Mapping[str, Any]
 
 
 def _requests(prompts: Sequence[str], reader: PromptReader) -> list[_PromptRequest]:
-    return [_PromptRequest(one.request, find_contradictions(one.request)) for one in reader(prompts)]
+    return [_PromptRequest(one.request, find_contradictions(one.request), one.likely) for one in reader(prompts)]
 
 
 def _warnings(condition: Condition, request: _PromptRequest) -> list[str]:
@@ -107,6 +117,15 @@ def _with_requests(condition: Condition, requests: Mapping[str, _PromptRequest])
             request = {**read, **given}
             changes[name] = _without(request, find_contradictions(request), kept=tuple(given))
     return dataclasses.replace(condition, **changes)
+
+
+def _likely(condition: Condition, request: _PromptRequest) -> dict[str, Any]:
+    """Attributes that the prompt of a condition may ask for besides those of the condition, and that go with them."""
+    known = {**condition.negative_attributes, **request.attributes, **condition.attributes}
+    more = {name: value for name, value in request.likely.items() if name not in known}
+    together = {**condition.attributes, **more}
+    fitting = _without(together, find_contradictions(together), kept=tuple(condition.attributes))
+    return {name: value for name, value in fitting.items() if name in more}
 
 
 def _without(

@@ -93,6 +93,7 @@ class SceneSpec:
       streams: tokens of the condition, by name.
       picture: what its picture shows, where that holds; None: nothing.
       warnings: sentences about parts of its prompt that will not come true.
+      likely: attributes that its prompt may ask for too (``readings``).
     """
 
     crop: Crop
@@ -105,6 +106,7 @@ class SceneSpec:
     streams: Mapping[str, Stream]
     picture: SeenPicture | None
     warnings: Sequence[str] = ()
+    likely: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def fixes_agents(self) -> bool:
@@ -141,20 +143,25 @@ def specify_scenes(conditions: Sequence[Condition | SceneSpec], model: Model) ->
       ValueError: something that the model cannot read or meet; or as ``read_prompts`` and ``encode_conditions``.
     """
     specs = {i: one for i, one in enumerate(conditions) if isinstance(one, SceneSpec)}
-    conditions, warnings = read_prompts([one for one in conditions if isinstance(one, Condition)], model)
+    conditions, warnings, likely = read_prompts([one for one in conditions if isinstance(one, Condition)], model)
     streams = encode_conditions(conditions, model)
-    others = map(specify_scene, conditions, streams, itertools.repeat(model), warnings)
+    others = map(specify_scene, conditions, streams, itertools.repeat(model), warnings, likely)
     return [specs[i] if i in specs else next(others) for i in range(len(specs) + len(conditions))]
 
 
 def specify_scene(
-    condition: Condition, streams: Mapping[str, Stream], model: Model, warnings: Sequence[str] = ()
+    condition: Condition,
+    streams: Mapping[str, Stream],
+    model: Model,
+    warnings: Sequence[str] = (),
+    likely: Mapping[str, Any] | None = None,
 ) -> SceneSpec:
     """What a condition fixes of its scene, after its prompt was read.
 
     Args:
       streams: of the condition (``encode_conditions``).
       warnings: about its prompt.
+      likely: attributes that its prompt may ask for too; None: none.
 
     Raises:
       ValueError: counts or a domain that the model cannot meet.
@@ -173,6 +180,7 @@ def specify_scene(
         streams=streams,
         picture=_seen_picture(streams, model) if condition.hold_seen and known is None else None,
         warnings=warnings,
+        likely=likely or {},
     )
     spec.check_counts(model.denoiser.config.max_agents, model.denoiser.config.max_lanes)
     return spec

@@ -78,7 +78,7 @@ def test_scene_and_view_lie_beside_each_other(generate, folder, tmp_path):
 def test_prompt_and_picture_name_the_files_and_both_count(generate, tmp_path, monkeypatch):
     def read_requests(conditions, reader=None):
         read = [dataclasses.replace(one, attributes={"layout": "T"}) if one.prompt else one for one in conditions]
-        return PromptReadings(read, [[] for _ in read])
+        return PromptReadings(read, [[] for _ in read], [{} for _ in read])
 
     monkeypatch.setattr("scjax.generate.readings.read_requests", read_requests)
     code, out, err = generate("--image", "Road 1.png", "a T-junction", "--json")

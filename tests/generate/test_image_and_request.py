@@ -161,6 +161,7 @@ def test_prompt_and_picture_go_into_one_condition(model, sample, monkeypatch):
         lambda conditions, model: PromptReadings(
             [condition(request=REQUEST, streams=one.streams) if one.prompt else one for one in conditions],
             [[] for _ in conditions],
+            [{} for _ in conditions],
         ),
     )
     prompted = Condition(prompt="a T-junction with three vehicles", streams=feature_streams(0), **AHEAD)

@@ -45,6 +45,17 @@ def test_draws_show_most_of_the_request():
     assert _draws() == {0, 1, 2}
 
 
+def test_likely_attributes_decide_between_scenes_that_show_the_request_equally():
+    assert _draws(request={"layout": "T"}, likely=check_attributes({"signal": "red"})) == {1}
+    assert _draws(request={"layout": "T"}, likely=check_attributes({"vehicles": 1})) == {0}
+    assert _draws(likely=check_attributes({"layout": "straight"})) == {2}
+
+
+def test_likely_attributes_never_outweigh_one_of_the_request():
+    likely = check_attributes({"queue": True, "event": ("jaywalker",), "vehicles": (0, 1)})
+    assert _draws(request={"layout": "T", "signal": "red"}, likely=likely) == {1}
+
+
 def test_numbers_of_agents_decide_after_all_else():
     rows = [
         ((1,), (0, 1), {"layout": ("straight",), "vehicles": 3, "pedestrians": 2}),

@@ -183,7 +183,7 @@ def test_training_continues_and_its_model_reads(tmp_path, run, monkeypatch):
     assert load_reader(tmp_path / "begun" / "model").config.blocks == 3
     model = ["--reader", str(folders[0] / "model")]
     code, out, _ = run("read", "a road with two cars", *model, "--json")
-    assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "contradictions"}
+    assert code == 0 and json.loads(out)[0].keys() == {"prompt", "request", "shares", "likely", "contradictions"}
     code, out, _ = run("read", "a road", *model)
     assert code == 0 and out.startswith("a road\n  ")
     code, _, errors = run("read", "a road", "--reader", str(folders[0]))

@@ -25,12 +25,16 @@ REQUESTS = {
     "purple": {},
 }
 
+LIKELY = {"two cars at a T": {"pedestrians": (1, None), "one_way": True, "slope": "up"}}
+
 
 @pytest.fixture(scope="module")
 def reader():
     """A reader that has read all texts of this file."""
     config = reader_config(8, width=16, heads=2)
-    known = {text: Reading(request, dict.fromkeys(request, 0.9)) for text, request in REQUESTS.items()}
+    known = {
+        text: Reading(request, dict.fromkeys(request, 0.9), LIKELY.get(text, {})) for text, request in REQUESTS.items()
+    }
     return PromptReader(config, reader_network(config).init(jax.random.key(0)), "none", known)
 
 
@@ -64,6 +68,24 @@ def test_given_attributes_win_over_read_ones(model, reader):
     }
 
 
+def test_what_a_prompt_may_ask_for_goes_with_what_is_asked(model, reader):
+    conditions = [
+        Condition(prompt="two cars at a T"),
+        Condition(prompt="two cars at a T", attributes={"slope": "down"}, negative_attributes={"pedestrians": 3}),
+        Condition(prompt="two cars at a T", attributes={"lanes_opposite": 2}),  # no one-way road
+        Condition(prompt="purple"),
+        Condition(),
+    ]
+    likely = read_prompts(conditions, model, reader).likely
+    assert [sorted(one) for one in likely] == [
+        ["one_way", "pedestrians", "slope"],
+        ["one_way"],
+        ["pedestrians", "slope"],
+        [],
+        [],
+    ]
+
+
 def test_of_a_contradiction_neither_part_is_taken(model, reader):
     (read,) = read_prompts([Condition(prompt="nothing ahead but a jam")], model, reader).conditions
     assert read.attributes == {"vehicles": (10, None), "ahead": (0, 0)}
@@ -75,9 +97,9 @@ def test_of_a_contradiction_neither_part_is_taken(model, reader):
 def test_networks_that_read_prompts_themselves_get_none(model, reader):
     plain = dataclasses.replace(model, reads_prompts=False)
     conditions = [Condition(prompt="two cars at a T")]
-    assert not reads_requests(plain) and read_prompts(conditions, plain, reader) == (conditions, [[]])
+    assert not reads_requests(plain) and read_prompts(conditions, plain, reader) == (conditions, [[]], [{}])
     given = [Condition(streams={"text": Stream(np.zeros((1, Words.width), np.float32))})]
-    assert read_prompts(given, model, reader) == (given, [[]])
+    assert read_prompts(given, model, reader) == (given, [[]], [{}])
 
 
 def test_networks_that_read_attributes_alone_need_requests():

@@ -12,7 +12,15 @@ from scjax.language.grammar.compose import compose_freely
 from scjax.language.grammar.phrasebook import languages
 from scjax.language.reader.bounds import pair_scores
 from scjax.language.reader.numbers import LARGEST, find_numbers, token_numbers
-from scjax.language.reader.targets import LEVELS, NAMED, RANGES, VALUES, read_outputs, request_targets
+from scjax.language.reader.targets import (
+    LEVELS,
+    NAMED,
+    RANGES,
+    VALUES,
+    read_outputs,
+    request_targets,
+    value_names,
+)
 
 
 def _read(request):
@@ -59,8 +67,23 @@ def test_whatever_the_network_says_is_a_request(seed):
     assert check_attributes(reading.request) == reading.request
 
 
+@pytest.mark.parametrize(("margin", "is_likely"), [(-0.5, None), (2.9, True), (3.1, False)])
+def test_attributes_that_are_nearly_as_likely_as_none_are_likely(margin, is_likely):
+    """``margin``: by how much the logit of "unspecified" is higher; below 0 the attribute is read."""
+    targets = request_targets({})
+    named, ends = 20 * (targets.named - 1.0), 20 * (np.eye(LEVELS)[targets.ends] - 1.0)
+    row = [attribute.name for attribute in NAMED].index("slope")
+    place = value_names(NAMED[row]).index("up")
+    named[row, place] = named[row, 0] - margin
+    vehicles = [attribute.name for attribute in RANGES].index("vehicles")
+    ends[vehicles, 0, 3] = ends[vehicles, 0, 0] - margin
+    reading, expected = read_outputs(named, ends, [3]), {"slope": "up", "vehicles": (3, None)}
+    assert reading.request == (expected if is_likely is None else {})
+    assert reading.likely == (expected if is_likely else {})
+
+
 def test_nothing_is_read_of_nothing():
-    assert _read({}) == ({}, {})
+    assert _read({}) == ({}, {}, {})
 
 
 def test_numbers_beyond_the_table_are_its_last():

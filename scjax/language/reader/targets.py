@@ -9,6 +9,7 @@ last.
 from __future__ import annotations
 
 import functools
+import types
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -23,6 +24,8 @@ LEVELS = 65
 """Numbers of an end of a range: 0 to 64 vehicles or meters, 63 at the upper end."""
 
 _TINY = 1e-30
+_UNSURE = 3.0
+"""By which the logit of "unspecified" is higher than that of an attribute that a text may ask for, at most."""
 
 NAMED: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind != "range")
 RANGES: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind == "range")
@@ -87,10 +90,12 @@ class Reading(NamedTuple):
     Attributes:
       request: in its normal form.
       shares: attribute -> how sure the reader is, from 0 to 1.
+      likely: further attributes that it may ask for, less likely than not.
     """
 
     request: dict[str, Any]
     shares: dict[str, float]
+    likely: Mapping[str, Any] = types.MappingProxyType({})
 
 
 def read_outputs(
@@ -100,6 +105,21 @@ def read_outputs(
     compared: Sequence[Bounds] = (),
 ) -> Reading:
     """The most likely request for the logits of one text that names ``numbers``, with the ranges of comparisons."""
+    request, shares = _most_likely(named, ends, numbers, compared)
+    first = np.where(is_set(), 0.0, _UNSURE)  # a set has no "unspecified"
+    named = np.concatenate([named[:, :1] - first[:, None], named[:, 1:]], 1)
+    ends = np.concatenate([ends[..., :1] - _UNSURE, ends[..., 1:]], -1)
+    more, _ = _most_likely(named, ends, numbers, compared)
+    return Reading(request, shares, {name: value for name, value in more.items() if name not in request})
+
+
+def _most_likely(
+    named: Float[np.ndarray, "named values"],
+    ends: Float[np.ndarray, "ranges 2 levels"],
+    numbers: Sequence[int],
+    compared: Sequence[Bounds],
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Request and shares."""
     request: dict[str, Any] = {}
     shares: dict[str, float] = {}
     for attribute, logits in zip(NAMED, named, strict=True):
@@ -131,7 +151,7 @@ def read_outputs(
     if request.get("one_way") and "lanes_total" in request and "lanes_same" not in request:
         for part in (request, shares):  # all lanes of a one-way road run with the ego
             part["lanes_same"] = part.pop("lanes_total")
-    return Reading({name: request[name] for name in ATTRIBUTES if name in request}, shares)
+    return {name: request[name] for name in ATTRIBUTES if name in request}, shares
 
 
 def _softmax(logits: np.ndarray) -> np.ndarray:
