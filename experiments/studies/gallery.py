@@ -73,7 +73,7 @@ def sample_gallery(args: argparse.Namespace) -> list[dict[str, Any]]:
     results = []
     for number, prompt in enumerate(tqdm(prompts, "prompts", disable=None), 1):
         condition = scjax.Condition(prompt=prompt)
-        (read,), (unmet,) = read_requests([condition])
+        (read,), (unmet,), _ = read_requests([condition])
         with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             scenes = scjax.sample(
