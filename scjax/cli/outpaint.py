@@ -152,7 +152,7 @@ def _grown(
         steps = outpaint_steps(seed, begin, prompts, **ways, **sampling)
         map = next(steps)
         first = len(map.tiles)
-        while (grown := next(steps, None)) is not None:
+        for grown in steps:
             map = grown
             bar.update()
     return first, map

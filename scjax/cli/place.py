@@ -174,10 +174,10 @@ def _placed(scenes: list[Scene], condition: Any, seed: int, options: dict[str, A
     key, starts = jax.random.key(seed), range(0, len(scenes), _CHUNK)
     with progress_bar("scenes") as progress:
         for number, start in enumerate(starts):
-            options["progress"] = part_of(progress, number, len(starts))
             own_key = jax.random.fold_in(key, start) if start else key
+            part, some = part_of(progress, number, len(starts)), scenes[start : start + _CHUNK]
             with clock.part("scenes"):
-                placed = place_traffic(own_key, scenes[start : start + _CHUNK], condition, **options)
+                placed = place_traffic(own_key, some, condition, progress=part, **options)
             yield from placed
 
 

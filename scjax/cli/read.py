@@ -26,7 +26,7 @@ def read_command(prompts, folder, as_json) -> None:
     scjax read "empty motorway" --reader runs/reader/model
 
     docs/attributes.md explains the names. What is not listed is not understood, or not requested. "Perhaps" stands
-    beside what is less likely than not: it only decides between drafts of a scene that show the rest.
+    beside what is less likely than not: it decides between outlines that show the rest (docs/generate.md).
     """
     from scjax.generate.prompt_reader import load_reader
     from scjax.language.attributes.contradictions import find_contradictions

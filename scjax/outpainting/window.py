@@ -75,8 +75,8 @@ class KnownWindow:
     @functools.cached_property
     def keeps_right(self) -> bool | None:
         """Whether traffic keeps to the right here, or else on the whole map; None if nothing says so."""
-        here, everywhere = ([lane.points for lane in map.lanes] for map in (self.near, self.map))
-        return on_here if (on_here := keeps_right(here)) is not None else keeps_right(everywhere)
+        here = keeps_right([lane.points for lane in self.near.lanes])
+        return keeps_right([lane.points for lane in self.map.lanes]) if here is None else here
 
     @functools.cached_property
     def num_overlap_places(self) -> int:

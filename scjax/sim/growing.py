@@ -254,7 +254,7 @@ def with_first_stop_lines(map: Map) -> Map:
 
 
 def bodies_in_the_way(start: Start, width: float = _WIDTH) -> set[str]:
-    """Ids of those who stay where they are and leave who is so wide [m] no room: queues would not end.
+    """Ids of bodies that stay where they are and leave too little room for a vehicle so wide [m]: queues would not end.
 
     They are vehicles and obstacles that follow no lane, and pedestrians who stand beside the road.
     """

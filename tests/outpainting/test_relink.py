@@ -15,7 +15,7 @@ from scjax.outpainting.window import KnownWindow, WindowPose
 from scjax.scene import Crop, Link, Scene, permute, scene_to_map
 from scjax.scene.map_forms import log_to_map
 
-SCENES = 40  # 300: 1,494 links cut, 1,490 found, 6 others; five of these are new lanes that were cut, mistaken below
+SCENES = 40  # 300: 1,494 links cut, 1,490 found, 6 others. Where a new lane was cut, 4 links are mistaken for another
 EGOS = 3
 """Agents of a log around which scenes are cut."""
 

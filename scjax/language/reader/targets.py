@@ -25,7 +25,7 @@ LEVELS = 65
 
 _TINY = 1e-30
 _UNSURE = 3.0
-"""By which the logit of "unspecified" is higher than that of an attribute that a text may ask for, at most."""
+"""The logit of "unspecified" is at most so much higher than that of an attribute that a text may ask for."""
 
 NAMED: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind != "range")
 RANGES: tuple[Attribute, ...] = tuple(one for one in ATTRIBUTES.values() if one.kind == "range")
@@ -104,10 +104,13 @@ def read_outputs(
     numbers: Sequence[int] = (),
     compared: Sequence[Bounds] = (),
 ) -> Reading:
-    """The most likely request for the logits of one text that names ``numbers``, with the ranges of comparisons."""
+    """What the logits of one text say that names ``numbers``, with the ranges of comparisons.
+
+    The request is the most likely one. ``likely`` is what joins it if "unspecified" counts less.
+    """
     request, shares = _most_likely(named, ends, numbers, compared)
-    first = np.where(is_set(), 0.0, _UNSURE)  # a set has no "unspecified"
-    named = np.concatenate([named[:, :1] - first[:, None], named[:, 1:]], 1)
+    less = np.where(is_set(), 0.0, _UNSURE)[:, None]  # a set has no "unspecified"
+    named = np.concatenate([named[:, :1] - less, named[:, 1:]], 1)
     ends = np.concatenate([ends[..., :1] - _UNSURE, ends[..., 1:]], -1)
     more, _ = _most_likely(named, ends, numbers, compared)
     return Reading(request, shares, {name: value for name, value in more.items() if name not in request})
@@ -119,7 +122,7 @@ def _most_likely(
     numbers: Sequence[int],
     compared: Sequence[Bounds],
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Request and shares."""
+    """The most likely request, and how sure each of its attributes is."""
     request: dict[str, Any] = {}
     shares: dict[str, float] = {}
     for attribute, logits in zip(NAMED, named, strict=True):
