@@ -25,13 +25,11 @@ class JunctionSpan:
     Attributes:
       start, end: arc lengths [m].
       junction: number of the junction.
-      is_shared: whether several ways lead through it, one for each lane before or after.
     """
 
     start: float
     end: float
     junction: int
-    is_shared: bool = False
 
 
 class _Junctions:
@@ -60,6 +58,7 @@ def junction_spans(
 
     Args:
       curves: middles of all lanes.
+      nodes: none at which several lanes end and several begin.
       lit: lanes that begin in a junction if the lane before does not lie in one.
     """
     junctions, lengths = _Junctions(), [curve.length for curve in curves]
@@ -89,13 +88,12 @@ def junction_spans(
         else:
             place = starts.get(lane)
             begins = place is not None and (
-                place[0].kind in (NodeKind.FORK, NodeKind.MIXED)
+                place[0].kind is NodeKind.FORK
                 or (place[0].kind is NodeKind.PLAIN and lane in lit and place[0].before[0] not in whole)
             )
-            at_start = (place[0], place[1], heads[lane]) if place is not None and begins else None
+            at_start = (place[1], heads[lane]) if place is not None and begins else None
             place = ends.get(lane)
-            is_merge = place is not None and place[0].kind in (NodeKind.MERGE, NodeKind.MIXED)
-            at_end = (place[0], place[1], tails[lane]) if place is not None and is_merge else None
+            at_end = (place[1], tails[lane]) if place is not None and place[0].kind is NodeKind.MERGE else None
             spans.append(_lane_spans(length, at_start, at_end, on_lane.get(lane, ()), junctions))
     for row in spans:
         for span in row:
@@ -140,23 +138,23 @@ def _whole_lanes(
 
 def _lane_spans(
     length: float,
-    start: tuple[LaneNode, int, float] | None,
-    end: tuple[LaneNode, int, float] | None,
+    start: tuple[int, float] | None,
+    end: tuple[int, float] | None,
     crossings: Sequence[tuple[float, float, int]],
     junctions: _Junctions,
 ) -> list[JunctionSpan]:
     """The spans of a lane of which some part stays outside of junctions.
 
     Args:
-      start, end: node, junction and length [m] of the parts at both ends that lie in one; None if they do not.
+      start, end: junction and length [m] of the parts at both ends that lie in one; None if they do not.
     """
     most = length / 3 if start is not None and end is not None else length / 2
     head, tail = start is not None, end is not None
     spans: list[JunctionSpan] = []
     if start is not None:
-        spans.append(JunctionSpan(0.0, min(start[2], most), start[1], start[0].kind is NodeKind.MIXED))
+        spans.append(JunctionSpan(0.0, min(start[1], most), start[0]))
     if end is not None:
-        spans.append(JunctionSpan(length - min(end[2], most), length, end[1], end[0].kind is NodeKind.MIXED))
+        spans.append(JunctionSpan(length - min(end[1], most), length, end[0]))
     margin = min(_MARGIN, _MARGIN_SHARE * length)
     low, high = 0.0 if head else margin, length if tail else length - margin
     middle = length / 2
@@ -185,5 +183,4 @@ def _merged(spans: list[JunctionSpan], middle: float | None, junctions: _Junctio
             continue
         junctions.unite(last.junction, span.junction)
         last.end = max(last.end, span.end)
-        last.is_shared |= span.is_shared
     return merged

@@ -17,6 +17,7 @@ from scjax.export.lane_curves import LaneCurve, curve_line, fit_curve, piece_len
 from scjax.export.lane_network import LaneNetwork, lane_network
 from scjax.export.lane_nodes import lane_nodes, meeting_lines
 from scjax.export.lane_widths import all_lane_borders
+from scjax.export.mixed_nodes import split_mixed_nodes
 from scjax.export.opendrive_lanes import add_lanes
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.road_plan import plan_roads
@@ -85,7 +86,7 @@ def road_network(log: Log, losses: Losses) -> OpenDriveRoads:
     losses['lanes of type "undefined", written as not for cars'] += sum(
         lane.lane_type == "undefined" for lane in lanes.lanes
     )
-    lanes = join_cut_forks(lanes, losses)
+    lanes = split_mixed_nodes(join_cut_forks(lanes, losses), losses)
     nodes = lane_nodes(lanes, losses)
     lines, headings = meeting_lines(lanes, nodes)
     curves = [fit_curve(line, float(a), float(b)) for line, (a, b) in zip(lines, headings, strict=True)]

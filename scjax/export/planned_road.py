@@ -14,7 +14,7 @@ class PlannedRoad:
     Attributes:
       id: from 1.
       curve: middle of the lane.
-      lane: index of the first lane; of the one that follows for a way between two lanes.
+      lane: index of the first lane.
       start: arc length on it at which the road begins [m].
       lanes: indices of all lanes that the road runs along, in order.
       junction: id of the junction that it lies in, 0 outside of junctions.

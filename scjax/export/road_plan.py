@@ -11,8 +11,8 @@ from collections.abc import Collection, Hashable, Sequence
 
 from scjax.export.crossings import LaneCrossing
 from scjax.export.junction_spans import JunctionSpan, junction_spans
-from scjax.export.lane_curves import LaneCurve, cut_curve, join_curves
-from scjax.export.lane_nodes import LaneNode, NodeKind
+from scjax.export.lane_curves import LaneCurve, cut_curve
+from scjax.export.lane_nodes import LaneNode
 from scjax.export.planned_road import PlannedRoad
 from scjax.export.road_chains import join_chains
 
@@ -27,6 +27,7 @@ def plan_roads(
     """The roads for lanes with these curves.
 
     Args:
+      nodes: none at which several lanes end and several begin.
       kinds: of all lanes; lanes of two kinds share no road.
       lit: lanes with a traffic light; a junction begins where they begin.
     """
@@ -37,8 +38,6 @@ def plan_roads(
     for lane, curve in enumerate(curves):
         parts.append([])
         for start, end, span in _sections(curve.length, spans[lane]):
-            if span is not None and span.is_shared:
-                continue
             whole = start == 0 and end == curve.length
             road = PlannedRoad(len(roads) + 1, curve if whole else cut_curve(curve, start, end), lane, start, (lane,))
             if span is not None:
@@ -49,16 +48,7 @@ def plan_roads(
             parts[lane].append(road)
     for node in nodes:
         for i, j in node.pairs:
-            if node.kind is not NodeKind.MIXED:
-                _connect(parts[i][-1], parts[j][0])
-                continue
-            tail, head = spans[i][-1], spans[j][0]
-            way = join_curves([cut_curve(curves[i], tail.start, tail.end), cut_curve(curves[j], head.start, head.end)])
-            number = numbers.setdefault(head.junction, len(numbers) + 1)
-            road = PlannedRoad(len(roads) + 1, way, j, 0.0, (i, j), number)
-            roads.append(road)
-            _connect(parts[i][-1], road)
-            _connect(road, parts[j][0])
+            _connect(parts[i][-1], parts[j][0])
     return join_chains(roads, kinds, lit)
 
 

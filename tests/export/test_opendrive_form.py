@@ -20,13 +20,15 @@ from scjax.export.wide_road import lane_ends
 from scjax.scene import MapLane
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world
-from tests.factories.exports import crossing_log, two_lane_log
+from tests.factories.exports import crossing_log, mixed_node_log, two_lane_log
 from tests.factories.logs import example_log
 
 MAKERS = {
     "crossing": crossing_log,
     "two lanes": two_lane_log,
     "example": example_log,
+    "mixed node": mixed_node_log,
+    "part of a mixed node": lambda: mixed_node_log(False),
     "town": lambda: to_log(make_world(5, 7)),
     "motorway": lambda: to_log(make_world(5, 1)),
 }

@@ -84,6 +84,32 @@ def two_lane_log() -> Log:
                                signal_positions=np.zeros((0, 3)))  # fmt: skip
 
 
+def mixed_node_log(is_full: bool = True) -> Log:
+    """Two lanes from the west that lead to two lanes to the east, all in one point; nobody is on them.
+
+    Args:
+      is_full: whether each leads to each; else "below" leads to "right" alone.
+    """
+    lines = {
+        "above": _line((-60, 20), (0, 0)),
+        "below": _line((-60, -20), (0, 0)),
+        "left": _line((0, 0), (60, 20)),
+        "right": _line((0, 0), (60, -20)),
+    }
+    links = [("above", "left"), ("above", "right"), ("below", "right"), ("below", "left")][: 4 if is_full else 3]
+    lanes = tuple(
+        MapLane(
+            name,
+            "surface_street",
+            np.column_stack([line, np.full(len(line), 2.0)]),
+            tuple(a for a, b in links if b == name),
+            tuple(b for a, b in links if a == name),
+        )
+        for name, line in lines.items()
+    )
+    return dataclasses.replace(two_lane_log(), lanes=lanes)
+
+
 def consumer_python(name: str) -> str:
     """The interpreter of a consumer's environment; skips the test where it is not there."""
     python = python_of(name)
