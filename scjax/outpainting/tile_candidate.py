@@ -18,7 +18,6 @@ from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.traffic_side import on_other_side
 from scjax.outpainting.window import KnownWindow
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
-from scjax.scene.lane_overlaps import overlap_places
 from scjax.scene.polyline import cumulative_length
 
 _SHORTEST = 0.5  # m of a new lane
@@ -123,7 +122,7 @@ def _faults(new: NewLanes, window: KnownWindow, unmet: int, inside: int) -> tupl
     kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
     lines = [*new.lines, *(lane.points for lane in window.near.lanes)]
     swapped = int(on_other_side(lines, window.keeps_right)[: len(new.lines)].sum())
-    overlap = len(overlap_places(lines)) > window.num_overlap_places
+    overlap = window.brings_overlap(new.lines)
     faults = []
     if unmet:
         faults.append(f"{unmet} lanes do not go on")

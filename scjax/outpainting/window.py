@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ MAX_KNOWN = (40, 64)
 
 _TAIL = 10.0  # m; loose ends of lanes that reach so far beyond the seam are cut off and generated anew
 _ON_SEAM = 1e-3  # m beyond the seam that are no tail
+_SAME_END = 2.0  # m; lanes whose starts or ends are nearer part or meet
 _SHORTEST = 2.0  # m of a lane ahead that count
 
 
@@ -78,10 +80,10 @@ class KnownWindow:
         here = keeps_right([lane.points for lane in self.near.lanes])
         return keeps_right([lane.points for lane in self.map.lanes]) if here is None else here
 
-    @functools.cached_property
-    def num_overlap_places(self) -> int:
-        """Places near the window where lanes of the map lie on each other."""
-        return len(overlap_places([lane.points for lane in self.near.lanes]))
+    def brings_overlap(self, lines: Sequence[Float64[np.ndarray, "_ 3"]]) -> bool:
+        """Whether there are more places where lanes lie on each other with these new lanes than without them."""
+        known = [lane.points for lane in self.near.lanes]
+        return len(overlap_places([*lines, *known], _SAME_END)) > len(overlap_places(known, _SAME_END))
 
     @functools.cached_property
     def near(self) -> Map:

@@ -13,11 +13,16 @@ _STEP = 1.0  # m between places that are compared
 _WIDTH, _LEVEL = 1.0, 2.5  # m between two lanes in the plane and in height
 _LEAST_COSINE = 0.94  # of the angle between their directions
 _LENGTH = 8.0  # m that they share
-_SAME_END = 5.0  # m; lanes that part or meet have nearly one end in common
 
 
-def overlap_places(lines: Sequence[Float64[np.ndarray, "_ 3"]]) -> Float64[np.ndarray, "places 2"]:
-    """Places where two centerlines of one direction lie on each other for 8 m, and neither part nor meet there [m]."""
+def overlap_places(
+    lines: Sequence[Float64[np.ndarray, "_ 3"]], same_end: float = 5.0
+) -> Float64[np.ndarray, "places 2"]:
+    """Places where two centerlines of one direction lie on each other for 8 m, and neither part nor meet there [m].
+
+    Args:
+      same_end: lanes whose starts, or whose ends, are nearer than this part or meet [m].
+    """
     from scipy.spatial import KDTree
 
     tables = [_samples(points) for points in lines]
@@ -31,7 +36,7 @@ def overlap_places(lines: Sequence[Float64[np.ndarray, "_ 3"]]) -> Float64[np.nd
     along = (table[i, 3:] * table[j, 3:]).sum(-1) > _LEAST_COSINE
     i, j = i[along], j[along]
     ends = np.array([[points[0, :2], points[-1, :2]] for points in lines])
-    apart = np.hypot(*np.moveaxis(ends[owners[i]] - ends[owners[j]], -1, 0)).min(1) > _SAME_END
+    apart = np.hypot(*np.moveaxis(ends[owners[i]] - ends[owners[j]], -1, 0)).min(1) > same_end
     i, j = i[apart], j[apart]
     pairs, which = np.unique(np.stack([owners[i], owners[j]], -1), axis=0, return_inverse=True)
     shared = np.zeros(len(pairs))
