@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from jaxtyping import Float64
 from scjax.export.lane_curves import LaneCurve, curve_frames
 from scjax.export.traffic import LANE_WIDTH
 
-_STEP = 0.5  # m between the places where borders are measured
+_CHORD, _STEPS = 2.0, 4  # m between points that netconvert puts on a curve, at most; steps between two of them
 _TOLERANCE = 0.01  # m between a border and the cubic pieces that it is written as
 _SOLVED = 1e-4  # m
 _PARALLEL_LENGTH = 4.0  # m at both ends of a road in which lanes turn to run along its reference line
@@ -70,7 +71,7 @@ def joined_lane_borders(reference: LaneCurve, lanes: Sequence[LaneCurve]) -> Lan
 
     None if a lane does not run beside the reference line.
     """
-    stations = np.linspace(0.0, reference.length, max(int(reference.length / _STEP), 2) + 1)
+    stations = _stations(reference)
     places, headings = curve_frames(reference, stations)
     bend = np.gradient(np.unwrap(headings), stations)
     aside = np.stack([-np.sin(headings), np.cos(headings)], -1)
@@ -87,6 +88,16 @@ def joined_lane_borders(reference: LaneCurve, lanes: Sequence[LaneCurve]) -> Lan
     return LaneBorders(stations, _borders(np.stack(middles, -1), LANE_WIDTH), _borders(np.stack(slopes, -1), 0.0))
 
 
+def _stations(reference: LaneCurve) -> Float64[np.ndarray, " n"]:
+    """Arc lengths at steps of at most 0.5 m; every fourth is one of a point that netconvert puts on the curve [m]."""
+    starts = np.cumsum([0.0, *reference.lengths])
+    parts = [
+        np.linspace(start, end, _STEPS * int(np.ceil((end - start) / _CHORD)), endpoint=False)
+        for start, end in itertools.pairwise(starts.tolist())
+    ]
+    return np.concatenate([*parts, starts[-1:]])
+
+
 def have_usual_widths(borders: LaneBorders) -> bool:
     """Whether all lanes are as wide as lanes are."""
     widths = -np.diff(borders.offsets, axis=1)
@@ -94,15 +105,19 @@ def have_usual_widths(borders: LaneBorders) -> bool:
 
 
 def at_fewer_stations(borders: LaneBorders) -> LaneBorders:
-    """Nearly the same borders, with as few cubic pieces as need be."""
+    """Nearly the same borders, with as few cubic pieces as need be.
+
+    They meet at points that netconvert puts on the reference line. Where they met beside such a point, it would make
+    two points nearly one on the inner side of a bend, and find a steep grade between them.
+    """
     rows, spans = {0, len(borders.stations) - 1}, [(0, len(borders.stations) - 1)]
     while spans:
         first, last = spans.pop()
         inner = slice(first, last + 1)
         between = cubic_values(cubic(borders, first, last), borders.stations[inner] - borders.stations[first])
         error = np.abs(between - borders.offsets[inner]).max(1)
-        if error.max() > _TOLERANCE:
-            worst = first + int(error.argmax())
+        if error.max() > _TOLERANCE and last - first > _STEPS:
+            worst = first + _STEPS * (1 + int(error[_STEPS:-1:_STEPS].argmax()))
             rows.add(worst)
             spans += [(first, worst), (worst, last)]
     return LaneBorders(*(table[sorted(rows)] for table in borders))

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 
 from scjax.export.base import Losses
 from scjax.export.lane_network import LaneNetwork
-from scjax.export.lane_nodes import LaneNode, NodeKind, lane_nodes
+from scjax.export.lane_nodes import LaneNode, NodeKind, lane_nodes, meeting_lines
 from scjax.scene import MapLane
 from scjax.scene.polyline import cumulative_length
 
@@ -38,7 +38,7 @@ def split_mixed_nodes(network: LaneNetwork, losses: Losses) -> LaneNetwork:
 
 
 def _split(network: LaneNetwork, node: LaneNode) -> LaneNetwork:
-    lines = list(network.lines)
+    lines, _ = meeting_lines(network, [node])
     lengths = [cumulative_length(lines[row])[-1] for row in (*node.before, *node.after)]
     half = min(SHORT_LENGTH, _MOST_SHARE * min(lengths)) / 2
     first = np.mean([_place(lines[i][::-1], half) for i in node.before], axis=0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
 from scjax.export.base import Losses
-from scjax.export.lane_borders import lane_arcs
+from scjax.export.lane_borders import at_fewer_stations, lane_arcs
 from scjax.export.lane_curves import curve_frames, fit_curve
 from scjax.export.opendrive import road_network
 from scjax.export.planned_road import PlannedRoad
@@ -98,6 +99,20 @@ def test_lanes_of_a_bend_stay_where_they_were(radius):
         dense = np.stack([np.interp(rows, np.arange(62), column) for column in beyond.T], -1)
         middle = places + borders.offsets[:, row : row + 2].mean(1)[:, None] * aside
         assert KDTree(dense).query(middle)[0].max() < 0.1
+
+
+def test_widths_change_at_points_that_netconvert_puts_on_the_road():
+    x = np.linspace(0.0, 60.0, 61)
+    lines = [
+        np.stack([x, 4 * np.sin(x / 12) + offset + aside * np.cos(x / 5)], -1) for offset, aside in ((0, 0), (3.5, 0.3))
+    ]
+    (road,) = wide_roads([planned(1, lines[0]), planned(2, lines[1])], [None] * 2)
+    assert road.borders is not None
+    borders = at_fewer_stations(road.borders)
+    starts = np.cumsum([0.0, *road.curve.lengths])
+    points = [np.linspace(a, b, int(np.ceil((b - a) / 2.0)) + 1) for a, b in itertools.pairwise(starts)]
+    assert len(borders.stations) > 3
+    assert np.abs(borders.stations[:, None] - np.concatenate(points)).min(1).max() < 1e-9
 
 
 def test_lane_arcs_are_on_the_lines_across():
