@@ -167,12 +167,12 @@ def _direction(heading: float) -> Float64[np.ndarray, " 2"]:
     return np.array([np.cos(heading), np.sin(heading)])
 
 
-def kinks_of(line: Float64[np.ndarray, "points _"]) -> Float64[np.ndarray, "kinks 2"]:
-    """The places of a line at which its direction changes by more than 25 degrees within a meter."""
+def kinks_of(line: Float64[np.ndarray, "points _"], within: float = 1.0) -> Float64[np.ndarray, "kinks 2"]:
+    """The places of a line at which its direction changes by more than 25 degrees within a length [m]."""
     steps = np.diff(spread_points(line[:, :2], _STEP), axis=0)
     steps = steps[np.hypot(*steps.T) > _STEP / 4]  # the last one may be of no length
     headings = np.arctan2(steps[:, 1], steps[:, 0])
-    far = round(1.0 / _STEP)
+    far = round(within / _STEP)
     sharp = np.zeros(len(headings), bool)
     for apart in range(1, min(far, len(headings) - 1) + 1):
         sharp[:-apart] |= np.abs(wrap_to_pi(headings[apart:] - headings[:-apart])) > _SHARP

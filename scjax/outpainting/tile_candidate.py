@@ -24,6 +24,7 @@ _SHORTEST = 0.5  # m of a new lane
 _COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
 _DEEP = 1.0  # m inside a covered tile
 _MERGE = 0.5  # score of a lane that leads into the one beside it
+_TIGHT = 2.0  # m in which lanes that bend by 25 degrees are too tight for cars
 _VEHICLES = 5  # so many new vehicles are better than fewer
 
 
@@ -119,7 +120,7 @@ def _faults(new: NewLanes, window: KnownWindow, unmet: int, inside: int) -> tupl
     Args:
       unmet, inside: dead ends of lanes of the map, and of new lanes.
     """
-    kinked = sum(len(kinks_of(line)) > 0 for line in new.lines)
+    kinked, tight = (sum(len(kinks_of(line, within)) > 0 for line in new.lines) for within in (1.0, _TIGHT))
     lines = [*new.lines, *(lane.points for lane in window.near.lanes)]
     swapped = int(on_other_side(lines, window.keeps_right)[: len(new.lines)].sum())
     overlap = window.brings_overlap(new.lines)
@@ -134,7 +135,7 @@ def _faults(new: NewLanes, window: KnownWindow, unmet: int, inside: int) -> tupl
         faults.append(f"{swapped} lanes are on the oncoming side")
     if overlap:
         faults.append("lanes lie on each other")
-    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 0.5 * swapped + 1.0 * overlap
+    return tuple(faults), 5.0 * unmet + 3.0 * inside + 1.0 * kinked + 0.5 * tight + 0.5 * swapped + 1.0 * overlap
 
 
 def _map_of(
