@@ -11,6 +11,7 @@ from scjax.export.wide_road import WideRoad
 from scjax.export.xml_text import XmlElement, add_element
 
 _SAME = 5e-3  # m between a polynomial and the one before, which goes on
+_STRAIGHT = 1e-3  # m between a polynomial and a straight line, which is written
 
 
 def add_lanes(
@@ -59,10 +60,17 @@ def _records(stations: np.ndarray, curves: np.ndarray) -> Iterator[tuple[float, 
     """Start and coefficients of each polynomial; those that go on like the one before are left out."""
     start, before = 0.0, None
     for s, end, curve in zip(stations[:-1].tolist(), stations[1:].tolist(), curves, strict=True):
-        places = np.linspace(s, end, 5)
+        places, curve = np.linspace(s, end, 5), _simplified(curve, end - s)
         if before is not None and np.allclose(
             cubic_values(before, places - start), cubic_values(curve, places - s), 0.0, _SAME
         ):
             continue
         start, before = s, curve
         yield s, dict(zip("abcd", curve.tolist(), strict=True))
+
+
+def _simplified(curve: np.ndarray, length: float) -> np.ndarray:
+    """The straight line between the ends of a polynomial if it is nearly the same."""
+    values = cubic_values(curve, np.linspace(0.0, length, 5))
+    line = np.array([values[0], (values[-1] - values[0]) / length, 0.0, 0.0])
+    return line if np.allclose(values, np.linspace(values[0], values[-1], 5), 0.0, _STRAIGHT) else curve
