@@ -1,4 +1,4 @@
-"""The frozen encoder of the reader, for many texts: one compiled layer in a loop, and products of bfloat16 operands.
+"""The encoder of the reader, for many texts: one compiled layer in a loop, and products of bfloat16 operands.
 
 The operands are rounded where the processor multiplies bfloat16 faster; features differ from those of
 ``FrozenTextEncoder`` by less than a hundredth of their size.
@@ -6,8 +6,7 @@ The operands are rounded where the processor multiplies bfloat16 faster; feature
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -28,10 +27,8 @@ _STEP = 32  # tokens are padded to a multiple of so many
 
 def token_features(encoder: FrozenTextEncoder, ids: Sequence[np.ndarray]) -> Iterator[tuple[int, np.ndarray]]:
     """(number of the text, float16 features [tokens, width]) of texts as token ids, short texts first."""
-    layers = encoder.params["layers"]
-    stacked = jax.tree.map(lambda *arrays: jnp.stack(arrays), *(layers[number] for number in range(len(layers))))
-    weights = {**jax.tree.map(jnp.asarray, {**encoder.params, "layers": {}}), "layers": stacked}
-    program = jax.jit(functools.partial(_features, encoder.config))
+    weights = stacked_weights(encoder)
+    program = jax.jit(lambda *inputs: encode_tokens(encoder.config, *inputs).astype(jnp.float16))
     order = sorted(range(len(ids)), key=lambda row: len(ids[row]))
     for start in range(0, len(order), _GROUP):
         part = order[start : start + _GROUP]
@@ -43,9 +40,22 @@ def token_features(encoder: FrozenTextEncoder, ids: Sequence[np.ndarray]) -> Ite
         yield from ((row, features[place, : len(ids[row])]) for place, row in enumerate(part))
 
 
-def _features(
-    config: BertConfig, weights: Params, ids: Int[Array, "b n"], mask: Bool[Array, "b n"]
+def stacked_weights(encoder: FrozenTextEncoder) -> dict[str, Params]:
+    """The encoder's weights; those of all its layers under "layers", stacked."""
+    layers = encoder.params["layers"]
+    stacked = jax.tree.map(lambda *arrays: jnp.stack(arrays), *(layers[number] for number in range(len(layers))))
+    return {**jax.tree.map(jnp.asarray, {**encoder.params, "layers": {}}), "layers": stacked}
+
+
+def encode_tokens(
+    config: BertConfig, weights: Mapping[str, Any], ids: Int[Array, "b n"], mask: Bool[Array, "b n"]
 ) -> Float[Array, "b n d"]:
+    """Token features.
+
+    Args:
+      weights: as ``stacked_weights`` gives them.
+    """
+
     def norm(own: Params, x: Array) -> Array:
         return standardize(x, config.layer_norm_eps) * own["scale"][None, None] + own["bias"][None, None]
 
@@ -58,7 +68,7 @@ def _features(
 
     x = weights["words"][ids] + weights["positions"][None, : ids.shape[1]] + weights["segments"][:1][None]
     x, _ = jax.lax.scan(layer, norm(weights["norm"], x), weights["layers"])
-    return x.astype(jnp.float16)
+    return x
 
 
 def _linear(own: Params, x: Float[Array, "b n i"]) -> Float[Array, "b n o"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ class FrozenTextEncoder:
     """
 
     def __init__(self, network: PublishedNetwork, config: TextNetworkConfig, params: Params, tokenizer: Any, name: str):
-        self.config, self.params, self.tokenizer, self.name = config, params, tokenizer, name
+        self.network, self.config, self.params, self.tokenizer, self.name = network, config, params, tokenizer, name
         self._program = _program(network, config)
 
     @property
@@ -77,6 +77,18 @@ class FrozenTextEncoder:
             for row, i in enumerate(part):
                 results[i] = TokenFeatures(features[row, : len(encoded[i].ids)], tuple(encoded[i].tokens))
         return [results[i] for i in range(len(encoded))]
+
+    def with_layers(self, layers: Mapping[int, Params]) -> FrozenTextEncoder:
+        """The same encoder with other weights in its layers, under the same name.
+
+        Raises:
+          ValueError: they have other shapes.
+        """
+        if jax.tree.map(np.shape, layers) != jax.tree.map(np.shape, self.params["layers"]):
+            raise ValueError(f"the layers do not fit the text encoder {self.name}: take those of the same network")
+        return FrozenTextEncoder(
+            self.network, self.config, {**self.params, "layers": layers}, self.tokenizer, self.name
+        )
 
     def spans(self, text: str) -> list[tuple[int, int]]:
         """Start and end of every token in ``clean_text(text)``; a special token is nowhere, from 0 to 0."""

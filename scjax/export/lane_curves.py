@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.export.lane_network import line_headings
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, thinned
 
 TOLERANCE = 0.05
 """Distance between a curve and the points that it is fitted to [m]."""
@@ -54,7 +54,7 @@ class LaneCurve:
 
 def fit_curve(line: Float64[np.ndarray, "n 3"], start: float, end: float) -> LaneCurve:
     """The curve through a polyline that begins and ends in the directions ``start`` and ``end`` [rad]."""
-    line = _thinned(line)
+    line = thinned(line, _MIN_STEP)
     headings = line_headings(line)
     headings[0], headings[-1] = start, end
     arc = cumulative_length(line)
@@ -63,16 +63,6 @@ def fit_curve(line: Float64[np.ndarray, "n 3"], start: float, end: float) -> Lan
     ends = np.concatenate([[0.0], np.cumsum(curve.lengths)])
     at = np.interp(arc, arc[places], ends)
     return dataclasses.replace(curve, heights=_simplified(np.stack([at, line[:, 2]], -1)))
-
-
-def _thinned(line: np.ndarray) -> np.ndarray:
-    """``line`` without points nearer than ``_MIN_STEP`` to the one before; both ends stay."""
-    keep = [0]
-    arc = cumulative_length(line)
-    for row in range(1, len(line) - 1):
-        if arc[row] - arc[keep[-1]] >= _MIN_STEP and arc[-1] - arc[row] >= _MIN_STEP:
-            keep.append(row)
-    return line[[*keep, len(line) - 1]]
 
 
 def _fit(points: np.ndarray, headings: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, list[int]]:

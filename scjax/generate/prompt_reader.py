@@ -1,4 +1,4 @@
-"""Reads prompts: a frozen multilingual encoder, the reader's network, and the request that its outputs make."""
+"""Reads prompts: a multilingual encoder, the reader's network, and the request that its outputs make."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import json
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ DEFAULT_READER = DEFAULT_MODEL.with_name("pretrained_reader")
 """Folder of the reader that ships with the package."""
 
 INDEX = "reader.json"
+_LAYERS = "encoder_layers"  # in the names of arrays
 _CURE = "copy the folder again"
 _MOST_KEPT = 1000  # readings that a reader remembers
 _STEP = 32  # tokens are padded to a multiple of so many
@@ -61,12 +62,14 @@ class PromptReader:
     Attributes:
       config, params: of the network.
       encoder_name: name of the encoder that gives token features.
+      layers: of the encoder, by number, trained together with the network; None: the encoder's own.
       readings: texts that were read already; those that ship need no encoder.
     """
 
     config: ReaderConfig
     params: Params
     encoder_name: str
+    layers: Mapping[int, Params] | None = None
     readings: dict[str, Reading] = dataclasses.field(default_factory=dict)
 
     def __call__(self, texts: Sequence[str]) -> list[Reading]:
@@ -85,7 +88,7 @@ class PromptReader:
 
     @functools.cached_property
     def encoder(self) -> FrozenTextEncoder:
-        """The frozen encoder, downloaded once if it is not here.
+        """The encoder, downloaded once if it is not here.
 
         Raises:
           ValueError: it cannot be had, or is another one.
@@ -96,16 +99,21 @@ class PromptReader:
                 f"the reader of prompts reads the encoder {self.encoder_name}, but {encoder.name} is here: unset "
                 f"{E5.variable}, or give the folder of that one"
             )
-        return encoder
+        return encoder if self.layers is None else encoder.with_layers(self.layers)
+
+    def outputs(self, text: str) -> ReaderOutputs:
+        """The logits for a text, a batch of one."""
+        (encoded,) = self.encoder([text])
+        if len(encoded.features) > MAX_TOKENS:
+            warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=5)
+        inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
+        return _program(self.config)(self.params, *inputs)
 
     def _read(self, texts: Sequence[str]) -> list[Reading]:
         readings = []
-        for text, encoded in zip(texts, self.encoder(texts), strict=True):
-            if len(encoded.features) > MAX_TOKENS:
-                warnings.warn(f"a prompt of {len(text.split())} words is too long: its end is not read", stacklevel=4)
-            inputs = token_inputs(encoded.features, token_numbers(text, self.encoder.spans(text)))
-            outputs = _program(self.config)(self.params, *inputs)
-            stated, compared = [value for _, _, value in find_numbers(text)], list(compared_bounds(text))
+        for text in texts:
+            outputs, compared = self.outputs(text), list(compared_bounds(text))
+            stated = [value for _, _, value in find_numbers(text)]
             readings.append(read_outputs(np.asarray(outputs.named[0]), np.asarray(outputs.ends[0]), stated, compared))
         return readings
 
@@ -141,7 +149,7 @@ def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> No
         content = {
             "config": dataclasses.asdict(reader.config),
             "encoder": reader.encoder_name,
-            "files": write_arrays(round_arrays(array_names(reader.params)), temporary, dtype="float16"),
+            "files": write_arrays(round_arrays(array_names(_arrays(reader))), temporary, dtype="float16"),
             "notes": notes,
             "readings": {
                 text: reading._replace(likely=dict(reading.likely))._asdict()
@@ -149,6 +157,10 @@ def save_reader(reader: PromptReader, folder: Path, notes: dict[str, Any]) -> No
             },
         }
         (temporary / INDEX).write_text(json.dumps(content, indent=1, allow_nan=False))
+
+
+def _arrays(reader: PromptReader) -> Params:
+    return reader.params if reader.layers is None else {**reader.params, _LAYERS: reader.layers}
 
 
 def load_reader(folder: Path | None = None) -> PromptReader:
@@ -178,12 +190,13 @@ def _load(folder: Path) -> PromptReader:
     sizes = {name: getattr(config, name) for name in ("width", "blocks", "heads", "kernel")}
     if config != reader_config(config.text_width, **sizes):
         raise ValueError(f"{path} was trained with another table of attributes: train it anew")
-    params = named_arrays(restore_arrays(read_arrays(folder, index.files)))
+    params = dict(named_arrays(restore_arrays(read_arrays(folder, index.files))))
+    layers = params.pop(_LAYERS, None)
     expected = flatten(reader_network(config).shapes())
     if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
         raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")
     readings = {text: _reading(content, path) for text, content in index.readings.items()}
-    return PromptReader(config, jax.device_put(params), index.encoder, readings)
+    return PromptReader(config, jax.device_put(params), index.encoder, jax.device_put(layers), readings)
 
 
 def _reading(content: dict[str, Any], path: Path) -> Reading:

@@ -18,9 +18,10 @@ from scjax.outpainting.tile_signals import tile_signals
 from scjax.outpainting.traffic_side import on_other_side
 from scjax.outpainting.window import KnownWindow
 from scjax.scene import AgentType, LaneNeighbor, Link, Map, MapLane, Scene, Signal
-from scjax.scene.polyline import cumulative_length
+from scjax.scene.polyline import cumulative_length, thinned
 
 _SHORTEST = 0.5  # m of a new lane
+_LEAST_STEP = 0.5  # m between points of a lane; nearer ones give it a direction by chance
 _COVERED = 0.6  # share of a lane's points on covered ground, from which it is left out
 _DEEP = 1.0  # m inside a covered tile
 _MERGE = 0.5  # score of a lane that leads into the one beside it
@@ -61,7 +62,7 @@ def tile_candidate(sample: Scene, window: KnownWindow, coverage: Coverage, name:
     lanes, links = pose.to_map(np.asarray(sample.lanes)[count:]), np.asarray(sample.links)
     kept = _are_new(lanes, window.near, coverage)
     rows = np.add(np.flatnonzero(kept), count)
-    lines = [lanes[row] for row in np.flatnonzero(kept)]
+    lines = [thinned(lanes[row], _LEAST_STEP) for row in np.flatnonzero(kept)]
     agents, types = sampled_agents(sample, window)
     linked, agents = link_lanes(lines, _inner_edges(links[np.ix_(rows, rows)]), window.open_ends, agents, types)
     new = NewLanes(linked.lines, rows.tolist(), linked.edges, linked.joints)

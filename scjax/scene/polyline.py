@@ -13,6 +13,15 @@ def cumulative_length(points: Float64[np.ndarray, "points _"]) -> Float64[np.nda
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
 
 
+def thinned(points: Float64[np.ndarray, "points dims"], least: float) -> Float64[np.ndarray, "n dims"]:
+    """A line of which points are at least ``least`` apart, unless it is shorter; both its ends stay [m]."""
+    arc, rows = cumulative_length(points), [0]
+    for row in range(1, len(points) - 1):
+        if arc[row] - arc[rows[-1]] >= least and arc[-1] - arc[row] >= least:
+            rows.append(row)
+    return points[[*rows, len(points) - 1]]
+
+
 def spread_points(points: Float64[np.ndarray, "points dims"], spacing: float = 1.0) -> Float64[np.ndarray, "n dims"]:
     """Points along a polyline at this spacing in xy arc length [m]; the last one is its end."""
     arc = cumulative_length(points)

@@ -74,6 +74,25 @@ def test_first_layers_are_those_of_the_whole_encoder(encoder):
         load_text_encoder(E5, layers=9)
 
 
+def test_layers_that_were_trained_replace_those_of_the_encoder(encoder, tmp_path):
+    plain = load_reader(_save(encoder, tmp_path / "plain"))
+    layers = jax.tree.map(lambda array: 1.5 * np.asarray(array), encoder.params["layers"])
+    save_reader(dataclasses.replace(plain, layers=layers), tmp_path / "tuned", {})
+    tuned = load_reader(tmp_path / "tuned")
+    jax.tree.map(lambda one, two: np.testing.assert_allclose(one, two, rtol=2e-3, atol=1e-3), tuned.layers, layers)
+    ours, own = tuned.outputs("a road with two cars"), plain.outputs("a road with two cars")
+    assert np.abs(ours.named - own.named).max() > 1e-3
+    np.testing.assert_array_equal(
+        encoder.params["layers"][0]["up"]["bias"], plain.encoder.params["layers"][0]["up"]["bias"]
+    )
+
+
+def test_layers_of_another_network_are_refused(encoder, tmp_path):
+    reader = load_reader(_save(encoder, tmp_path / "reader"))
+    with pytest.raises(ValueError, match="the layers do not fit the text encoder"):
+        dataclasses.replace(reader, layers={0: encoder.params["layers"][0]})(["a road"])
+
+
 def test_reader_is_saved_and_read(encoder, tmp_path):
     folder = _save(encoder, tmp_path / "reader")
     reader = load_reader(folder)
