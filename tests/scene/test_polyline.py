@@ -26,4 +26,3 @@ def test_thinned_lines_keep_their_ends_and_have_long_steps():
     rows = [int(np.flatnonzero((line == point).all(1))[0]) for point in rest]
     assert np.diff(arc[rows]).min() >= 0.5 and 2 < len(rest) < 40
     np.testing.assert_array_equal(thinned(line[:2], 0.5), line[:2])
-    np.testing.assert_array_equal(thinned(rest, 0.5), rest)
