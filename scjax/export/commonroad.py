@@ -12,8 +12,8 @@ import numpy as np
 from scjax.export.base import Export, Losses
 from scjax.export.commonroad_lights import add_lights
 from scjax.export.commonroad_obstacles import add_obstacles, add_planning_problem
-from scjax.export.lane_network import LaneNetwork, border_line, lane_network
-from scjax.export.lane_nodes import lane_nodes, meeting_lines
+from scjax.export.roads.lane_network import LaneNetwork, border_line, lane_network
+from scjax.export.roads.lane_nodes import lane_nodes, meeting_lines
 from scjax.export.traffic import LANE_WIDTH, even_steps, filled_traffic
 from scjax.export.xml_text import XmlElement, add_element, add_point, write_xml
 from scjax.scene import NO_EGO, Log

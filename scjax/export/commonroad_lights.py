@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork, line_headings
+from scjax.export.roads.lane_network import LaneNetwork, line_headings
 from scjax.export.xml_text import XmlElement, add_element, add_point
 from scjax.scene import Log, Signal
 

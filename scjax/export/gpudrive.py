@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from scjax.export.base import Export, Losses
-from scjax.export.lane_network import lane_network
-from scjax.export.road_edges import road_edges
+from scjax.export.roads.lane_network import lane_network
+from scjax.export.roads.road_edges import road_edges
 from scjax.export.traffic import filled_traffic, log_with_ego
 from scjax.scene import OTHER_OBJECT, AgentType, Log, Signal
 from scjax.scene.files import write_text

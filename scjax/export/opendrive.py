@@ -10,19 +10,19 @@ from xml.etree import ElementTree
 import numpy as np
 
 from scjax.export.base import Export, Losses
-from scjax.export.crossings import lane_crossings
-from scjax.export.cut_forks import join_cut_forks
-from scjax.export.lane_borders import LaneBorders
-from scjax.export.lane_curves import LaneCurve, curve_line, fit_curve, piece_length
-from scjax.export.lane_network import LaneNetwork, lane_network
-from scjax.export.lane_nodes import lane_nodes, meeting_lines
-from scjax.export.lane_widths import all_lane_borders
-from scjax.export.mixed_nodes import split_mixed_nodes
 from scjax.export.opendrive_lanes import add_lanes
-from scjax.export.planned_road import PlannedRoad
-from scjax.export.road_plan import plan_roads
-from scjax.export.wide_road import LaneEnd, LaneEnds, WideRoad, lane_ends
-from scjax.export.wide_roads import wide_roads
+from scjax.export.roads.crossings import lane_crossings
+from scjax.export.roads.cut_forks import join_cut_forks
+from scjax.export.roads.lane_borders import LaneBorders
+from scjax.export.roads.lane_curves import LaneCurve, curve_line, fit_curve, piece_length
+from scjax.export.roads.lane_network import LaneNetwork, lane_network
+from scjax.export.roads.lane_nodes import lane_nodes, meeting_lines
+from scjax.export.roads.lane_widths import all_lane_borders
+from scjax.export.roads.mixed_nodes import split_mixed_nodes
+from scjax.export.roads.planned_road import PlannedRoad
+from scjax.export.roads.road_plan import plan_roads
+from scjax.export.roads.wide_road import LaneEnd, LaneEnds, WideRoad, lane_ends
+from scjax.export.roads.wide_roads import wide_roads
 from scjax.export.xml_text import XmlElement, add_element, write_xml
 from scjax.scene import Log
 

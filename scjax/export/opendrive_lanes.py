@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from scjax.export.lane_borders import LaneBorders, cubic, cubic_values
-from scjax.export.wide_road import WideRoad
+from scjax.export.roads.lane_borders import LaneBorders, cubic, cubic_values
+from scjax.export.roads.wide_road import WideRoad
 from scjax.export.xml_text import XmlElement, add_element
 
 _SAME = 5e-3  # m between a polynomial and the one before, which goes on

@@ -16,7 +16,7 @@ import numpy as np
 
 from scjax.data.readers.restricted_pickle import load_plain_pickle
 from scjax.export.base import Export, Losses
-from scjax.export.lane_network import LaneBeside, LaneNetwork, border_line, index_at, lane_network
+from scjax.export.roads.lane_network import LaneBeside, LaneNetwork, border_line, index_at, lane_network
 from scjax.export.traffic import LANE_WIDTH, filled_traffic, log_with_ego
 from scjax.scene import OTHER_OBJECT, AgentType, Log, Signal
 from scjax.scene.files import read_limited, write_file

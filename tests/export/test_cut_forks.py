@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from scjax.export.base import Losses
-from scjax.export.cut_forks import SHARED_LENGTH, join_cut_forks
-from scjax.export.lane_network import LaneNetwork
+from scjax.export.roads.cut_forks import SHARED_LENGTH, join_cut_forks
+from scjax.export.roads.lane_network import LaneNetwork
 from scjax.scene import MapLane
 
 

@@ -6,7 +6,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scjax.export.lane_curves import TOLERANCE, LaneCurve, curve_line, cut_curve, fit_curve, join_curves, piece_tangents
+from scjax.export.roads.lane_curves import (
+    TOLERANCE,
+    LaneCurve,
+    curve_line,
+    cut_curve,
+    fit_curve,
+    join_curves,
+    piece_tangents,
+)
 from scjax.scene.polyline import cumulative_length
 
 

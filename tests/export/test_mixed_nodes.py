@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork
-from scjax.export.lane_nodes import NodeKind, lane_nodes
-from scjax.export.mixed_nodes import SHORT_LENGTH, split_mixed_nodes
 from scjax.export.opendrive import road_network
+from scjax.export.roads.lane_network import LaneNetwork
+from scjax.export.roads.lane_nodes import NodeKind, lane_nodes
+from scjax.export.roads.mixed_nodes import SHORT_LENGTH, split_mixed_nodes
 from scjax.scene import MapLane
 from tests.factories.exports import mixed_node_log
 

@@ -11,12 +11,12 @@ import pytest
 
 from scjax.export import export_log
 from scjax.export.base import Losses
-from scjax.export.lane_curves import curve_frames, curve_line
-from scjax.export.lane_widths import all_lane_borders
 from scjax.export.opendrive import road_network
-from scjax.export.planned_road import PlannedRoad
-from scjax.export.road_chains import join_chains
-from scjax.export.wide_road import lane_ends
+from scjax.export.roads.lane_curves import curve_frames, curve_line
+from scjax.export.roads.lane_widths import all_lane_borders
+from scjax.export.roads.planned_road import PlannedRoad
+from scjax.export.roads.road_chains import join_chains
+from scjax.export.roads.wide_road import lane_ends
 from scjax.scene import MapLane
 from scjax.synthetic.recording import to_log
 from scjax.synthetic.world import make_world

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial import KDTree
 
 from scjax.export.base import Losses
-from scjax.export.lane_borders import at_fewer_stations, lane_arcs
-from scjax.export.lane_curves import curve_frames, fit_curve
 from scjax.export.opendrive import road_network
-from scjax.export.planned_road import PlannedRoad
-from scjax.export.wide_roads import wide_roads
+from scjax.export.roads.lane_borders import at_fewer_stations, lane_arcs
+from scjax.export.roads.lane_curves import curve_frames, fit_curve
+from scjax.export.roads.planned_road import PlannedRoad
+from scjax.export.roads.wide_roads import wide_roads
 from tests.factories.exports import two_lane_log
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from scjax.export.lane_curves import LaneCurve
+from scjax.export.roads.lane_curves import LaneCurve
 
 
 @dataclasses.dataclass

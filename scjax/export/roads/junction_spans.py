@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Sequence
 
-from scjax.export.crossings import LaneCrossing
-from scjax.export.fork_lengths import fork_lengths
-from scjax.export.lane_curves import LaneCurve
-from scjax.export.lane_nodes import LaneNode, NodeKind
+from scjax.export.roads.crossings import LaneCrossing
+from scjax.export.roads.fork_lengths import fork_lengths
+from scjax.export.roads.lane_curves import LaneCurve
+from scjax.export.roads.lane_nodes import LaneNode, NodeKind
 from scjax.export.traffic import LANE_WIDTH
 
 MAX_WHOLE_LENGTH = 60.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scjax.export.lane_curves import LaneCurve, curve_line
+from scjax.export.roads.lane_curves import LaneCurve, curve_line
 
 MAX_STEP = 3.0
 """Height between two lanes of which one is a bridge over the other [m]."""

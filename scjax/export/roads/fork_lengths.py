@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scjax.export.lane_curves import LaneCurve, curve_line
-from scjax.export.lane_nodes import LaneNode
+from scjax.export.roads.lane_curves import LaneCurve, curve_line
+from scjax.export.roads.lane_nodes import LaneNode
 from scjax.export.traffic import LANE_WIDTH
 
 LEAST_LENGTH, MOST_LENGTH = 8.0, 80.0

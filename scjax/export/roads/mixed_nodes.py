@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork
-from scjax.export.lane_nodes import LaneNode, NodeKind, lane_nodes, meeting_lines
+from scjax.export.roads.lane_network import LaneNetwork
+from scjax.export.roads.lane_nodes import LaneNode, NodeKind, lane_nodes, meeting_lines
 from scjax.scene import MapLane
 from scjax.scene.polyline import cumulative_length
 

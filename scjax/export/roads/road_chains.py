@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
 
-from scjax.export.lane_curves import join_curves
-from scjax.export.planned_road import PlannedRoad
+from scjax.export.roads.lane_curves import join_curves
+from scjax.export.roads.planned_road import PlannedRoad
 
 
 def join_chains(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.export.lane_curves import LaneCurve, curve_frames
+from scjax.export.roads.lane_curves import LaneCurve, curve_frames
 from scjax.export.traffic import LANE_WIDTH
 
 _CHORD, _STEPS = 2.0, 4  # m between points that netconvert puts on a curve, at most; steps between two of them

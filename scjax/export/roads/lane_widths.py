@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scjax.export.crossings import MAX_STEP
-from scjax.export.lane_borders import LaneBorders, at_fewer_stations, single_lane_borders
-from scjax.export.lane_curves import curve_line
+from scjax.export.roads.crossings import MAX_STEP
+from scjax.export.roads.lane_borders import LaneBorders, at_fewer_stations, single_lane_borders
+from scjax.export.roads.lane_curves import curve_line
+from scjax.export.roads.wide_road import LaneEnd, WideRoad, lane_ends
 from scjax.export.traffic import LANE_WIDTH
-from scjax.export.wide_road import LaneEnd, WideRoad, lane_ends
 
 _LEAST_SHARE = 0.7  # of the usual width
 _GAP = 0.1  # m between the borders of two roads

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork
+from scjax.export.roads.lane_network import LaneNetwork
 from scjax.export.traffic import LANE_WIDTH
 
 _MARGIN = 0.25  # m beside the outermost lane

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork
+from scjax.export.roads.lane_network import LaneNetwork
 from scjax.scene.polyline import cumulative_length, smoothstep
 
 MAX_TURN = float(np.deg2rad(60.0))

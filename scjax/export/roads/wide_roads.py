@@ -11,8 +11,8 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from scjax.export.lane_borders import have_usual_widths, joined_lane_borders, lane_arcs
-from scjax.export.lane_curves import (
+from scjax.export.roads.lane_borders import have_usual_widths, joined_lane_borders, lane_arcs
+from scjax.export.roads.lane_curves import (
     LaneCurve,
     curve_frames,
     cut_curve,
@@ -24,9 +24,9 @@ from scjax.export.lane_curves import (
     with_end_heights,
     without_short_ends,
 )
-from scjax.export.planned_road import PlannedRoad
-from scjax.export.side_by_side import RoadGroup, side_by_side
-from scjax.export.wide_road import RoadLane, WideRoad
+from scjax.export.roads.planned_road import PlannedRoad
+from scjax.export.roads.side_by_side import RoadGroup, side_by_side
+from scjax.export.roads.wide_road import RoadLane, WideRoad
 
 _LEAST_LENGTH = 3.0  # m of a road with lanes beside each other
 _DIRECTION_STEPS = 4  # of 1 m, in which a parabola gives the direction at an end of a road

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
-from scjax.export.lane_network import line_headings
+from scjax.export.roads.lane_network import line_headings
 from scjax.scene.polyline import cumulative_length, thinned
 
 TOLERANCE = 0.05

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scjax.export.lane_curves import curve_line
-from scjax.export.planned_road import PlannedRoad
+from scjax.export.roads.lane_curves import curve_line
+from scjax.export.roads.planned_road import PlannedRoad
 
 _LEAST_APART, _MOST_APART = 2.5, 5.0  # m between the middles of two lanes beside each other
 _STEP = 1.0  # m between the places where they are compared

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scjax.export.base import Losses
-from scjax.export.lane_network import LaneNetwork
+from scjax.export.roads.lane_network import LaneNetwork
 from scjax.scene import MapLane
 from scjax.scene.polyline import cumulative_length
 

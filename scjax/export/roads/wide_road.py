@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from scjax.export.lane_borders import LaneBorders
-from scjax.export.lane_curves import LaneCurve
-from scjax.export.planned_road import PlannedRoad
+from scjax.export.roads.lane_borders import LaneBorders
+from scjax.export.roads.lane_curves import LaneCurve
+from scjax.export.roads.planned_road import PlannedRoad
 
 
 @dataclasses.dataclass(frozen=True)

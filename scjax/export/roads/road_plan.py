@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
 
-from scjax.export.crossings import LaneCrossing
-from scjax.export.junction_spans import JunctionSpan, junction_spans
-from scjax.export.lane_curves import LaneCurve, cut_curve
-from scjax.export.lane_nodes import LaneNode
-from scjax.export.planned_road import PlannedRoad
-from scjax.export.road_chains import join_chains
+from scjax.export.roads.crossings import LaneCrossing
+from scjax.export.roads.junction_spans import JunctionSpan, junction_spans
+from scjax.export.roads.lane_curves import LaneCurve, cut_curve
+from scjax.export.roads.lane_nodes import LaneNode
+from scjax.export.roads.planned_road import PlannedRoad
+from scjax.export.roads.road_chains import join_chains
 
 
 def plan_roads(
