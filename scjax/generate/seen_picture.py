@@ -8,10 +8,10 @@ import functools
 import numpy as np
 from jaxtyping import Float
 
-from scjax.generate.seen_agents import SeenAgents, seen_agents
+from scjax.generate.seen_agents import SeenAgents, held_scene, seen_agents
 from scjax.generate.seen_lanes import SeenLanes, seen_lanes, shift_to_seen
 from scjax.generate.seen_space import SeenSpace, move_misplaced
-from scjax.scene import Scene
+from scjax.scene import AgentType, Scene
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,8 +28,11 @@ class SeenPicture:
 
     @functools.cached_property
     def agents(self) -> SeenAgents:
-        """Agents that are seen."""
-        return seen_agents(self._tokens, self.views)
+        """Agents that are seen, without vehicles where the picture shows ground."""
+        seen = seen_agents(self._tokens, self.views)
+        boxes = held_scene(seen, np.zeros(1 + len(seen.types)), 0).agents[1:]
+        kept = (seen.types != AgentType.VEHICLE) | ~self.space.shows_ground(boxes)
+        return SeenAgents(*(values[kept] for values in seen))
 
     @functools.cached_property
     def lanes(self) -> SeenLanes:

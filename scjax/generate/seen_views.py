@@ -13,13 +13,14 @@ import hashlib
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Bool, Float64, UInt8
 from PIL import Image
 
 from scjax.camera.photo import Photo
 from scjax.camera.standard_view import standard_camera
 from scjax.encoders.dashcam_network import PLACE_SCALE
 
+_EDGE = 8.0  # pixels beside a view, the middles of objects that it still shows
 _MOST_HALF = 0.6  # of the distance: half of an object's length along the ray, at most
 
 
@@ -89,6 +90,14 @@ def restore_objects(objects: Float64[np.ndarray, "cells 7"], change: ViewChange)
         headings = headings * [change.zoom, 1.0]
         headings *= lengths / np.maximum(np.hypot(*headings.T), 1e-6)[:, None]
     return np.concatenate([places / PLACE_SCALE, headings, objects[:, 4:]], 1)
+
+
+def shows_places(change: ViewChange, places: Float64[np.ndarray, "*b 2"]) -> Bool[np.ndarray, "*b"]:
+    """Whether a view shows objects that the picture shows at these places; an enlarged one leaves out its sides."""
+    camera = standard_camera()
+    ahead = np.maximum(places[..., 0] - camera.translation[0], 1e-6)
+    aside = change.zoom * camera.intrinsic[0, 0] * np.abs(places[..., 1]) / ahead
+    return np.asarray((change.zoom <= 1.0) | (aside < camera.width / 2 + _EDGE))
 
 
 def cell_weight(change: ViewChange) -> float:

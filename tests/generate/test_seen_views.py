@@ -10,7 +10,7 @@ from scjax.camera.projection import project_points
 from scjax.camera.standard_view import standard_camera
 from scjax.encoders.dashcam_network import PLACE_SCALE
 from scjax.generate.seen_agents import seen_agents
-from scjax.generate.seen_views import CHANGES, ViewChange, changed_views, restore_objects
+from scjax.generate.seen_views import CHANGES, ViewChange, changed_views, restore_objects, shows_places
 from tests.factories.object_tokens import CAR, VEHICLE, tokens
 
 NAMES = ["right", "left", "mirrored", "zoom", "more zoom"]
@@ -77,9 +77,22 @@ def test_what_the_picture_alone_shows_is_no_agent():
     assert not len(seen_agents(tokens(*[CAR] * 4), nothing).types)
 
 
-def _tokens_of_view(change, cells):
-    """Tokens of a view of the car ``CAR``."""
-    kind, x, y, heading, length, width = CAR
+@pytest.mark.parametrize(("sees", "agents"), [((0, 1, 2, 3), 1), ((0, 1, 2), 0), ((), 0)])
+def test_nearly_all_views_see_an_agent_however_many_cells_it_has(sees, agents):
+    views = np.stack([_tokens_of_view(change, 3 if k in sees else 0) for k, change in enumerate(CHANGES)])
+    assert len(seen_agents(tokens(*[CAR] * 36), views).types) == agents
+
+
+def test_views_that_leave_a_place_out_need_not_see_it():
+    beside = (VEHICLE, 12.0, 7.0, 0.0, 4.5, 1.8)
+    assert [bool(shows_places(change, np.array(beside[1:3]))) for change in CHANGES] == [True, True, True, False, False]
+    views = np.stack([_tokens_of_view(change, 3 if k < 3 else 0, beside) for k, change in enumerate(CHANGES)])
+    assert len(seen_agents(tokens(*[beside] * 3), views).types) == 1
+
+
+def _tokens_of_view(change, cells, car=CAR):
+    """Tokens of a view of a car."""
+    kind, x, y, heading, length, width = car
     forward = np.array([np.cos(heading), np.sin(heading)])
     ahead = x - 0.2
     if change.zoom != 1.0:
