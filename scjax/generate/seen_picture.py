@@ -30,7 +30,7 @@ class SeenPicture:
     def agents(self) -> SeenAgents:
         """Agents that are seen, without vehicles where the picture shows ground."""
         seen = seen_agents(self._tokens, self.views)
-        boxes = held_scene(seen, np.zeros(1 + len(seen.types)), 0).agents[1:]
+        boxes = np.asarray(held_scene(seen, np.zeros(1 + len(seen.types)), 0).agents)[1:]
         kept = (seen.types != AgentType.VEHICLE) | ~self.space.shows_ground(boxes)
         return SeenAgents(*(values[kept] for values in seen))
 
