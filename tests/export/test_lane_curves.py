@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scjax.export.roads.lane_curves import (
     TOLERANCE,
     LaneCurve,
+    curve_frames,
     curve_line,
     cut_curve,
     fit_curve,
     join_curves,
     piece_tangents,
+    without_short_bend,
 )
 from scjax.scene.polyline import cumulative_length
 
@@ -91,3 +94,21 @@ def test_three_points_make_no_loop():
     line = np.array([[15.15, 58.95, 0], [12.06, 52.79, 0], [8.18, 44.84, 0], [4.16, 36.79, 0]])
     curve = _fit(line)
     np.testing.assert_allclose(curve.length, cumulative_length(line)[-1], rtol=0.01)
+
+
+@pytest.mark.parametrize("from_end", [False, True])
+def test_short_bends_become_straight_from_the_end_that_stays(from_end):
+    angle = np.linspace(0.0, 1.0, 12)
+    curve = _fit(np.stack([1.5 * np.sin(angle), 1.5 * (1 - np.cos(angle)), angle], -1))
+    straight = without_short_bend(curve, from_end)
+    assert straight.length == pytest.approx(curve.length)
+    arcs = np.array([0.0, curve.length])
+    (places, headings), (before, directions) = curve_frames(straight, arcs), curve_frames(curve, arcs)
+    row = -1 if from_end else 0
+    np.testing.assert_allclose(places[row], before[row], atol=1e-9)
+    np.testing.assert_allclose(headings, directions[row], atol=1e-6)
+
+
+def test_other_curves_keep_their_bends():
+    for curve in (_fit(_wave(3.0, 20.0, 30)), _fit(_wave(0.1, 1.5, 8))):
+        assert without_short_bend(curve, False) is curve

@@ -26,6 +26,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _SAMPLES = 33  # of a piece, for its arc length at a parameter
 _TURNED_LENGTH = 4.0  # m at the end of a curve that gets another direction
 _LEAST_BEYOND = 1e-3  # m that a curve is made longer
+_SHORT_LENGTH, _SHORT_TURN = 2.0, float(np.deg2rad(15.0))  # a shorter curve with a greater turn becomes straight
 _LEAST_PIECE = 0.5  # m; netconvert takes a bend within a shorter one for a sharp turn
 
 
@@ -225,6 +226,21 @@ def curve_line(curve: LaneCurve, spacing: float = 1.0) -> tuple[Float64[np.ndarr
         start += length
     arc = np.concatenate(arcs)
     return np.column_stack([np.concatenate(places), np.interp(arc, *curve.heights.T)]), arc
+
+
+def without_short_bend(curve: LaneCurve, from_end: bool) -> LaneCurve:
+    """A straight curve of the same length in the place of a short one that bends; others as they are.
+
+    Args:
+      from_end: whether it keeps its end and the direction there; else those of its start.
+    """
+    (first, last), headings = curve_frames(curve, np.array([0.0, curve.length]))
+    if curve.length > _SHORT_LENGTH or abs(np.angle(np.exp(1j * (headings[1] - headings[0])))) < _SHORT_TURN:
+        return curve
+    heading = headings[int(from_end)]
+    step = curve.length * np.array([np.cos(heading), np.sin(heading)])
+    start = last - step if from_end else first
+    return dataclasses.replace(curve, pieces=(start + np.linspace(0.0, 1.0, 4)[:, None] * step)[None])
 
 
 def curve_frames(

@@ -11,7 +11,7 @@ from collections.abc import Collection, Hashable, Sequence
 
 from scjax.export.roads.crossings import LaneCrossing
 from scjax.export.roads.junction_spans import JunctionSpan, junction_spans
-from scjax.export.roads.lane_curves import LaneCurve, cut_curve
+from scjax.export.roads.lane_curves import LaneCurve, cut_curve, without_short_bend
 from scjax.export.roads.lane_nodes import LaneNode
 from scjax.export.roads.planned_road import PlannedRoad
 from scjax.export.roads.road_chains import join_chains
@@ -30,16 +30,23 @@ def plan_roads(
       nodes: none at which several lanes end and several begin.
       kinds: of all lanes; lanes of two kinds share no road.
       lit: lanes with a traffic light; a junction begins where they begin.
+
+    What is left of a lane between a junction and the border of the map is straight if it is short.
     """
     spans = junction_spans(curves, nodes, crossings, lit)
     numbers: dict[int, int] = {}
     roads: list[PlannedRoad] = []
+    entered, left = {j for node in nodes for j in node.after}, {i for node in nodes for i in node.before}
     parts: list[list[PlannedRoad]] = []  # roads of each lane in order
     for lane, curve in enumerate(curves):
         parts.append([])
         for start, end, span in _sections(curve.length, spans[lane]):
             whole = start == 0 and end == curve.length
-            road = PlannedRoad(len(roads) + 1, curve if whole else cut_curve(curve, start, end), lane, start, (lane,))
+            part = curve if whole else cut_curve(curve, start, end)
+            is_first, is_last = start == 0 and lane not in entered, end == curve.length and lane not in left
+            if span is None and is_first != is_last:
+                part = without_short_bend(part, from_end=is_first)
+            road = PlannedRoad(len(roads) + 1, part, lane, start, (lane,))
             if span is not None:
                 road.junction = numbers.setdefault(span.junction, len(numbers) + 1)
             roads.append(road)
