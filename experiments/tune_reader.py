@@ -175,7 +175,7 @@ def _save(
     """Writes the reader, calibrated, and returns how well it reads."""
     count = len(start.encoder.params["layers"])
     layers = {row: jax.tree.map(lambda array, row=row: np.asarray(array[row]), mean["layers"]) for row in range(count)}
-    reader = PromptReader(start.config, mean["network"], start.encoder_name, layers)
+    reader = PromptReader(start.config, mean["network"], start.encoder_name, layers=layers)
     found = compare_readings([one.request for one in held_back], reader([one.text for one in held_back]))
     values = summarize(found, len(held_back))
     values = {name: values[name] for name in ("precision", "recall", "full")}
@@ -183,7 +183,7 @@ def _save(
     logits = ReaderOutputs(*(np.concatenate(some) for some in zip(*outputs, strict=True)))
     params = calibrate(reader.params, logits, [request_targets(one.request) for one in held_back])
     notes |= {"prompts": len(written_prompts()), "validation": values}
-    save_reader(PromptReader(start.config, params, start.encoder_name, layers), folder, notes)
+    save_reader(PromptReader(start.config, params, start.encoder_name, layers=layers), folder, notes)
     return values
 
 

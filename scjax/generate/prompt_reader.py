@@ -62,15 +62,15 @@ class PromptReader:
     Attributes:
       config, params: of the network.
       encoder_name: name of the encoder that gives token features.
-      layers: of the encoder, by number, trained together with the network; None: the encoder's own.
       readings: texts that were read already; those that ship need no encoder.
+      layers: of the encoder, by number, trained together with the network; None: the encoder's own.
     """
 
     config: ReaderConfig
     params: Params
     encoder_name: str
-    layers: Mapping[int, Params] | None = None
     readings: dict[str, Reading] = dataclasses.field(default_factory=dict)
+    layers: Mapping[int, Params] | None = None
 
     def __call__(self, texts: Sequence[str]) -> list[Reading]:
         """What each text asks for, the same as if it were alone.
@@ -196,7 +196,7 @@ def _load(folder: Path) -> PromptReader:
     if jax.tree.map(np.shape, flatten(params)) != jax.tree.map(np.shape, expected):
         raise ValueError(f"{path}: the arrays do not fit the config: {_CURE}")
     readings = {text: _reading(content, path) for text, content in index.readings.items()}
-    return PromptReader(config, jax.device_put(params), index.encoder, jax.device_put(layers), readings)
+    return PromptReader(config, jax.device_put(params), index.encoder, readings, jax.device_put(layers))
 
 
 def _reading(content: dict[str, Any], path: Path) -> Reading:
