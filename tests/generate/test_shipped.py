@@ -97,5 +97,5 @@ def test_what_the_demo_prompts_ask_for_ships_with_the_reader(model, monkeypatch)
         *("four-way", "T", "straight", "curve", "roundabout")
     ]
     assert read[0].attributes["signal"] == "red" and read[5].attributes["event"] == ("wrong-way",)
-    assert sum(path.stat().st_size / 1e6 for path in DEFAULT_READER.iterdir()) < 5
+    assert sum(path.stat().st_size / 1e6 for path in DEFAULT_READER.iterdir()) < 10
     assert (DEFAULT_READER / "README.md").is_file()
