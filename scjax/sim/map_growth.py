@@ -16,6 +16,7 @@ from scjax.outpainting.extend import extend_map
 from scjax.outpainting.route_search import MAX_TRIES
 from scjax.outpainting.window import HALF
 from scjax.scene import Map, MapTile, TileStatus
+from scjax.scene.angles import wrap_to_pi
 
 SIGHT = 60.0
 """m around the driven agent, within which no tile is thrown away."""
@@ -66,7 +67,7 @@ class MapGrowth:
         self.map, self.path = map, ()
         self.gone: list[MapTile] = []
         self._key, self._condition, self._outpainting = key, condition, outpainting
-        self._way, self._yaw, self._rng = way, yaw, rng
+        self._way, self._yaw, self._first_yaw, self._rng = way, yaw, yaw, rng
         self._tries, self._stages, self._returns = collections.Counter[str](), list[_Stage](), 0
 
     def extend(self, first: str, place: Float64[np.ndarray, " 2"]) -> bool:
@@ -93,7 +94,7 @@ class MapGrowth:
             continues = grown.num_lanes > before.num_lanes and grown.lane_by_id[exit_id].successors
             if continues and self._next_exit(grown, exit_id, pose.yaw) is not None:
                 self._stages.append(_Stage(before, self._yaw, self.path))
-                self.map, self._yaw, self.path = grown, pose.yaw, tuple(chosen.lane_ids)
+                self.map, self._yaw, self.path = grown, self._onward(pose.yaw), tuple(chosen.lane_ids)
                 self._returns = max(self._returns - 1, 0)
                 return True
             self.map = _with_missing(before, grown.tiles[len(before.tiles) :], _NO_WAY)
@@ -112,6 +113,10 @@ class MapGrowth:
                 if chosen is not None:
                     return chosen
         return None
+
+    def _onward(self, yaw: float) -> float:
+        """The direction nearest to ``yaw`` that does not lead back [rad]: the map is in the way there."""
+        return self._first_yaw + float(np.clip(wrap_to_pi(yaw - self._first_yaw), -np.pi / 2, np.pi / 2))
 
     def _take_back(self, place: Float64[np.ndarray, " 2"]) -> bool:
         """Takes the last tile back; False: there is none, or it is in sight."""
