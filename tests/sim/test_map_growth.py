@@ -85,3 +85,18 @@ def test_the_way_goes_on_where_the_last_tile_is(growth, monkeypatch):
     assert run._next_exit(run.map, "road", 0.0) is straight
     monkeypatch.setattr("scjax.sim.map_growth.find_exits", lambda map, first: [straight])
     assert run._next_exit(run.map, "road", 0.0, run.path) is straight
+
+
+@pytest.mark.parametrize(("turned", "onward"), [(0.4, 0.4), (2.5, np.pi / 2), (-2.5, -np.pi / 2)])
+def test_the_way_does_not_lead_back(turned, onward, growth, monkeypatch):
+    """Of the next exits the one in the direction of the last tile is taken, up to a quarter turn from the first one."""
+    run, lengths, _ = growth
+    lengths += [31.5]
+    pose = WindowPose(31.5, 0.0, 0.0, turned)
+    monkeypatch.setattr("scjax.sim.map_growth.find_exits", lambda map, first: [RoadExit((first,), pose, 0.0)])
+    monkeypatch.setattr("scjax.sim.map_growth.choose_exit", lambda exits, rng, *, yaw, way: exits[0] if exits else None)
+    assert run.extend("road", HERE)
+    directions = []
+    monkeypatch.setattr("scjax.sim.map_growth.choose_exit", lambda exits, rng, *, yaw, way: directions.append(yaw))
+    assert not run.extend("tile-1", np.array([60.0, 0.0]))
+    assert directions[0] == pytest.approx(onward)
